@@ -1,0 +1,30 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Every difference between the supported DOLFINx versions (0.9 to 0.11) in one place."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def create_mesh(comm: Any, cells: NDArray[np.int64], x: NDArray[np.float64], element: Any) -> Any:
+    """Distribute a mesh; DOLFINx 0.10 swapped the last two arguments (collective)."""
+    from dolfinx import mesh
+
+    parameters = list(inspect.signature(mesh.create_mesh).parameters)
+    if parameters[2] == "x":
+        return mesh.create_mesh(comm, cells, x, element)
+    return mesh.create_mesh(comm, cells, element, x)
+
+
+def gmsh_permutation(cell_type: Any, num_nodes: int) -> NDArray[np.int64]:
+    """Map from Gmsh's node order to DOLFINx's; the module was renamed in 0.10."""
+    try:
+        from dolfinx.io.gmsh import cell_perm_array
+    except ImportError:
+        from dolfinx.io.gmshio import cell_perm_array
+    return np.asarray(cell_perm_array(cell_type, num_nodes), dtype=np.int64)

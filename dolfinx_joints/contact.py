@@ -1,0 +1,149 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joints with their laws: from displacements to tractions, tangents and stored energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.errors import MeshError
+from dolfinx_joints.joints import GapOperator
+from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
+
+InitialGap = float | Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatusCounts:
+    """Joint points by what they do, on all ranks."""
+
+    open: int
+    stick: int
+    slip: int
+
+    @property
+    def total(self) -> int:
+        """All points."""
+        return self.open + self.stick + self.slip
+
+
+class Contact:
+    """The joints of a system: a gap operator, and a law for the points of each joint.
+
+    Args:
+        operator: The gap operator.
+        laws: One law for all joints, or one per joint name.
+        initial_gaps: Initial normal gap of each joint named, [m]: a number, or a function of the
+            point coordinates (n, 3) that gives (n,); added to a gap in the mesh itself.
+
+    Attributes:
+        operator: The gap operator.
+
+    Raises:
+        MeshError: A name stands for no joint, or a joint has no law.
+    """
+
+    def __init__(
+        self,
+        operator: GapOperator,
+        laws: Law | Mapping[str, Law],
+        initial_gaps: Mapping[str, InitialGap] | None = None,
+    ) -> None:
+        """Sort the points by law."""
+        self.operator = operator
+        by_name = laws if isinstance(laws, Mapping) else dict.fromkeys(operator.names, laws)
+        for name in (*by_name, *(initial_gaps or {})):
+            if name not in operator.names:
+                known = ", ".join(operator.names) or "none"
+                raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
+        missing = [name for name in operator.names if name not in by_name]
+        if missing:
+            raise MeshError(f"The joint {missing[0]!r} has no law.")
+        self._laws: list[tuple[Law, slice | NDArray[np.int64]]] = []
+        for law in dict.fromkeys(by_name.values()):
+            members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
+            points = np.flatnonzero(np.isin(operator.joint, members))
+            whole = len(points) == len(operator.joint)
+            self._laws.append((law, slice(None) if whole else points))
+        self._offset = operator.initial_gap.copy()
+        for name, gap in (initial_gaps or {}).items():
+            here = operator.joint == operator.names.index(name)
+            points = getattr(operator, "points", np.zeros((len(here), 3)))[here]
+            self._offset[here, 0] += gap(points) if callable(gap) else gap
+
+    def gap(self, u: Any) -> Floats:
+        """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
+        return self.operator.gap(u) + self._offset
+
+    def at_rest(self, u: Any) -> JointState:
+        """State without shear traction at the displacement ``u`` (collective)."""
+        return JointState.at_rest(self.gap(u))
+
+    def trial(self, u: Any, state: JointState) -> Response:
+        """Answer of the laws at the displacement ``u``, from ``state`` (collective)."""
+        gap = self.gap(u)
+        if len(self._laws) == 1:
+            return self._laws[0][0].end_point(gap, state)
+        answer = _empty_response(len(gap))
+        for law, points in self._laws:
+            part = law.end_point(
+                gap[points],
+                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points]),
+            )
+            for name in ("traction", "tangent", "dissipation", "status"):
+                getattr(answer, name)[points] = getattr(part, name)
+            answer.state.gap[points] = part.state.gap
+            answer.state.elastic_slip[points] = part.state.elastic_slip
+        return answer
+
+    def stored_energy(self, state: JointState) -> float:
+        """Elastic energy of all joints, [J] (collective)."""
+        density = np.empty(len(state.gap))
+        for law, points in self._laws:
+            density[points] = law.stored_energy(
+                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points])
+            )
+        return self.integral(density)
+
+    def integral(self, density: Floats) -> float:
+        """Sum of area times a value per point over all ranks (collective)."""
+        return float(self.operator.comm.allreduce(float(self.operator.areas @ density)))
+
+    def closed_tangent(self) -> Floats:
+        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m]."""
+        tangent = np.zeros((len(self.operator.areas), 3, 3))
+        for law, points in self._laws:
+            k_n, k_s = law.closed_stiffness()
+            tangent[points] = np.diag([k_n, k_s, k_s])
+        return tangent
+
+    def counts(self, status: NDArray[np.int8]) -> StatusCounts:
+        """Open, sticking and sliding points on all ranks (collective)."""
+        local = np.bincount(status, minlength=len(Status))
+        total = np.sum(self.operator.comm.allgather(local), axis=0)
+        return StatusCounts(
+            open=int(total[Status.OPEN]),
+            stick=int(total[Status.STICK]),
+            slip=int(total[Status.SLIP]),
+        )
+
+    def worst_joint(self, change: NDArray[Any]) -> str | None:
+        """Name of the joint with the largest sum of a value per point (collective)."""
+        sums = np.bincount(self.operator.joint, change, minlength=len(self.operator.names))
+        total = np.sum(self.operator.comm.allgather(sums), axis=0)
+        return self.operator.names[int(np.argmax(total))] if total.any() else None
+
+
+def _empty_response(count: int) -> Response:
+    return Response(
+        traction=np.zeros((count, 3)),
+        tangent=np.zeros((count, 3, 3)),
+        state=JointState(gap=np.zeros((count, 3)), elastic_slip=np.zeros((count, 2))),
+        dissipation=np.zeros(count),
+        status=np.zeros(count, dtype=np.int8),
+    )

@@ -1,0 +1,95 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Exceptions raised by this package; each message is one sentence a user can act on."""
+
+from collections.abc import Callable
+from functools import partial
+
+
+class JointsError(Exception):
+    """Base of every exception that this package raises on purpose."""
+
+
+class RecordError(JointsError, ValueError):
+    """A ground-motion file or motion that cannot be used."""
+
+
+class MeshError(JointsError, ValueError):
+    """A mesh, a named group or a joint surface that cannot be used."""
+
+
+class ResultsError(JointsError, ValueError):
+    """A results file, or a request made to one, that cannot be used."""
+
+
+class ConvergenceError(JointsError, RuntimeError):
+    """A solve that did not converge.
+
+    Every argument is optional and kept as an attribute of the same name; the message is built
+    from those that are given.
+
+    Args:
+        stage: name of the stage, for example ``"static"`` or ``"earthquake"``.
+        step: number of the step within the stage.
+        time: time at the end of the step [s].
+        iteration: iterations done.
+        residual: the norm that was compared with ``tolerance``.
+        tolerance: largest residual accepted.
+        open: number of open joint points at the last iteration.
+        stick: number of sticking joint points.
+        slip: number of sliding joint points.
+        joint: name of the joint with the largest residual.
+    """
+
+    def __init__(
+        self,
+        *,
+        stage: str | None = None,
+        step: int | None = None,
+        time: float | None = None,
+        iteration: int | None = None,
+        residual: float | None = None,
+        tolerance: float | None = None,
+        open: int | None = None,  # noqa: A002  the field's word for the state
+        stick: int | None = None,
+        slip: int | None = None,
+        joint: str | None = None,
+    ) -> None:
+        """Keep the facts and build the message."""
+        self.stage = stage
+        self.step = step
+        self.time = time
+        self.iteration = iteration
+        self.residual = residual
+        self.tolerance = tolerance
+        self.open = open
+        self.stick = stick
+        self.slip = slip
+        self.joint = joint
+        super().__init__(self._sentence())
+
+    def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
+        """Keep the attributes when the exception travels between processes."""
+        return partial(type(self), **self.__dict__), ()
+
+    def _sentence(self) -> str:
+        subject = "the solve" if self.stage is None else f"the {self.stage} stage"
+        if self.step is not None:
+            subject += f", step {self.step},"
+        if self.time is not None:
+            subject += f" at t = {self.time:.6g} s"
+        text = f"{subject} did not converge"
+        if self.iteration is not None:
+            text += f" in {self.iteration} iteration{'' if self.iteration == 1 else 's'}"
+        details = []
+        if self.residual is not None:
+            limit = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
+            details.append(f"residual {self.residual:.3g}{limit}")
+        states = (("open", self.open), ("stick", self.stick), ("slip", self.slip))
+        counts = [f"{count} {name}" for name, count in states if count is not None]
+        if counts:
+            details.append(f"joint points {', '.join(counts)}")
+        if self.joint is not None:
+            details.append(f"worst joint {self.joint!r}")
+        text = text[0].upper() + text[1:]
+        return f"{text}{': ' if details else ''}{'; '.join(details)}."

@@ -1,0 +1,115 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Collect a distributed DOLFINx mesh on rank 0, in an order that no partition changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dolfinx_joints.errors import MeshError
+from dolfinx_joints.msh import RawMesh
+from dolfinx_joints.parallel import raised_together
+from dolfinx_joints.splitting import CellShape, Ints
+
+if TYPE_CHECKING:
+    import dolfinx.mesh
+
+
+def gather_mesh(
+    mesh: dolfinx.mesh.Mesh,
+    facet_tags: dolfinx.mesh.MeshTags,
+    groups: Mapping[str, int],
+    cell_tags: dolfinx.mesh.MeshTags | None,
+    cell_groups: Mapping[str, int],
+) -> RawMesh:
+    """Gather cells, nodes and tagged entities (collective); the result is whole on rank 0 only.
+
+    Raises:
+        MeshError: The cell type or degree is not supported, or a tag stands on no entity.
+    """
+    comm, tdim = mesh.comm, mesh.topology.dim
+    shape = _shape(mesh)
+    owned = mesh.topology.index_map(tdim).size_local
+    original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
+    dofmap = np.asarray(mesh.geometry.dofmap)
+    cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
+    x = mesh.geometry.x[:, : mesh.geometry.dim]
+    points = _stack(comm, np.column_stack([nodes.astype(np.float64), x]))
+    facets = _stack(comm, _tagged_facets(mesh, facet_tags, original))
+    if cell_tags is None:
+        values = np.empty((0, 2), dtype=np.int64)
+    else:
+        values = np.column_stack([original[cell_tags.indices], cell_tags.values])
+    values = _stack(comm, values)
+    with raised_together(comm):
+        present = set(facets[:, 2].tolist())
+        for name, tag in groups.items():
+            if tag not in present:
+                raise MeshError(f"No facet carries the tag {tag} of the group {name!r}.")
+        for name, tag in cell_groups.items():
+            if tag not in values[:, 1]:
+                raise MeshError(f"No cell carries the tag {tag} of the group {name!r}.")
+    return _assemble(shape, cells, points, facets, values, groups, cell_groups)
+
+
+def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
+    name, degree = mesh.topology.cell_name(), mesh.geometry.cmap.degree
+    known = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+    if name not in known or degree not in (1, 2):
+        raise MeshError(
+            f"A mesh of {name}s of degree {degree} cannot be split; {', '.join(known)} of degree "
+            "1 or 2 can."
+        )
+    return CellShape(name=name, degree=degree)
+
+
+def _stack(comm: object, rows: np.ndarray) -> np.ndarray:
+    """All ranks' rows on every rank, so that checks agree; small next to the matrices."""
+    return np.vstack(comm.allgather(rows))  # type: ignore[attr-defined]
+
+
+def _tagged_facets(
+    mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints
+) -> Ints:
+    """Input cell, local facet and tag of each tagged facet, shape (n, 3)."""
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
+    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
+    cell = to_cell.array[to_cell.offsets[tags.indices]]
+    per_cell = to_facet.array.reshape(-1, to_facet.offsets[1])
+    local = np.argmax(per_cell[cell] == tags.indices[:, None], axis=1)
+    return np.column_stack([original[cell], local, tags.values]).astype(np.int64)
+
+
+def _assemble(
+    shape: CellShape,
+    cells: Ints,
+    points: np.ndarray,
+    facets: Ints,
+    values: Ints,
+    groups: Mapping[str, int],
+    cell_groups: Mapping[str, int],
+) -> RawMesh:
+    """Sort by input numbers and drop what several ranks reported."""
+    _, first = np.unique(cells[:, 0], return_index=True)
+    cells = cells[first]
+    numbers, first = np.unique(points[:, 0].astype(np.int64), return_index=True)
+    x = points[first, 1:]
+    nodes = np.searchsorted(numbers, cells[:, 1:])
+    position = np.searchsorted(cells[:, 0], facets[:, 0])
+    vertices = nodes[position[:, None], shape.facet_vertices[facets[:, 1]]]
+    by_tag = {
+        name: np.unique(np.sort(vertices[facets[:, 2] == tag], axis=1), axis=0)
+        for name, tag in groups.items()
+    }
+    cell_sets = {
+        name: np.searchsorted(cells[:, 0], np.unique(values[values[:, 1] == tag, 0]))
+        for name, tag in cell_groups.items()
+    }
+    return RawMesh(shape=shape, cells=nodes, x=x, cell_groups=cell_sets, facet_groups=by_tag)

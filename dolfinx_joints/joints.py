@@ -1,0 +1,290 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The joint operator: gap = B u, force = B^T (w t), tangent = B^T (w D) B; it knows no friction.
+
+Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
+- to the + side, so gap_n > 0 is open and compression is t_n < 0. Each local frame (n, s1, s2) is
+right-handed and continuous along a joint: s2 is the steepest direction in the joint and s1 is
+horizontal; where a joint comes near the horizontal, s1 follows x (else y) instead.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.mesh import JointedMesh, JointPairs, local_cells
+from dolfinx_joints.quadrature import facet_cell_type, facet_rule
+from dolfinx_joints.splitting import CellShape, Floats
+
+
+class GapOperator:
+    """A matrix B with the area of each point: gap = B u, force = B^T (w t).
+
+    This is all that a solver needs to know of the joints; `JointOperator` builds one from a mesh,
+    and any other matrix with three rows (n, s1, s2) per point will do.
+
+    Args:
+        matrix: B, shape (3 num_points, num_dofs); each rank holds whole points.
+        areas: Areas w of the local points, shape (n,), [m^2].
+        joint: Joint number of each local point, shape (n,).
+        names: Joint names.
+
+    Attributes:
+        matrix: B.
+        areas: w.
+        joint: Joint numbers.
+        names: Joint names.
+        comm: Communicator of the matrix.
+        initial_gap: Gap before any displacement, shape (n, 3), [m].
+    """
+
+    def __init__(
+        self, matrix: PETSc.Mat, areas: Floats, joint: Ints, names: tuple[str, ...]
+    ) -> None:
+        """Keep the parts and make a work vector (collective)."""
+        self.matrix, self.areas, self.joint, self.names = matrix, areas, joint, names
+        self.comm = matrix.comm.tompi4py()
+        self.initial_gap = np.zeros((len(areas), 3))
+        self._work = matrix.createVecLeft()
+
+    @property
+    def num_points(self) -> int:
+        """Number of points on all ranks."""
+        return int(self.matrix.getSize()[0] // 3)
+
+    def gap(self, u: PETSc.Vec) -> Floats:
+        """B u of the local points, shape (n, 3), [m] (collective)."""
+        self.matrix.mult(u, self._work)
+        return self._work.getArray(readonly=True).reshape(-1, 3).copy()
+
+    def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal forces B^T (w t), [N] (collective).
+
+        Args:
+            traction: Tractions of the local points, shape (n, 3), [Pa].
+            out: Vector that receives the forces.
+        """
+        self._work.setArray((self.areas[:, None] * traction).ravel())
+        self.matrix.multTranspose(self._work, out)
+        return out
+
+    def gather(self, values: NDArray[Any]) -> NDArray[Any] | None:
+        """Values of all points in global order on rank 0, None elsewhere (collective)."""
+        parts = self.comm.gather(values, root=0)
+        return None if parts is None else np.concatenate(parts)
+
+
+class JointOperator(GapOperator):
+    """The gap operator of the joints of a mesh.
+
+    gap = B u with B = T N (paper eq. 1), force = B^T (w t) (eq. 2), tangent = B^T (w D) B (eq. 6).
+    Points are numbered facet by facet in the order of the joints and handed out to the ranks in
+    equal blocks, whatever the partition of the mesh: their order does not depend on the number of
+    ranks, and the work on them is balanced.
+
+    Args:
+        jointed: Mesh with its facet pairs.
+        V: Vector Lagrange space of degree 1 or 2 on ``jointed.mesh``.
+        quadrature: ``auto``, ``nodal`` or ``gauss``, see `facet_rule`.
+
+    Attributes:
+        facet: Number of the facet pair of each local point, shape (n,).
+        points: Coordinates of the local points, shape (n, 3), [m].
+        frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
+
+    Raises:
+        ValueError: The quadrature rule does not exist on these facets.
+    """
+
+    def __init__(self, jointed: JointedMesh, V: Any, *, quadrature: str = "auto") -> None:
+        """Build B (collective)."""
+        comm = jointed.mesh.comm
+        pairs, shape = jointed.pairs, jointed.shape
+        degree = V.ufl_element().degree
+        rule, weights = facet_rule(shape.facet_vertices.shape[1], degree, quadrature)
+        points, frames, areas = point_geometry(pairs, shape, rule, weights)
+        ranges = np.linspace(0, len(pairs.joint), comm.size + 1).astype(np.int64)
+        block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
+        count = len(weights)
+        self.points = points[block].reshape(-1, 3)
+        self.frames = frames[block].reshape(-1, 3, 3)
+        self.facet = np.repeat(np.arange(block.start, block.stop), count)
+        local_areas = areas[block].ravel()
+        super().__init__(
+            _assemble_operator(jointed, V, rule, frames, 3 * len(local_areas)),
+            local_areas,
+            np.repeat(pairs.joint[block], count),
+            pairs.names,
+        )
+        if pairs.gaps_in_geometry:
+            self.initial_gap = self.gap(_coordinates(V))
+
+
+class JointTangent:
+    """B^T (w D) B for changing point tangents D, with its sparsity kept.
+
+    Args:
+        operator: The joint operator.
+        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
+            the result are zero.
+    """
+
+    def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
+        """Set up the products (collective)."""
+        self._areas = operator.areas
+        self._operator = operator.matrix.copy()
+        self._operator.diagonalScale(R=free)
+        rows = operator.matrix.getSizes()[0]
+        self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(3, 0), comm=operator.comm)
+        start, stop = self._points.getOwnershipRange()
+        self._starts = np.arange(0, 3 * (stop - start) + 1, 3, dtype=PETSc.IntType)
+        first = np.repeat(np.arange(start, stop, 3, dtype=PETSc.IntType), 3)
+        self._columns = (first[:, None] + np.arange(3, dtype=PETSc.IntType)).ravel()
+        self._product: PETSc.Mat | None = None
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+        values = (self._areas[:, None, None] * tangent).ravel()
+        self._points.setValuesCSR(self._starts, self._columns, values)
+        self._points.assemble()
+        self._product = self._points.PtAP(self._operator, result=self._product)
+        return self._product
+
+
+def point_geometry(
+    pairs: JointPairs, shape: CellShape, rule: Floats, weights: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Coordinates, frames and areas of the points of all facets.
+
+    Args:
+        pairs: The facet pairs.
+        shape: Reference cell of the geometry.
+        rule: Points on the reference facet, shape (q, facet dimension).
+        weights: Their weights, shape (q,).
+
+    Returns:
+        Points (F, q, 3) [m], frames (F, q, 3, 3) with rows n, s1, s2, and areas (F, q) [m^2].
+    """
+    gdim = pairs.nodes.shape[2]
+    element = basix.create_element(
+        basix.ElementFamily.P,
+        facet_cell_type(shape.facet_vertices.shape[1]),
+        shape.degree,
+        basix.LagrangeVariant.gll_warped,
+    )
+    table = element.tabulate(1, rule)[:, :, :, 0]
+    x = np.zeros((len(pairs.joint), len(weights), 3))
+    x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)
+    along = np.zeros((2, *x.shape))
+    for k in range(table.shape[0] - 1):
+        along[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
+    if gdim == 2:
+        along[1, ..., 2] = 1.0
+    normal = np.cross(along[0], along[1])
+    size = np.linalg.norm(normal, axis=2)
+    normal *= pairs.sign[:, None, None] / size[..., None]
+    frames = np.empty((*x.shape[:2], 3, 3))
+    for joint in range(len(pairs.names)):
+        here = pairs.joint == joint
+        frames[here] = _frames(normal[here], plane=gdim == 2)
+    return x, frames, size * weights
+
+
+def _frames(normal: Floats, *, plane: bool) -> Floats:
+    """Continuous right-handed frames (n, s1, s2) of one joint, normals of shape (F, q, 3)."""
+    if plane:
+        s2 = np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
+        return np.stack([normal, np.cross(s2, normal), s2], axis=2)
+    shortest = [np.sqrt(1.0 - np.minimum(normal[..., k] ** 2, 1.0)).min() for k in (2, 0, 1)]
+    good = [i for i, length in enumerate(shortest) if length > 0.3]
+    choice = (2, 0, 1)[good[0] if good else int(np.argmax(shortest))]
+    axis = np.eye(3)[choice]
+    tangent = axis - normal * normal[..., choice : choice + 1]
+    tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
+    if choice == 2:
+        return np.stack([normal, np.cross(tangent, normal), tangent], axis=2)
+    return np.stack([normal, tangent, np.cross(normal, tangent)], axis=2)
+
+
+def _assemble_operator(
+    jointed: JointedMesh, V: Any, rule: Floats, frames: Floats, local_rows: int
+) -> PETSc.Mat:
+    """B from the basis functions of the cells on the two sides.
+
+    Each rank adds the sides whose cells it owns; PETSc sends them to the owner of the row.
+    """
+    pairs, shape, mesh = jointed.pairs, jointed.shape, jointed.mesh
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    columns = (index_map.size_local * bs, index_map.size_global * bs)
+    element = V.element.basix_element
+    on_facet = np.array(element.entity_closure_dofs[shape.dim - 1], dtype=np.int64)
+    entries = 2 * bs * on_facet.shape[1]
+    matrix = PETSc.Mat().createAIJ(
+        ((local_rows, None), columns), nnz=(entries, entries), comm=mesh.comm
+    )
+    matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    slots = np.concatenate([pairs.minus, pairs.plus])
+    cell_of = local_cells(mesh, _num_cells(mesh))
+    owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+    corners = basix.cell.geometry(shape.type)
+    same = np.broadcast_to(np.arange(pairs.match.shape[1]), pairs.match.shape)
+    match = np.concatenate([same, pairs.match])
+    count = len(pairs.joint)
+    tables: dict[tuple[int, ...], Floats] = {}
+    for number, (cell, facet) in enumerate(slots):
+        local = cell_of[cell]
+        if not 0 <= local < owned_cells:
+            continue
+        key = (int(facet), *(int(m) for m in match[number]))
+        if key not in tables:
+            vertices = corners[shape.facet_vertices[facet]][match[number]]
+            tables[key] = _side_table(element, shape, rule, vertices)
+        basis = tables[key][:, on_facet[facet]]
+        pair, sign = number % count, -1.0 if number < count else 1.0
+        blocks = V.dofmap.cell_dofs(int(local))[on_facet[facet]]
+        dofs = index_map.local_to_global(blocks.astype(np.int32))
+        cols = (bs * dofs[:, None] + np.arange(bs)).astype(PETSc.IntType).ravel()
+        rows = np.arange(3 * len(rule) * pair, 3 * len(rule) * (pair + 1), dtype=PETSc.IntType)
+        values = sign * np.einsum("qik,qa->qiak", frames[pair][..., :bs], basis)
+        matrix.setValues(rows, cols, values.reshape(len(rows), -1), PETSc.InsertMode.ADD_VALUES)
+    matrix.assemble()
+    return matrix
+
+
+def _side_table(element: Any, shape: CellShape, rule: Floats, vertices: Floats) -> Floats:
+    """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
+
+    Args:
+        element: Scalar basix element of the displacement.
+        shape: Reference cell.
+        rule: Points on the reference facet, shape (q, facet dimension).
+        vertices: Reference coordinates of the facet's vertices in the order of the - side,
+            shape (vertices per facet, cell dimension).
+    """
+    corner = basix.create_element(
+        basix.ElementFamily.P,
+        facet_cell_type(shape.facet_vertices.shape[1]),
+        1,
+        basix.LagrangeVariant.gll_warped,
+    )
+    position = corner.tabulate(0, rule)[0, :, :, 0] @ vertices
+    return element.tabulate(0, position)[0, :, :, 0]
+
+
+def _num_cells(mesh: Any) -> int:
+    return int(mesh.topology.index_map(mesh.topology.dim).size_global)
+
+
+def _coordinates(V: Any) -> PETSc.Vec:
+    """The coordinates of the nodes as a vector of the space."""
+    from dolfinx import fem
+
+    x = fem.Function(V)
+    gdim = V.mesh.geometry.dim
+    x.interpolate(lambda points: points[:gdim])
+    return x.x.petsc_vec

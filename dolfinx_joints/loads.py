@@ -1,0 +1,152 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Loads: fixed nodal patterns, each times a factor of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import ufl
+
+from dolfinx_joints.records import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.model import Model
+
+TimeFactor = Callable[[float], float]
+
+
+class Load(Protocol):
+    """Something that becomes nodal patterns with time factors."""
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Nodal forces [N] (or forces per unit of the factor) and their factors (collective)."""
+
+
+def always(_time: float) -> float:
+    """The factor of a constant load."""
+    return 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gravity:
+    """Self weight, rho g per volume.
+
+    Attributes:
+        acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) unless given.
+    """
+
+    acceleration: Sequence[float] | None = None
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """The weight of the mass matrix: M g."""
+        gdim = model.gdim
+        vector = np.zeros(gdim)
+        if self.acceleration is None:
+            vector[-1] = -STANDARD_GRAVITY
+        else:
+            vector[:] = _vector(self.acceleration, gdim, "acceleration")
+        return [(model.inertia_pattern(vector), always)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traction:
+    """Surface traction on a facet group.
+
+    Attributes:
+        group: Name of the facet group.
+        value: Traction vector [Pa].
+        factor: Multiplier at a time [s]; 1 unless given.
+    """
+
+    group: str
+    value: Sequence[float]
+    factor: TimeFactor = always
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Its consistent nodal forces."""
+        from dolfinx import fem
+
+        vector = _vector(self.value, model.gdim, f"Traction on {self.group!r}: value")
+        v = ufl.TestFunction(model.V)
+        constant = fem.Constant(model.jointed.mesh, vector)
+        return [
+            (model.assemble(ufl.inner(constant, v) * model.jointed.ds(self.group)), self.factor)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure:
+    """Pressure on a facet group, positive towards the body.
+
+    Attributes:
+        group: Name of the facet group.
+        value: Pressure [Pa].
+        factor: Multiplier at a time [s]; 1 unless given.
+    """
+
+    group: str
+    value: float
+    factor: TimeFactor = always
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Its consistent nodal forces."""
+        from dolfinx import fem
+
+        v = ufl.TestFunction(model.V)
+        n = ufl.FacetNormal(model.jointed.mesh)
+        constant = fem.Constant(model.jointed.mesh, float(-self.value))
+        form = constant * ufl.inner(n, v) * model.jointed.ds(self.group)
+        return [(model.assemble(form), self.factor)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormLoad:
+    """A linear form of the user's own.
+
+    Attributes:
+        form: Given the test function, the UFL form of the load [N].
+        factor: Multiplier at a time [s]; 1 unless given.
+    """
+
+    form: Callable[[Any], Any]
+    factor: TimeFactor = always
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Its nodal forces."""
+        return [(model.assemble(self.form(ufl.TestFunction(model.V))), self.factor)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseMotion:
+    """Uniform acceleration of the ground; displacements are then relative to the ground.
+
+    F = -M iota a_g(t) for each axis.
+
+    Attributes:
+        acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
+    """
+
+    acceleration: Callable[[float], Any]
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """One inertia pattern per axis."""
+        return [
+            (model.inertia_pattern(-np.eye(model.gdim)[axis]), self._factor(axis))
+            for axis in range(model.gdim)
+        ]
+
+    def _factor(self, axis: int) -> TimeFactor:
+        return lambda time: float(self.acceleration(time)[axis])
+
+
+def _vector(value: Sequence[float], gdim: int, name: str) -> np.ndarray:
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (gdim,) or not np.all(np.isfinite(vector)):
+        raise ValueError(f"{name} is {value}; it must hold {gdim} finite numbers.")
+    return vector

@@ -1,0 +1,95 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Natural frequencies and mode shapes with SLEPc."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.errors import ConvergenceError
+from dolfinx_joints.joints import JointTangent
+from dolfinx_joints.system import MatrixSystem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modes:
+    """Undamped modes, K phi = omega^2 M phi, normalised to phi.M phi = 1.
+
+    Attributes:
+        frequencies: [Hz], ascending, shape (n,).
+        shapes: Mode shapes, n vectors.
+        participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
+    """
+
+    frequencies: NDArray[np.float64]
+    shapes: list[PETSc.Vec]
+    participation: NDArray[np.float64]
+
+
+def modes(system: MatrixSystem, count: int, *, gdim: int = 3) -> Modes:
+    """The lowest modes with all joints closed and sticking (collective).
+
+    Args:
+        system: The system; its joints enter with their elastic stiffness k_n, k_s.
+        count: Number of modes.
+        gdim: Displacement components per node.
+
+    Raises:
+        ValueError: ``count`` is not positive.
+        ConvergenceError: SLEPc found fewer modes.
+    """
+    from slepc4py import SLEPc
+
+    if count < 1:
+        raise ValueError(f"count is {count}; at least one mode must be asked for.")
+    stiffness, mass = system.stiffness.copy(), system.mass.copy()
+    if system.contact is not None:
+        free = stiffness.createVecRight()
+        free.set(1.0)
+        joint = JointTangent(system.contact.operator, free)
+        stiffness.axpy(1.0, joint.assemble(system.contact.closed_tangent()))
+    rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
+    stiffness.zeroRowsColumns(rows, diag=1.0)
+    mass.zeroRowsColumns(rows, diag=0.0)
+    solver = SLEPc.EPS().create(mass.comm)
+    solver.setOperators(stiffness, mass)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setDimensions(count)
+    solver.setTarget(0.0)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTolerances(tol=1e-10)
+    transform = solver.getST()
+    transform.setType(SLEPc.ST.Type.SINVERT)
+    ksp = transform.getKSP()
+    ksp.setType("preonly")
+    ksp.getPC().setType("cholesky")
+    ksp.getPC().setFactorSolverType("mumps")
+    solver.solve()
+    if solver.getConverged() < count:
+        raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
+    return _collect(solver, system, count, gdim)
+
+
+def _collect(solver: object, system: MatrixSystem, count: int, gdim: int) -> Modes:
+    """Frequencies, normalised shapes and participation factors."""
+    frequencies, shapes, factors = [], [], []
+    work = system.mass.createVecRight()
+    for i in range(count):
+        shape = system.mass.createVecRight()
+        value = solver.getEigenpair(i, shape, None)  # type: ignore[attr-defined]
+        system.mass.mult(shape, work)
+        norm = math.sqrt(shape.dot(work))
+        shape.scale(1.0 / norm)
+        work.scale(1.0 / norm)
+        frequencies.append(math.sqrt(max(value.real, 0.0)) / (2.0 * math.pi))
+        shapes.append(shape)
+        local = work.getArray(readonly=True).reshape(-1, gdim).sum(axis=0)
+        factors.append(np.sum(work.comm.tompi4py().allgather(local), axis=0))
+    return Modes(
+        frequencies=np.array(frequencies), shapes=shapes, participation=np.array(factors)
+    )

@@ -1,0 +1,185 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A jointed elastic body, ready when constructed: matrices, joints with laws, supports, loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.contact import Contact, InitialGap
+from dolfinx_joints.damping import Rayleigh
+from dolfinx_joints.elasticity import Elastic, ElasticBody
+from dolfinx_joints.errors import MeshError
+from dolfinx_joints.joints import JointOperator
+from dolfinx_joints.laws import Law
+from dolfinx_joints.loads import Load
+from dolfinx_joints.mesh import JointedMesh
+from dolfinx_joints.supports import Constraints, Spring, Support
+from dolfinx_joints.system import MatrixSystem
+
+BilinearForm = Callable[[Any, Any], Any]
+
+
+class Model:
+    """M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
+
+    Args:
+        jointed: The mesh; without joints the body is monolithic and no joint code runs.
+        material: One material, or one per named cell group.
+        joints: One law for all joints, or one per joint name; not needed without joints.
+        supports: Fixed and prescribed components, springs.
+        loads: Loads that act in every stage (self weight, tractions, ...).
+        damping: Rayleigh damping of the bulk; none unless given.
+        initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
+        degree: Degree of the displacement, that of the mesh unless given.
+        quadrature: Rule on the joints: ``auto``, ``nodal`` or ``gauss``.
+        plane: ``strain`` or ``stress`` in 2-D.
+        extra_stiffness: Bilinear form (u, v) added to K.
+        extra_mass: Bilinear form (u, v) added to M.
+        extra_damping: Bilinear form (u, v) added to C.
+        symmetric: Whether the extra forms are symmetric.
+
+    Attributes:
+        jointed: The mesh.
+        V: Displacement space, an ordinary Lagrange space on the split mesh.
+        body: Material fields and stress recovery.
+        operator: Joint operator, None without joints.
+        contact: Joints with their laws, None without joints.
+        constraints: Constrained dofs.
+        mass: M [kg].
+        damping: C [N s/m].
+        stiffness: K of bulk, springs and extra forms [N/m].
+        loads: The loads.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+        MeshError: A group or joint does not exist, or a joint has no law.
+    """
+
+    def __init__(
+        self,
+        jointed: JointedMesh,
+        *,
+        material: Elastic | Mapping[str, Elastic],
+        joints: Law | Mapping[str, Law] | None = None,
+        supports: Sequence[Support] = (),
+        loads: Sequence[Load] = (),
+        damping: Rayleigh | None = None,
+        initial_gaps: Mapping[str, InitialGap] | None = None,
+        degree: int | None = None,
+        quadrature: str = "auto",
+        plane: str = "strain",
+        extra_stiffness: BilinearForm | None = None,
+        extra_mass: BilinearForm | None = None,
+        extra_damping: BilinearForm | None = None,
+        symmetric: bool = True,
+    ) -> None:
+        """Assemble everything that does not change (collective)."""
+        self.jointed, self.loads = jointed, list(loads)
+        self.gdim = jointed.mesh.geometry.dim
+        degree = jointed.shape.degree if degree is None else degree
+        if degree not in (1, 2):
+            raise ValueError(f"degree is {degree}; the displacement may be of degree 1 or 2.")
+        self.V = fem.functionspace(jointed.mesh, ("Lagrange", degree, (self.gdim,)))
+        self.body = ElasticBody(jointed, material, plane=plane)
+        self.constraints = Constraints(jointed, self.V, list(supports))
+        self.operator, self.contact = None, None
+        if jointed.joint_names:
+            if joints is None:
+                raise MeshError(
+                    f"The mesh has joints ({', '.join(jointed.joint_names)}) but no law was given; "
+                    "pass joints=, or read the mesh with joints=[] for a monolithic body."
+                )
+            self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
+            self.contact = Contact(self.operator, joints, initial_gaps)
+        elif joints is not None and isinstance(joints, Mapping) and joints:
+            raise MeshError(f"The mesh has no joints, but laws were given for {', '.join(joints)}.")
+        u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+        bulk = self.body.stiffness_form(u, v)
+        springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
+        self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
+        self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
+        self.damping = self._damping(bulk, damping or Rayleigh(), extra_damping)
+        self._symmetric = symmetric
+
+    def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
+        """Assembled matrix of a form and what is added to it."""
+        if extra is not None:
+            form = form + extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
+        for term in more:
+            form = form + term
+        matrix = fem_petsc.assemble_matrix(fem.form(form))
+        matrix.assemble()
+        return matrix
+
+    def _damping(
+        self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None
+    ) -> PETSc.Mat:
+        """C = a M + b K of the bulk, and the extra form."""
+        matrix = self._matrix(bulk, extra) if extra else None
+        if matrix is None:
+            matrix = self._matrix(bulk)
+            matrix.scale(rayleigh.stiffness_factor)
+        else:
+            bulk_only = self._matrix(bulk)
+            matrix.axpy(rayleigh.stiffness_factor - 1.0, bulk_only)
+        if rayleigh.mass_factor:
+            matrix.axpy(rayleigh.mass_factor, self.mass)
+        return matrix
+
+    def assemble(self, form: Any) -> PETSc.Vec:
+        """Nodal forces of a linear form, [N] (collective)."""
+        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return _without_ghosts(vector, self.mass)
+
+    def inertia_pattern(self, acceleration: NDArray[np.float64]) -> PETSc.Vec:
+        """M times a uniform acceleration [m/s^2], [N] (collective)."""
+        uniform = self.mass.createVecRight()
+        local = uniform.getLocalSize() // self.gdim
+        uniform.setArray(np.tile(acceleration, local))
+        force = uniform.duplicate()
+        self.mass.mult(uniform, force)
+        return force
+
+    def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:
+        """The system with the model's loads and ``extra_loads`` (collective)."""
+        patterns = [p for load in (*self.loads, *extra_loads) for p in load.patterns(self)]
+        return MatrixSystem(
+            mass=self.mass,
+            damping=self.damping,
+            stiffness=self.stiffness,
+            contact=self.contact,
+            patterns=patterns,
+            constrained=self.constraints.dofs,
+            values=self.constraints.values if self.constraints.moves else None,
+            symmetric=self._symmetric,
+        )
+
+    def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
+        """A vector of the space as a DOLFINx function (collective)."""
+        u = fem.Function(self.V, name=name)
+        owned = vector.getLocalSize()
+        u.x.array[:owned] = vector.getArray(readonly=True)
+        u.x.scatter_forward()
+        return u
+
+    @property
+    def num_dofs(self) -> int:
+        """Displacement dofs on all ranks, constrained ones included."""
+        return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _without_ghosts(vector: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Vec:
+    """The owned part of a ghosted vector in the layout of a matrix."""
+    plain = matrix.createVecRight()
+    plain.setArray(vector.getArray(readonly=True)[: plain.getLocalSize()])
+    return plain

@@ -1,0 +1,165 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Fourier amplitude, response spectra and Arias intensity: pure functions of arrays.
+
+Signals run along the first axis; further axes (components) are kept.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.records import STANDARD_GRAVITY
+
+Floats = NDArray[np.floating[Any]]
+
+
+class ResponseSpectrum(NamedTuple):
+    """Largest response of damped oscillators to one motion.
+
+    Arrays have the shape of the motion's components after that of the periods, (p, ...):
+    ``displacement`` relative to the ground [m], ``pseudo_velocity`` omega times it [m/s],
+    ``pseudo_acceleration`` omega^2 times it [m/s^2]; ``periods`` (p,) [s].
+    """
+
+    periods: Floats
+    displacement: Floats
+    pseudo_velocity: Floats
+    pseudo_acceleration: Floats
+
+
+def fourier_amplitude(signal: ArrayLike, dt: float) -> tuple[Floats, Floats]:
+    """Modulus of the Fourier transform, |integral of s(t) exp(-2 pi i f t) dt|.
+
+    The integral is dt times the sum over the samples, without window or padding; a sine of
+    amplitude A that fills the length T with whole periods has the peak A T / 2.
+
+    Args:
+        signal: shape (n, ...).
+        dt: time between samples [s].
+
+    Returns:
+        The frequencies 0, 1/(n dt), ... up to Nyquist's [Hz], shape (n // 2 + 1,), and the
+        amplitudes, shape (n // 2 + 1, ...), in the unit of the signal times s.
+    """
+    values = _signal(signal, dt)
+    frequencies: Floats = np.fft.rfftfreq(len(values), dt)
+    return frequencies, dt * np.abs(np.fft.rfft(values, axis=0))
+
+
+def response_spectrum(
+    acceleration: ArrayLike, dt: float, periods: ArrayLike, damping_ratio: float
+) -> ResponseSpectrum:
+    """Response spectrum by the exact recursion for piecewise linear ground acceleration.
+
+    Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest. Between samples
+    the solution is known in closed form (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969,
+    909-922), so the step brings no error at any period; the largest value is looked for at the
+    samples, up to the end of the motion.
+
+    Args:
+        acceleration: of the ground, shape (n, ...), [m/s^2].
+        dt: time between samples [s].
+        periods: natural periods, shape (p,), [s].
+        damping_ratio: zeta, from 0 to less than 1.
+
+    Raises:
+        ValueError: a period or the damping ratio is out of range.
+    """
+    values = _signal(acceleration, dt)
+    natural = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    if natural.ndim != 1 or not (np.isfinite(natural).all() and (natural > 0.0).all()):
+        raise ValueError(f"periods must be positive numbers of seconds, got {natural}.")
+    if not 0.0 <= damping_ratio < 1.0:
+        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {damping_ratio}.")
+    omega = 2.0 * np.pi / natural
+    homogeneous, by_load = _recursion(omega, damping_ratio, dt)
+    flat = values.reshape(len(values), -1)
+    state: Floats = np.zeros((len(omega), 2, flat.shape[1]))
+    largest = np.zeros((len(omega), flat.shape[1]))
+    for before, after in zip(flat[:-1], flat[1:], strict=True):
+        state = homogeneous @ state + by_load @ np.stack([before, after])
+        np.maximum(largest, np.abs(state[:, 0]), out=largest)
+    displacement = largest.reshape(len(omega), *values.shape[1:])
+    factor = omega.reshape(-1, *[1] * (values.ndim - 1))
+    return ResponseSpectrum(natural, displacement, factor * displacement, factor**2 * displacement)
+
+
+def arias_intensity(acceleration: ArrayLike, dt: float) -> Floats:
+    """Cumulative Arias intensity pi / (2 g) * integral of a^2 dt, by trapezoids.
+
+    Args:
+        acceleration: shape (n, ...), [m/s^2].
+        dt: time between samples [s].
+
+    Returns:
+        Shape (n, ...), [m/s]; zero at the first sample, the intensity of the motion at the last.
+    """
+    square = _signal(acceleration, dt) ** 2
+    cumulative = np.zeros_like(square)
+    np.cumsum(0.5 * dt * (square[1:] + square[:-1]), axis=0, out=cumulative[1:])
+    return np.pi / (2.0 * STANDARD_GRAVITY) * cumulative
+
+
+def significant_duration(
+    acceleration: ArrayLike, dt: float, *, lower: float = 0.05, upper: float = 0.95
+) -> tuple[float, float]:
+    """Times between which the Arias intensity grows from one share of its end value to another.
+
+    Args:
+        acceleration: shape (n,), or (n, components) of which the intensities are added, [m/s^2].
+        dt: time between samples [s].
+        lower: share reached at the first time.
+        upper: share reached at the second time.
+
+    Returns:
+        Both times [s], linear between samples; their difference is the significant duration.
+    """
+    if not 0.0 <= lower < upper <= 1.0:
+        raise ValueError(f"lower and upper must rise within 0 to 1, got {lower} and {upper}.")
+    intensity = arias_intensity(acceleration, dt)
+    total = intensity.reshape(len(intensity), -1).sum(axis=1)
+    if total[-1] == 0.0:
+        raise ValueError("A motion that is zero throughout has no significant duration.")
+    shares = total / total[-1]
+    return _first_reached(shares, lower) * dt, _first_reached(shares, upper) * dt
+
+
+def _first_reached(shares: Floats, share: float) -> float:
+    """Where a rising sequence first reaches a value, in samples, linear between them."""
+    after = int(np.searchsorted(shares, share))
+    if after == 0:
+        return 0.0
+    before = shares[after - 1]
+    return float(after - 1 + (share - before) / (shares[after] - before))
+
+
+def _recursion(omega: Floats, zeta: float, dt: float) -> tuple[Floats, Floats]:
+    """Matrices of x1 = A x0 + B (a0, a1) with x = (u, u'), both of shape (p, 2, 2)."""
+    damped = omega * np.sqrt(1.0 - zeta**2)
+    decay = np.exp(-zeta * omega * dt)
+    c, s = decay * np.cos(damped * dt), decay * np.sin(damped * dt) / damped
+    homogeneous = _matrices([[c + zeta * omega * s, s], [-(omega**2) * s, c - zeta * omega * s]])
+    # u = -(a0 + r t) / omega^2 + 2 zeta r / omega^3 with r = (a1 - a0) / dt satisfies the equation.
+    rate = 1.0 / (omega**2 * dt)
+    lag = 2.0 * zeta * rate / omega
+    start = _matrices([[-(omega**-2.0) - lag, lag], [rate, -rate]])
+    end = _matrices([[-lag, lag - omega**-2.0], [rate, -rate]])
+    return homogeneous, end - homogeneous @ start
+
+
+def _matrices(entries: list[list[Floats]]) -> Floats:
+    """One matrix per period from entries that are arrays over the periods."""
+    return np.moveaxis(np.array(entries), -1, 0)
+
+
+def _signal(signal: ArrayLike, dt: float) -> Floats:
+    values: Floats = np.asarray(signal, dtype=np.float64)
+    if values.ndim < 1 or len(values) < 2:
+        raise ValueError(f"A signal must have at least 2 samples, got shape {values.shape}.")
+    if not np.isfinite(values).all():
+        raise ValueError("A signal must be finite, got NaN or infinity.")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
+    return values

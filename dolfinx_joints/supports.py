@@ -1,0 +1,152 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Supports on named groups: fixed or prescribed components, and distributed springs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+
+from dolfinx_joints.mesh import JointedMesh
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def _components(components: str, gdim: int) -> list[int]:
+    wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
+    if wrong or not components or len(set(components)) != len(components):
+        raise ValueError(
+            f"components is {components!r}; it must name some of {'xyz'[:gdim]!r}, each once."
+        )
+    return [_AXES[c] for c in components]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixed:
+    """Displacement components held at zero on a facet group.
+
+    Attributes:
+        group: Name of the facet group.
+        components: Letters of the axes held, all of them unless given.
+    """
+
+    group: str
+    components: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prescribed:
+    """Displacement component given as a function of time on a facet group.
+
+    Attributes:
+        group: Name of the facet group.
+        component: ``x``, ``y`` or ``z``.
+        value: Displacement [m] at a time [s].
+    """
+
+    group: str
+    component: str
+    value: Callable[[float], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """Distributed springs to the fixed ground on a facet group.
+
+    Adds k_n (u.n)(v.n) + k_t (u_t . v_t) over the group to the stiffness.
+
+    Attributes:
+        group: Name of the facet group.
+        normal_stiffness: k_n [Pa/m].
+        tangential_stiffness: k_t [Pa/m].
+
+    Raises:
+        ValueError: A stiffness is negative.
+    """
+
+    group: str
+    normal_stiffness: float
+    tangential_stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the stiffnesses."""
+        for name in ("normal_stiffness", "tangential_stiffness"):
+            if not (getattr(self, name) >= 0 and np.isfinite(getattr(self, name))):
+                raise ValueError(
+                    f"{name} of the springs on {self.group!r} is {getattr(self, name)} Pa/m; it "
+                    "must be zero or more and finite."
+                )
+
+    def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
+        """The bilinear form of the springs."""
+        n = ufl.FacetNormal(jointed.mesh)
+        normal = ufl.inner(u, n) * ufl.inner(v, n)
+        tangential = ufl.inner(u, v) - normal
+        return (
+            self.normal_stiffness * normal + self.tangential_stiffness * tangential
+        ) * jointed.ds(self.group)
+
+
+Support = Fixed | Prescribed | Spring
+
+
+class Constraints:
+    """Constrained dofs of a space and their values in time.
+
+    Args:
+        jointed: The mesh with its facet groups.
+        V: The displacement space.
+        supports: The supports; springs are ignored here.
+
+    Attributes:
+        dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
+
+    Raises:
+        ValueError: A component is unknown or prescribed twice with different supports.
+        MeshError: A facet group does not exist.
+    """
+
+    def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
+        """Locate the dofs (collective)."""
+        from dolfinx import fem
+
+        gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
+        owned = V.dofmap.index_map.size_local
+        fixed: list[NDArray[np.int64]] = []
+        self._prescribed: list[tuple[NDArray[np.int64], Prescribed]] = []
+        for support in supports:
+            if isinstance(support, Spring):
+                continue
+            named = (
+                support.component
+                if isinstance(support, Prescribed)
+                else support.components or "xyz"[:gdim]
+            )
+            components = _components(named, gdim)
+            facets = jointed.facets(support.group)
+            blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
+            blocks = blocks[blocks < owned].astype(np.int64)
+            dofs = (bs * blocks[:, None] + components).ravel()
+            if isinstance(support, Prescribed):
+                self._prescribed.append((dofs, support))
+            else:
+                fixed.append(dofs)
+        every = fixed + [dofs for dofs, _ in self._prescribed]
+        self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any value is prescribed as a function of time."""
+        return bool(self._prescribed)
+
+    def values(self, time: float) -> NDArray[np.float64]:
+        """Prescribed displacements of `dofs` at a time [s], shape (n,), [m]."""
+        values = np.zeros(len(self.dofs))
+        for dofs, support in self._prescribed:
+            values[np.searchsorted(self.dofs, dofs)] = support.value(time)
+        return values

@@ -1,0 +1,144 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What can be solved and marched: matrices, joints, loads and constraints, from any source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.contact import Contact
+from dolfinx_joints.joints import GapOperator
+from dolfinx_joints.laws import Law
+
+Floats = NDArray[np.float64]
+Pattern = tuple[PETSc.Vec, Callable[[float], float]]
+
+
+def _no_dofs() -> NDArray[np.int64]:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixSystem:
+    """M a + C v + K u + B^T w t(B u) = F(time), with some dofs constrained.
+
+    A `Model` makes one from a mesh; a reduced model or a mass on a spring is as good.
+
+    Attributes:
+        mass: M [kg].
+        damping: C [N s/m].
+        stiffness: K of the bulk and its springs [N/m].
+        contact: The joints, or None.
+        patterns: Nodal forces [N] with their factors of time [s].
+        constrained: Owned constrained dofs, local numbers.
+        values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
+        symmetric: Whether K and C are symmetric.
+    """
+
+    mass: PETSc.Mat
+    damping: PETSc.Mat
+    stiffness: PETSc.Mat
+    contact: Contact | None = None
+    patterns: Sequence[Pattern] = ()
+    constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
+    values: Callable[[float], Floats] | None = None
+    symmetric: bool = True
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        mass: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike | None = None,
+        load: Callable[[float], ArrayLike] | None = None,
+        gap: ArrayLike | None = None,
+        law: Law | None = None,
+        initial_gap: float = 0.0,
+        areas: ArrayLike | None = None,
+    ) -> MatrixSystem:
+        """A small system from dense arrays, on one process.
+
+        Args:
+            mass: M, shape (n, n), [kg].
+            stiffness: K, shape (n, n), [N/m].
+            damping: C, shape (n, n), [N s/m]; zero unless given.
+            load: F at a time, shape (n,), [N]; zero unless given.
+            gap: B, three rows (n, s1, s2) per joint point, shape (3 p, n); no joint unless given.
+            law: Law of the joint points.
+            initial_gap: Initial normal gap [m].
+            areas: Area of each point, shape (p,), [m^2]; 1 unless given.
+
+        Raises:
+            ValueError: The shapes do not fit together.
+        """
+        m, k = np.atleast_2d(np.asarray(mass, float)), np.atleast_2d(np.asarray(stiffness, float))
+        c = np.zeros_like(k) if damping is None else np.atleast_2d(np.asarray(damping, float))
+        size = len(m)
+        if not m.shape == k.shape == c.shape == (size, size):
+            raise ValueError(
+                f"mass, stiffness and damping have shapes {m.shape}, {k.shape}, {c.shape}; they "
+                "must be square and alike."
+            )
+        contact = None
+        if gap is not None:
+            b = np.atleast_2d(np.asarray(gap, float))
+            if law is None or b.shape[1] != size or b.shape[0] % 3:
+                raise ValueError(
+                    f"gap has shape {b.shape}; it needs {size} columns, three rows per joint "
+                    "point, and a law."
+                )
+            points = len(b) // 3
+            w = np.ones(points) if areas is None else np.asarray(areas, float)
+            operator = GapOperator(_matrix(b), w, np.zeros(points, dtype=np.int64), ("joint",))
+            contact = Contact(operator, law, {"joint": initial_gap})
+        matrix_m = _matrix(m)
+        patterns = []
+        for i in range(size if load is not None else 0):
+            unit = matrix_m.createVecRight()
+            unit.setArray(np.eye(size)[i])
+            patterns.append((unit, _component(load, i)))
+        return cls(
+            mass=matrix_m,
+            damping=_matrix(c),
+            stiffness=_matrix(k),
+            contact=contact,
+            patterns=patterns,
+        )
+
+    def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
+        """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
+        out.set(0.0)
+        for vector, factor in self.patterns:
+            value = scale * factor(time)
+            if value:
+                out.axpy(value, vector)
+        return out
+
+    def prescribed(self, time: float, *, scale: float = 1.0) -> Floats:
+        """Displacements of the constrained dofs at a time [s], times ``scale``, [m]."""
+        if self.values is None:
+            return np.zeros(len(self.constrained))
+        return scale * self.values(time)
+
+
+def _component(load: Any, i: int) -> Callable[[float], float]:
+    return lambda time: float(np.atleast_1d(load(time))[i])
+
+
+def _matrix(dense: Floats) -> PETSc.Mat:
+    """A sparse PETSc matrix on this process with every entry stored."""
+    rows, columns = dense.shape
+    starts = np.arange(0, rows * columns + 1, columns, dtype=PETSc.IntType)
+    numbers = np.tile(np.arange(columns, dtype=PETSc.IntType), rows)
+    matrix = PETSc.Mat().createAIJ(
+        (rows, columns), csr=(starts, numbers, dense.ravel()), comm=PETSc.COMM_SELF
+    )
+    matrix.assemble()
+    return matrix

@@ -1,0 +1,65 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Seismic response of jointed structures on FEniCSx: friction no-tension joints in dams.
+
+The public names below are imported on first use, so that ``import dolfinx_joints`` is light and
+records, spectra, results and plots work without DOLFINx.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "BaseMotion": "loads",
+    "Constraints": "supports",
+    "ConvergenceError": "errors",
+    "Elastic": "elasticity",
+    "FieldMonitor": "monitors",
+    "Fixed": "supports",
+    "FormLoad": "loads",
+    "FrictionNoTension": "laws",
+    "Gravity": "loads",
+    "JointedMesh": "mesh",
+    "JointsError": "errors",
+    "MatrixSystem": "system",
+    "MeshError": "errors",
+    "Model": "model",
+    "Motion": "records",
+    "Newmark": "integrators",
+    "NewtonOptions": "solver",
+    "Prescribed": "supports",
+    "Pressure": "loads",
+    "ProgressMonitor": "monitors",
+    "Rayleigh": "damping",
+    "RecordError": "errors",
+    "Results": "results",
+    "ResultsError": "errors",
+    "ResultsMonitor": "monitors",
+    "Simulation": "simulation",
+    "Spring": "supports",
+    "StepControl": "integrators",
+    "Traction": "loads",
+    "mass_proportional": "damping",
+    "modes": "modal",
+    "rayleigh": "damping",
+    "read_msh": "mesh",
+    "read_record": "records",
+    "split_mesh": "mesh",
+    "stiffness_proportional": "damping",
+    "synthetic_motion": "records",
+}
+__all__ = sorted(_HOME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOME]

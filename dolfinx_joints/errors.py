@@ -50,7 +50,7 @@ class ConvergenceError(JointsError, RuntimeError):
         iteration: int | None = None,
         residual: float | None = None,
         tolerance: float | None = None,
-        open: int | None = None,  # noqa: A002  the field's word for the state
+        open: int | None = None,
         stick: int | None = None,
         slip: int | None = None,
         joint: str | None = None,
@@ -70,7 +70,8 @@ class ConvergenceError(JointsError, RuntimeError):
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
         """Keep the attributes when the exception travels between processes."""
-        return partial(type(self), **self.__dict__), ()
+        facts = {name: value for name, value in vars(self).items() if not name.startswith("_")}
+        return partial(type(self), **facts), ()
 
     def _sentence(self) -> str:
         subject = "the solve" if self.stage is None else f"the {self.stage} stage"

@@ -3,9 +3,8 @@
 """The joint operator: gap = B u, force = B^T (w t), tangent = B^T (w D) B; it knows no friction.
 
 Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
-- to the + side, so gap_n > 0 is open and compression is t_n < 0. Each local frame (n, s1, s2) is
-right-handed and continuous along a joint: s2 is the steepest direction in the joint and s1 is
-horizontal; where a joint comes near the horizontal, s1 follows x (else y) instead.
+- to the + side, so gap_n > 0 is open and compression is t_n < 0; `splitting.orient_pairs` chooses
+the sides and `jointpoints` the tangential axes.
 """
 
 from __future__ import annotations
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.mesh import JointedMesh, JointPairs, local_cells
-from dolfinx_joints.quadrature import facet_cell_type, facet_rule
+from dolfinx_joints.jointpoints import JointPoints, joint_points
+from dolfinx_joints.mesh import JointedMesh, local_cells
+from dolfinx_joints.quadrature import facet_cell_type
 from dolfinx_joints.splitting import CellShape, Floats
 
 
@@ -83,9 +83,8 @@ class JointOperator(GapOperator):
     """The gap operator of the joints of a mesh.
 
     gap = B u with B = T N (paper eq. 1), force = B^T (w t) (eq. 2), tangent = B^T (w D) B (eq. 6).
-    Points are numbered facet by facet in the order of the joints and handed out to the ranks in
-    equal blocks, whatever the partition of the mesh: their order does not depend on the number of
-    ranks, and the work on them is balanced.
+    The points are handed out to the ranks in equal blocks, whatever the partition of the mesh:
+    their order does not depend on the number of ranks, and the work on them is balanced.
 
     Args:
         jointed: Mesh with its facet pairs.
@@ -93,7 +92,7 @@ class JointOperator(GapOperator):
         quadrature: ``auto``, ``nodal`` or ``gauss``, see `facet_rule`.
 
     Attributes:
-        facet: Number of the facet pair of each local point, shape (n,).
+        layout: All points of all ranks.
         points: Coordinates of the local points, shape (n, 3), [m].
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
 
@@ -104,24 +103,19 @@ class JointOperator(GapOperator):
     def __init__(self, jointed: JointedMesh, V: Any, *, quadrature: str = "auto") -> None:
         """Build B (collective)."""
         comm = jointed.mesh.comm
-        pairs, shape = jointed.pairs, jointed.shape
-        degree = V.ufl_element().degree
-        rule, weights = facet_rule(shape.facet_vertices.shape[1], degree, quadrature)
-        points, frames, areas = point_geometry(pairs, shape, rule, weights)
-        ranges = np.linspace(0, len(pairs.joint), comm.size + 1).astype(np.int64)
+        self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
+        ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
         block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
-        count = len(weights)
-        self.points = points[block].reshape(-1, 3)
-        self.frames = frames[block].reshape(-1, 3, 3)
-        self.facet = np.repeat(np.arange(block.start, block.stop), count)
-        local_areas = areas[block].ravel()
+        self.points = self.layout.points[block]
+        self.frames = self.layout.frames[block]
+        local_rows = 3 * (block.stop - block.start)
         super().__init__(
-            _assemble_operator(jointed, V, rule, frames, 3 * len(local_areas)),
-            local_areas,
-            np.repeat(pairs.joint[block], count),
-            pairs.names,
+            _assemble_operator(jointed, V, self.layout, local_rows),
+            self.layout.areas[block],
+            self.layout.joint[block],
+            jointed.pairs.names,
         )
-        if pairs.gaps_in_geometry:
+        if jointed.pairs.gaps_in_geometry:
             self.initial_gap = self.gap(_coordinates(V))
 
 
@@ -156,67 +150,13 @@ class JointTangent:
         return self._product
 
 
-def point_geometry(
-    pairs: JointPairs, shape: CellShape, rule: Floats, weights: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Coordinates, frames and areas of the points of all facets.
-
-    Args:
-        pairs: The facet pairs.
-        shape: Reference cell of the geometry.
-        rule: Points on the reference facet, shape (q, facet dimension).
-        weights: Their weights, shape (q,).
-
-    Returns:
-        Points (F, q, 3) [m], frames (F, q, 3, 3) with rows n, s1, s2, and areas (F, q) [m^2].
-    """
-    gdim = pairs.nodes.shape[2]
-    element = basix.create_element(
-        basix.ElementFamily.P,
-        facet_cell_type(shape.facet_vertices.shape[1]),
-        shape.degree,
-        basix.LagrangeVariant.gll_warped,
-    )
-    table = element.tabulate(1, rule)[:, :, :, 0]
-    x = np.zeros((len(pairs.joint), len(weights), 3))
-    x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)
-    along = np.zeros((2, *x.shape))
-    for k in range(table.shape[0] - 1):
-        along[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
-    if gdim == 2:
-        along[1, ..., 2] = 1.0
-    normal = np.cross(along[0], along[1])
-    size = np.linalg.norm(normal, axis=2)
-    normal *= pairs.sign[:, None, None] / size[..., None]
-    frames = np.empty((*x.shape[:2], 3, 3))
-    for joint in range(len(pairs.names)):
-        here = pairs.joint == joint
-        frames[here] = _frames(normal[here], plane=gdim == 2)
-    return x, frames, size * weights
-
-
-def _frames(normal: Floats, *, plane: bool) -> Floats:
-    """Continuous right-handed frames (n, s1, s2) of one joint, normals of shape (F, q, 3)."""
-    if plane:
-        s2 = np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
-        return np.stack([normal, np.cross(s2, normal), s2], axis=2)
-    shortest = [np.sqrt(1.0 - np.minimum(normal[..., k] ** 2, 1.0)).min() for k in (2, 0, 1)]
-    good = [i for i, length in enumerate(shortest) if length > 0.3]
-    choice = (2, 0, 1)[good[0] if good else int(np.argmax(shortest))]
-    axis = np.eye(3)[choice]
-    tangent = axis - normal * normal[..., choice : choice + 1]
-    tangent /= np.linalg.norm(tangent, axis=2, keepdims=True)
-    if choice == 2:
-        return np.stack([normal, np.cross(tangent, normal), tangent], axis=2)
-    return np.stack([normal, tangent, np.cross(normal, tangent)], axis=2)
-
-
 def _assemble_operator(
-    jointed: JointedMesh, V: Any, rule: Floats, frames: Floats, local_rows: int
+    jointed: JointedMesh, V: Any, layout: JointPoints, local_rows: int
 ) -> PETSc.Mat:
     """B from the basis functions of the cells on the two sides.
 
-    Each rank adds the sides whose cells it owns; PETSc sends them to the owner of the row.
+    Each rank adds the sides whose cells it owns; PETSc sends them to the owner of the row. Where
+    facets share a point, each adds its share of the point's area.
     """
     pairs, shape, mesh = jointed.pairs, jointed.shape, jointed.mesh
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
@@ -228,6 +168,7 @@ def _assemble_operator(
         ((local_rows, None), columns), nnz=(entries, entries), comm=mesh.comm
     )
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
     slots = np.concatenate([pairs.minus, pairs.plus])
     cell_of = local_cells(mesh, _num_cells(mesh))
     owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -243,14 +184,16 @@ def _assemble_operator(
         key = (int(facet), *(int(m) for m in match[number]))
         if key not in tables:
             vertices = corners[shape.facet_vertices[facet]][match[number]]
-            tables[key] = _side_table(element, shape, rule, vertices)
+            tables[key] = _side_table(element, shape, layout.rule, vertices)
         basis = tables[key][:, on_facet[facet]]
         pair, sign = number % count, -1.0 if number < count else 1.0
         blocks = V.dofmap.cell_dofs(int(local))[on_facet[facet]]
         dofs = index_map.local_to_global(blocks.astype(np.int32))
         cols = (bs * dofs[:, None] + np.arange(bs)).astype(PETSc.IntType).ravel()
-        rows = np.arange(3 * len(rule) * pair, 3 * len(rule) * (pair + 1), dtype=PETSc.IntType)
-        values = sign * np.einsum("qik,qa->qiak", frames[pair][..., :bs], basis)
+        points = layout.number[pair]
+        rows = (3 * points[:, None] + np.arange(3)).astype(PETSc.IntType).ravel()
+        share = sign * layout.share[pair][:, None] * basis
+        values = np.einsum("qik,qa->qiak", layout.frames[points][..., :bs], share)
         matrix.setValues(rows, cols, values.reshape(len(rows), -1), PETSc.InsertMode.ADD_VALUES)
     matrix.assemble()
     return matrix

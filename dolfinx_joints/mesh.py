@@ -47,6 +47,8 @@ class JointPairs:
         plus: The same on the + side.
         match: Position among the vertices of the + facet of the partner of each vertex of the
             - facet, shape (num_pairs, vertices per facet).
+        minus_vertices: Numbers of the vertices of the - facet, shape (num_pairs, vertices per facet).
+        plus_vertices: Numbers of their partners on the + side; equal on the joint's front.
         nodes: Coordinates of the nodes of the - facet in the order of the facet's own Lagrange
             element, shape (num_pairs, nodes per facet, gdim), [m].
         sign: 1 where the normal by the vertex order of the - facet points to the + side, else -1.
@@ -59,6 +61,8 @@ class JointPairs:
     minus: Ints
     plus: Ints
     match: Ints
+    minus_vertices: Ints
+    plus_vertices: Ints
     nodes: Floats
     sign: Ints
     gaps_in_geometry: bool
@@ -276,14 +280,16 @@ def _pair_table(
     """Collect what every rank needs to know of the facet pairs."""
     if split is None:
         none = np.empty((0, 2), dtype=np.int64)
-        facet_nodes = shape.facet_nodes.shape[1]
+        no_vertices = np.empty((0, shape.facet_vertices.shape[1]), dtype=np.int64)
         return JointPairs(
             names=(),
             joint=none[:, 0],
             minus=none,
             plus=none,
-            match=np.empty((0, shape.facet_vertices.shape[1]), dtype=np.int64),
-            nodes=np.empty((0, facet_nodes, x.shape[1])),
+            match=no_vertices,
+            minus_vertices=no_vertices,
+            plus_vertices=no_vertices,
+            nodes=np.empty((0, shape.facet_nodes.shape[1], x.shape[1])),
             sign=none[:, 0],
             gaps_in_geometry=False,
             bonded=np.zeros(0, dtype=np.int64),
@@ -292,6 +298,7 @@ def _pair_table(
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1
     inward = x[cells[minus[:, 0], :corners]].mean(axis=1) - x[cycle].mean(axis=1)
+    plus_vertices = cells[plus[:, :1], shape.facet_vertices[plus[:, 1]]]
     outward = np.einsum("ij,ij->i", facet_normals(x[cycle]), inward) < 0
     return JointPairs(
         names=tuple(names),
@@ -299,6 +306,8 @@ def _pair_table(
         minus=minus,
         plus=plus,
         match=split.match,
+        minus_vertices=cells[minus[:, :1], shape.facet_vertices[minus[:, 1]]],
+        plus_vertices=np.take_along_axis(plus_vertices, split.match, axis=1),
         nodes=x[cells[minus[:, :1], shape.facet_nodes[minus[:, 1]]]],
         sign=np.where(outward, 1, -1),
         gaps_in_geometry=duplicated,

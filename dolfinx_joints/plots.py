@@ -45,7 +45,7 @@ def new_axes(*, width: float = 6.3, height: float = 3.2, projection: str | None 
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="compressed")
     ax: Axes = figure.add_subplot(projection=projection)
     return ax
 
@@ -278,13 +278,15 @@ def deformed(
     space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     space.set_box_aspect(high - low, zoom=1.1)  # one scale for all axes
     space.view_init(elev=elevation_deg, azim=azimuth_deg)
-    space.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    space.set_xlabel("x [m]")
+    space.set_ylabel("y [m]", labelpad=9)
+    space.set_zlabel("z [m]")
     for axis, length in zip((space.xaxis, space.yaxis, space.zaxis), high - low, strict=True):
         axis.set_major_locator(MaxNLocator(max(1, round(6 * length / max(high - low)))))
         axis.set_tick_params(labelsize="small")
-    space.set_title(
-        f"deformed shape at t = {results.time('states')[number]:.3f} s, displacements x {factor:g}"
-    )
+    moment = results.time("states")[number]
+    title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
+    space.set_title(title, fontsize="medium")
     flat: Axes = space
     return flat
 
@@ -428,8 +430,9 @@ class _Bilinear:
     def __call__(self, local: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
         """Map reference coordinates (n, 2) of facets (n,) into the plane."""
         u, v = local[:, :1], local[:, 1:]
-        mapped: Floats = self._a[facet] + u * self._b[facet] + v * self._c[facet]
-        return mapped + u * v * self._d[facet]
+        linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
+        mapped: Floats = linear + u * v * self._d[facet]
+        return mapped
 
     def inverse(self, points: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
         """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
@@ -439,7 +442,7 @@ class _Bilinear:
             along_v = self._c[facet] + local[:, :1] * self._d[facet]
             jacobian = np.stack([along_u, along_v], axis=2)
             residual = points - self(local, facet)
-            local = local + np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
+            local += np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
         return local
 
 

@@ -42,16 +42,8 @@ def facet_rule(facet_vertices: int, degree: int, rule: str = "auto") -> tuple[Fl
     Raises:
         ValueError: The rule is unknown or does not exist for this facet.
     """
-    if rule not in RULES:
-        raise ValueError(f"quadrature is {rule!r}; it must be one of {', '.join(RULES)}.")
-    nodal_exists = degree == 1 or (degree == 2 and facet_vertices != 3)
-    if rule == "nodal" and not nodal_exists:
-        raise ValueError(
-            f"quadrature 'nodal' does not exist for {facet_vertices}-vertex facets of degree "
-            f"{degree} (some nodes would get zero weight); use 'gauss'."
-        )
     kind = facet_cell_type(facet_vertices)
-    if rule == "gauss" or not nodal_exists:
+    if not is_nodal(facet_vertices, degree, rule):
         points, weights = basix.make_quadrature(kind, 2 * degree)
         return points, weights
     element = basix.create_element(
@@ -63,3 +55,20 @@ def facet_rule(facet_vertices: int, degree: int, rule: str = "auto") -> tuple[Fl
     position = {0.0: line[0], 1.0: line[1], 0.5: line[-1]}
     weights = np.array([np.prod([position[round(c, 6)] for c in p]) for p in element.points])
     return element.points, weights
+
+
+def is_nodal(facet_vertices: int, degree: int, rule: str) -> bool:
+    """Whether `facet_rule` places the points at the nodes.
+
+    Raises:
+        ValueError: The rule is unknown or does not exist for this facet.
+    """
+    if rule not in RULES:
+        raise ValueError(f"quadrature is {rule!r}; it must be one of {', '.join(RULES)}.")
+    exists = degree == 1 or (degree == 2 and facet_vertices != 3)
+    if rule == "nodal" and not exists:
+        raise ValueError(
+            f"quadrature 'nodal' does not exist for {facet_vertices}-vertex facets of degree "
+            f"{degree} (some nodes would get zero weight); use 'gauss'."
+        )
+    return exists and rule != "gauss"

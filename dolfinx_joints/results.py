@@ -86,7 +86,9 @@ class ResultsWriter:
         if self.path.exists() and not overwrite:
             raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
         try:
-            self._file = h5py.File(self.path, "w", libver="latest")
+            if self.path.exists():
+                self.path.unlink()  # not truncated: whoever reads the old file keeps it
+            self._file = h5py.File(self.path, "x", libver="latest")
         except OSError as error:
             raise ResultsError(f"{self.path} cannot be created: {error}.") from error
         self._file.attrs.update(
@@ -602,7 +604,9 @@ def _open(path: Path) -> h5py.File:
     try:
         file = _open_shared(path)
     except OSError as error:
-        raise ResultsError(f"{path} cannot be read: {error}.") from error
+        raise ResultsError(
+            f"{path} cannot be read; its run has not started yet or ended before it did ({error})."
+        ) from error
     found, version = file.attrs.get("format"), file.attrs.get("version")
     whole = all(key in file for key in ("metadata", "status", "summary", "static", "streams"))
     if found == FORMAT and version is not None and version <= VERSION and whole:

@@ -170,7 +170,7 @@ class DirectSolver:
 
 
 def _has_cholmod() -> bool:
-    return bool(PETSc.Sys.hasExternalPackage("suitesparse"))
+    return bool(PETSc.Sys.hasExternalPackage("cholmod"))
 
 
 class _Operators:
@@ -189,12 +189,19 @@ class _Operators:
         start = self.held.getOwnershipRange()[0]
         rows = (system.constrained + start).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
-        self.symmetric = system.symmetric
-        self.linear = DirectSolver(self.held, symmetric=self.symmetric)
         self.tangent: PETSc.Mat | None = None
         self.newton: DirectSolver | None = None
+        self._linear: DirectSolver | None = None
+        self._symmetric = system.symmetric
         self._options = options
         self._last: Floats | None = None
+
+    @property
+    def linear(self) -> DirectSolver:
+        """Direct solver of A with its constraints, without joints."""
+        if self._linear is None:
+            self._linear = DirectSolver(self.held, symmetric=self._symmetric)
+        return self._linear
 
     def update(self, product: JointTangent, values: Floats) -> DirectSolver:
         """Direct solver of A + B^T (w D) B, factored anew only where D changed."""
@@ -221,7 +228,8 @@ class _Operators:
 
     def destroy(self) -> None:
         """Free matrices and factors."""
-        self.linear.destroy()
+        if self._linear is not None:
+            self._linear.destroy()
         if self.newton is not None:
             self.newton.destroy()
             self.tangent.destroy()

@@ -5,6 +5,7 @@
 Signals run along the first axis; further axes (components) are kept.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,7 +79,7 @@ def response_spectrum(
     flat = values.reshape(len(values), -1)
     state: Floats = np.zeros((len(omega), 2, flat.shape[1]))
     largest = np.zeros((len(omega), flat.shape[1]))
-    for before, after in zip(flat[:-1], flat[1:], strict=True):
+    for before, after in pairwise(flat):
         state = homogeneous @ state + by_load @ np.stack([before, after])
         np.maximum(largest, np.abs(state[:, 0]), out=largest)
     displacement = largest.reshape(len(omega), *values.shape[1:])

@@ -1,0 +1,370 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Stages of a run, static then dynamic, and the only time loop.
+
+The loop knows no files, plots or progress bars: monitors do.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.errors import ConvergenceError
+from dolfinx_joints.integrators import (
+    DynamicState,
+    Newmark,
+    Scheme,
+    StepControl,
+    StepReport,
+    advance_halving,
+    check_step,
+    initial_state,
+    located,
+)
+from dolfinx_joints.laws import Response
+from dolfinx_joints.loads import BaseMotion, Load
+from dolfinx_joints.model import Model
+from dolfinx_joints.solver import Effective, NewtonOptions, NewtonSolver, SolveReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What a monitor sees of a step.
+
+    Attributes:
+        stage: ``static`` or ``dynamic``.
+        step: Number of the step, 0 for the start of the stage.
+        time: Time [s], or the load factor in a static stage.
+        displacement: u [m].
+        joints: Response of the joints, None without joints.
+        solve: How the solve went, None at step 0 of a dynamic stage.
+        energy: Energies, None in a static stage.
+        halvings: Steps that Newton's failure added within this step.
+    """
+
+    stage: str
+    step: int
+    time: float
+    displacement: PETSc.Vec
+    joints: Response | None
+    solve: SolveReport | None
+    energy: EnergyRow | None
+    halvings: int
+
+
+class Monitor(Protocol):
+    """Watches a run; every method is called on all ranks."""
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Called before the first step of a stage."""
+
+    def record(self, record: Record) -> None:
+        """Called after each step."""
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticState:
+    """Equilibrium at the end of a static stage.
+
+    Attributes:
+        displacement: u [m].
+        joints: Response of the joints, None without joints.
+        reaction: Forces of the supports on the body, zero at free dofs [N].
+        reports: How the solves went, one per load step.
+    """
+
+    displacement: PETSc.Vec
+    joints: Response | None
+    reaction: PETSc.Vec
+    reports: list[SolveReport]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """End of a dynamic stage.
+
+    Attributes:
+        state: The last state.
+        energy: The last energies.
+        energy_error: Largest energy error relative to the largest energy, loss or input.
+        local_error: Largest estimated displacement error of a step relative to the largest
+            displacement from the static state, 2-norms over all dofs.
+        steps: Steps asked for.
+        substeps: Steps taken, more than ``steps`` where Newton failed and the step was halved.
+        iterations: Newton iterations of all steps.
+    """
+
+    state: DynamicState
+    energy: EnergyRow
+    energy_error: float
+    local_error: float
+    steps: int
+    substeps: int
+    iterations: int
+
+
+class Simulation:
+    """Runs a model through its stages.
+
+    Args:
+        model: The model.
+        monitors: What watches the run.
+        newton: Tolerances and limits of Newton's method.
+
+    Attributes:
+        model: The model.
+        static: Result of the last static stage, None before it.
+        seconds: Wall time by phase [s].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        monitors: Sequence[Monitor] = (),
+        newton: NewtonOptions | None = None,
+    ) -> None:
+        """Nothing is solved yet."""
+        self.model, self.monitors = model, list(monitors)
+        self.static: StaticState | None = None
+        self.seconds: dict[str, float] = {}
+        self._newton = newton or NewtonOptions()
+
+    def statics(self, *, steps: int = 1) -> StaticState:
+        """Apply the model's loads in equal steps from zero, joints active (collective).
+
+        Friction depends on the path, so the number of steps matters where joints slide. Loads
+        with a time factor and prescribed displacements are taken at time zero. The body is loaded
+        as it stands, joints closed and stress-free: self weight then presses vertical joints by
+        arch and Poisson action only, and no construction sequence is followed.
+
+        Args:
+            steps: Number of load steps.
+
+        Raises:
+            ValueError: ``steps`` is not positive.
+            ConvergenceError: A load step did not converge.
+        """
+        if steps < 1:
+            raise ValueError(f"steps is {steps}; at least one load step is needed.")
+        factors = np.arange(1, steps + 1) / steps
+        return self._statics([(float(f), 0.0, float(f)) for f in factors])
+
+    def quasi_statics(self, times: Sequence[float]) -> StaticState:
+        """Equilibrium at each of a sequence of times, in order (collective).
+
+        Loads and prescribed displacements follow their functions of time; inertia and damping are
+        left out. Continues from the last static stage if there was one.
+
+        Args:
+            times: Times [s] of the load steps.
+
+        Raises:
+            ConvergenceError: A load step did not converge.
+        """
+        return self._statics([(float(t), float(t), 1.0) for t in times], resume=True)
+
+    def _statics(
+        self, path: list[tuple[float, float, float]], *, resume: bool = False
+    ) -> StaticState:
+        """March through (label, time, load factor)."""
+        with self._phase("static"):
+            system = self.model.system()
+            solver = NewtonSolver(system, self._newton)
+            u = system.stiffness.createVecRight()
+            u.set(0.0)
+            joints = system.contact.at_rest(u) if system.contact else None
+            if resume and self.static is not None:
+                self.static.displacement.copy(u)
+                joints = self.static.joints.state if self.static.joints else None
+            b, reports = u.duplicate(), []
+            effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+            for step, (label, time, scale) in enumerate(path, start=1):
+                system.load(time, b, scale=scale)
+                u.getArray()[system.constrained] = system.prescribed(time, scale=scale)
+                try:
+                    response, reaction, report = solver.solve(effective, b, u, joints)
+                except ConvergenceError as failure:
+                    raise located(failure, stage="static", step=step, time=label) from None
+                joints = response.state if response else None
+                reports.append(report)
+            self.static = StaticState(
+                displacement=u.copy(), joints=response, reaction=reaction, reports=reports
+            )
+        return self.static
+
+    def dynamics(
+        self,
+        *,
+        dt: float,
+        steps: int,
+        motion: Callable[[float], Any] | None = None,
+        loads: Sequence[Load] = (),
+        scheme: Scheme | None = None,
+        control: StepControl | None = None,
+        velocity: PETSc.Vec | None = None,
+    ) -> Outcome:
+        """March from the static state (or from zero) with the model's loads kept (collective).
+
+        Args:
+            dt: Time step [s].
+            steps: Number of steps.
+            motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given.
+            loads: Loads of this stage besides the model's own.
+            scheme: Time scheme, Newmark's average acceleration unless given.
+            control: What to do where Newton fails.
+            velocity: Initial velocity [m/s], zero unless given.
+
+        Raises:
+            ValueError: ``dt`` or ``steps`` is not positive.
+            ConvergenceError: A step did not converge however often it was halved; what had been
+                computed is with the monitors.
+        """
+        check_step(dt)
+        if steps < 1:
+            raise ValueError(f"steps is {steps}; at least one time step is needed.")
+        shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        with self._phase("set-up of the dynamic stage"):
+            system = self.model.system([*shaking, *loads])
+            solver = NewtonSolver(system, self._newton)
+            start = self.static
+            state = initial_state(
+                solver,
+                displacement=start.displacement if start else None,
+                velocity=velocity,
+                joints=start.joints.state if start and start.joints else None,
+            )
+            run = _Run(self, EnergyLedger(system), state, steps)
+        with run.watched():
+            for step in range(1, steps + 1):
+                with self._phase("time steps"):
+                    substeps = advance_halving(
+                        scheme or Newmark(), solver, run.state, dt, control or StepControl()
+                    )
+                    try:
+                        report = run.take(substeps)
+                    except ConvergenceError as failure:
+                        raise located(failure, stage="dynamic", step=step) from None
+                with self._phase("monitors"):
+                    run.show(step, report)
+        return run.outcome()
+
+    def report(self, outcome: Outcome) -> str:
+        """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""
+        phases = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
+        mean = outcome.iterations / max(outcome.substeps, 1)
+        return (
+            f"energy error {100 * outcome.energy_error:.3g} % of the largest energy; "
+            f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
+            f"displacement\n{outcome.steps} steps in {outcome.substeps} substeps, "
+            f"{mean:.2f} Newton iterations per substep\n{phases}"
+        )
+
+    @contextmanager
+    def _phase(self, name: str) -> Iterator[None]:
+        """Add the wall time of a block to a phase."""
+        began = clock.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
+
+
+class _Run:
+    """Bookkeeping of a dynamic stage."""
+
+    def __init__(
+        self, simulation: Simulation, ledger: EnergyLedger, state: DynamicState, steps: int
+    ) -> None:
+        self.simulation, self.ledger, self.state, self.steps = simulation, ledger, state, steps
+        self.substeps = self.iterations = 0
+        self._local_error = self._largest = 0.0
+        self._origin = state.displacement.copy()
+        self._work = state.displacement.duplicate()
+        row = ledger.start(state)
+        first = self._record(0, None, row, 0)
+        for monitor in simulation.monitors:
+            monitor.start(simulation.model, "dynamic", steps, first)
+
+    def take(self, substeps: Iterator[tuple[DynamicState, StepReport]]) -> StepReport:
+        """Account for every substep of a step."""
+        self._within = 0
+        for after, report in substeps:
+            self.ledger.record(self.state, after)
+            self.state = after
+            self._within += 1
+            self.iterations += report.solve.iterations
+            self._local_error = max(self._local_error, report.local_error)
+            self._work.waxpy(-1.0, self._origin, after.displacement)
+            self._largest = max(self._largest, float(self._work.norm()))
+        self.substeps += self._within
+        return report
+
+    def show(self, step: int, report: StepReport) -> None:
+        """Hand a step to the monitors."""
+        record = self._record(step, report.solve, self.ledger.row, self._within - 1)
+        for monitor in self.simulation.monitors:
+            monitor.record(record)
+
+    def _record(
+        self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
+    ) -> Record:
+        return Record(
+            stage="dynamic",
+            step=step,
+            time=self.state.time,
+            displacement=self.state.displacement,
+            joints=self.state.joints,
+            solve=solve,
+            energy=row,
+            halvings=halvings,
+        )
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Tell the monitors how the stage ended, whatever ended it."""
+        try:
+            yield
+        except BaseException as error:
+            status = "failed" if isinstance(error, Exception) else "stopped"
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
+            raise
+        self._finish("complete", {})
+
+    def _finish(self, status: str, extra: dict[str, Any]) -> None:
+        outcome = self.outcome()
+        summary = {
+            "steps": outcome.steps,
+            "substeps": outcome.substeps,
+            "iterations": outcome.iterations,
+            "energy_error": outcome.energy_error,
+            "local_error": outcome.local_error,
+            "seconds": dict(self.simulation.seconds),
+            **extra,
+        }
+        for monitor in self.simulation.monitors:
+            monitor.finish(status, summary)
+
+    def outcome(self) -> Outcome:
+        """Where the run stands."""
+        return Outcome(
+            state=self.state,
+            energy=self.ledger.row,
+            energy_error=self.ledger.relative_error,
+            local_error=self._local_error / self._largest if self._largest else 0.0,
+            steps=self.steps,
+            substeps=self.substeps,
+            iterations=self.iterations,
+        )
+

@@ -1,0 +1,294 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The set-up script, inside and outside the environment that it provides."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).parent.parent
+SCRIPT = PROJECT / "with-dolfinx"
+USAGE_ERROR = 2
+SETUP_FAILED = 125
+
+
+def run(
+    *command: str, cwd: Path | None = None, **variables: str | None
+) -> subprocess.CompletedProcess:
+    """Run a command in this environment with variables changed, or removed if None."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("DOLFINX_JOINTS_")}
+    environment.update({k: v for k, v in variables.items() if v is not None})
+    for name in [k for k, v in variables.items() if v is None]:
+        environment.pop(name, None)
+    return subprocess.run(
+        command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60
+    )
+
+
+def run_nested(*command: str, **variables: str | None) -> subprocess.CompletedProcess:
+    """Run the script as it is run inside its own environment."""
+    return run(str(SCRIPT), *command, DOLFINX_JOINTS_INSIDE="1", **variables)
+
+
+def run_function(
+    code: str, *arguments: str, **variables: str | None
+) -> subprocess.CompletedProcess:
+    """Run shell code that may call the script's functions; the arguments are $1, $2, ..."""
+    code = f'. "$1"; shift; set -euo pipefail; {code}'
+    return run("bash", "-c", code, "bash", str(SCRIPT), *arguments, **variables)
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_help_goes_to_stdout_and_names_the_variables() -> None:
+    result = run(str(SCRIPT), "--help")
+    assert result.returncode == 0
+    assert result.stdout.startswith("Usage: ./with-dolfinx COMMAND")
+    assert "DOLFINX_JOINTS_ENTER" in result.stdout
+    assert "DOLFINX_JOINTS_MIRROR" in result.stdout
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [([], "which command shall be run?"), (["--frobnicate"], "unknown option --frobnicate")],
+)
+def test_wrong_usage_is_one_line_and_status_2(arguments: list[str], text: str) -> None:
+    result = run(str(SCRIPT), *arguments)
+    assert result.returncode == USAGE_ERROR
+    assert result.stdout == ""
+    assert text in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_unknown_way_of_entering_is_refused() -> None:
+    result = run(str(SCRIPT), "true", DOLFINX_JOINTS_ENTER="teleport")
+    assert result.returncode == USAGE_ERROR
+    assert "must be bwrap, chroot or proot, not 'teleport'" in result.stderr
+
+
+# ---------------------------------------------------------------- what the command sees
+
+
+@pytest.mark.parametrize("status", [0, 7])
+def test_nested_call_passes_the_status_through(status: int) -> None:
+    assert run_nested("sh", "-c", f"exit {status}").returncode == status
+
+
+def test_missing_command_has_status_127() -> None:
+    assert run_nested("no-such-command").returncode == 127
+
+
+def test_arguments_arrive_unchanged() -> None:
+    arguments = ["a b", "$HOME", "", "*", "-n"]
+    result = run_nested("printf", "[%s]", *arguments)
+    assert result.stdout == "".join(f"[{argument}]" for argument in arguments)
+
+
+def test_one_thread_per_process_unless_the_user_says_otherwise() -> None:
+    show = ("sh", "-c", "echo $OMP_NUM_THREADS $OPENBLAS_NUM_THREADS")
+    unset = run_nested(*show, OMP_NUM_THREADS=None, OPENBLAS_NUM_THREADS=None)
+    chosen = run_nested(*show, OMP_NUM_THREADS="4", OPENBLAS_NUM_THREADS=None)
+    assert unset.stdout.split() == ["1", "1"]
+    assert chosen.stdout.split() == ["4", "1"]
+
+
+def test_project_is_importable_from_any_directory(tmp_path: Path) -> None:
+    command = (str(SCRIPT), "sh", "-c", 'echo "$PYTHONPATH"; pwd')
+    result = run(*command, cwd=tmp_path, DOLFINX_JOINTS_INSIDE="1", PYTHONPATH=None)
+    assert result.stdout.splitlines() == [str(PROJECT), str(tmp_path)]
+
+
+def test_project_path_may_contain_spaces(tmp_path: Path) -> None:
+    copy = tmp_path / "a project" / "with-dolfinx"
+    copy.parent.mkdir()
+    copy.write_bytes(SCRIPT.read_bytes())
+    copy.chmod(0o755)
+    command = (str(copy), "sh", "-c", 'echo "$PYTHONPATH"')
+    result = run(*command, DOLFINX_JOINTS_INSIDE="1", PYTHONPATH=None)
+    assert result.stdout == f"{copy.parent}\n"
+
+
+# ---------------------------------------------------------------- DOLFINx on the host
+
+
+@pytest.fixture
+def host_python(tmp_path: Path):
+    """Give a function that makes a directory with a python3 whose report is the given text."""
+
+    def make(report: str) -> str:
+        fake = tmp_path / "bin" / "python3"
+        fake.parent.mkdir()
+        fake.write_text(f"#!/bin/sh\necho {report}\n")
+        fake.chmod(0o755)
+        return f"{fake.parent}:{os.environ['PATH']}"
+
+    return make
+
+
+def test_complete_host_python_is_used_directly(host_python) -> None:
+    result = run(str(SCRIPT), "echo", "here", PATH=host_python("ready 0.9.0"))
+    assert (result.returncode, result.stdout) == (0, "here\n")
+
+
+def test_lacking_modules_are_named(host_python) -> None:
+    result = run(str(SCRIPT), "true", PATH=host_python("lacks 0.10.0 gmsh tqdm"))
+    assert result.returncode == SETUP_FAILED
+    assert "has DOLFINx 0.10.0 but not: gmsh tqdm" in result.stderr
+
+
+# ---------------------------------------------------------------- the Debian mirror
+
+# Names from the domain reserved for examples.
+DEB822 = """\
+Types: deb
+URIs: https://apt.vendor.example/debian
+Suites: bookworm
+Components: main
+Signed-By: /etc/apt/keyrings/vendor.gpg
+
+# the distribution
+Types: deb deb-src
+URIs: http://mirror.example/some/path/
+Suites: bookworm bookworm-updates
+Components: main contrib
+Signed-By:
+ /usr/share/keyrings/debian-archive-keyring.gpg
+"""
+ONE_LINE = """\
+# deb http://commented.example/debian bookworm main
+deb [arch=amd64 signed-by=/etc/apt/keyrings/vendor.gpg] https://vendor.example/debian stable main
+deb https://other.example/linux/debian bookworm stable
+deb cdrom:[Debian 12]/ bookworm main
+deb-src http://source.example/debian bookworm main
+deb [arch=amd64] http://mirror.example/debian/ bookworm main non-free # the distribution
+"""
+UBUNTU = """\
+Types: deb
+URIs: http://archive.example/ubuntu/
+Suites: noble noble-updates
+Components: main universe
+Signed-By: /usr/share/keyrings/ubuntu-archive-keyring.gpg
+"""
+DISABLED = DEB822.replace("Types: deb deb-src", "Enabled: no\nTypes: deb deb-src")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("debian.sources", DEB822, "http://mirror.example/some/path"),
+        ("sources.list", ONE_LINE, "http://mirror.example/debian"),
+        ("ubuntu.sources", UBUNTU, ""),
+        ("debian.sources", DISABLED, ""),
+        ("sources.list", "", ""),
+    ],
+    ids=["deb822", "one-line", "ubuntu", "disabled", "empty"],
+)
+def test_mirror_is_found_among_other_repositories(
+    tmp_path: Path, name: str, text: str, expected: str
+) -> None:
+    sources = tmp_path / name
+    sources.write_text(text)
+    result = run_function('mirror_in_sources "$1"', str(sources))
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == expected
+
+
+def test_first_file_with_a_mirror_decides(tmp_path: Path) -> None:
+    files = [tmp_path / "a.sources", tmp_path / "b.list", tmp_path / "c.sources"]
+    for path, text in zip(files, [UBUNTU, ONE_LINE, DEB822], strict=True):
+        path.write_text(text)
+    result = run_function('mirror_in_sources "$@"', *map(str, files))
+    assert result.stdout.strip() == "http://mirror.example/debian"
+
+
+def test_mirror_of_the_user_comes_first() -> None:
+    result = run_function("debian_mirror", DOLFINX_JOINTS_MIRROR="http://chosen.example/debian")
+    assert result.stdout.strip() == "http://chosen.example/debian"
+
+
+# ---------------------------------------------------------------- the private root
+
+# Replaces the part of a build that needs a network and a minute.
+FAKE_BUILD = """
+build_mode() { echo root; }
+need_build_tools() { :; }
+need_space() { :; }
+build_into() { mkdir -p "$1/etc"; echo built >>"$XDG_CACHE_HOME/count"; %s; }
+ensure_root "$(root_path)"; ls "$(cache_dir)"
+"""
+
+
+def build(cache: Path, behaviour: str = "true") -> subprocess.CompletedProcess:
+    """Let the script make sure that a private root is there, with a build that is a mock."""
+    return run_function(FAKE_BUILD % behaviour, XDG_CACHE_HOME=str(cache))
+
+
+def test_root_is_built_once(tmp_path: Path) -> None:
+    first, second = build(tmp_path), build(tmp_path)
+    assert first.returncode == second.returncode == 0, first.stderr
+    assert (tmp_path / "count").read_text() == "built\n"
+    assert "this happens once" in first.stderr
+    assert second.stderr == ""
+
+
+def test_failed_build_leaves_nothing_and_shows_its_log(tmp_path: Path) -> None:
+    result = build(tmp_path, "echo 'E: no route to the mirror'; return 1")
+    assert result.returncode == SETUP_FAILED
+    assert "E: no route to the mirror" in result.stderr
+    assert "DOLFINX_JOINTS_MIRROR" in result.stderr
+    assert not list(tmp_path.glob("dolfinx_joints/*root-*"))
+
+
+def test_half_built_root_is_not_taken_for_whole(tmp_path: Path) -> None:
+    killed = build(tmp_path, "kill -9 $$; sleep 0.2")
+    assert killed.returncode < 0
+    leftovers = list(tmp_path.glob("dolfinx_joints/building-*"))
+    assert len(leftovers) == 1
+    assert not list(tmp_path.glob("dolfinx_joints/root-*"))
+
+    again = build(tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert not leftovers[0].exists()
+    assert len(list(tmp_path.glob("dolfinx_joints/root-*"))) == 1
+    assert (tmp_path / "count").read_text() == "built\n" * 2
+
+
+def test_concurrent_call_waits_and_says_so(tmp_path: Path) -> None:
+    code = f"({FAKE_BUILD % 'sleep 1'}) & sleep 0.4; {FAKE_BUILD % 'true'} wait"
+    result = run_function(code, XDG_CACHE_HOME=str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    assert "waiting for it" in result.stderr
+    assert (tmp_path / "count").read_text() == "built\n"
+
+
+def test_root_depends_on_the_packages(tmp_path: Path) -> None:
+    paths = run_function(
+        "root_path; packages+=(one-more); root_path", XDG_CACHE_HOME=str(tmp_path)
+    ).stdout.split()
+    assert len(set(paths)) == 2
+    assert all(path.startswith(f"{tmp_path}/dolfinx_joints/root-") for path in paths)
+
+
+def test_lack_of_space_is_said_before_the_build(tmp_path: Path) -> None:
+    result = run_function('root_megabytes=999999999; need_space "$1"', str(tmp_path))
+    assert result.returncode == SETUP_FAILED
+    assert "make room, or choose another place with XDG_CACHE_HOME" in result.stderr
+
+
+def test_system_directories_are_not_shared(tmp_path: Path) -> None:
+    shared = run_function("shared_directories", TMPDIR=str(tmp_path)).stdout.splitlines()
+    assert "/tmp" in shared
+    assert "/var/tmp" in shared
+    assert not {"/usr", "/etc", "/var", "/bin", "/lib", "/proc", "/dev", "/sys"} & set(shared)
+
+
+def test_want_of_tools_is_one_clear_sentence() -> None:
+    code = "can_install() { return 1; }; have() { false; }; need_build_tools unshare"
+    result = run_function(code)
+    assert result.returncode == SETUP_FAILED
+    assert "this system lacks mmdebstrap" in result.stderr
+    assert result.stderr.count("\n") == 1

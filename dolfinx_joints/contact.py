@@ -101,6 +101,33 @@ class Contact:
             answer.state.elastic_slip[points] = part.state.elastic_slip
         return answer
 
+    @property
+    def solves_locally(self) -> bool:
+        """Whether every law offers ``local_solve``."""
+        return all(hasattr(law, "local_solve") for law, _ in self._laws)
+
+    def local_solve(
+        self, free_gap: Floats, compliance: Floats, state: JointState
+    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
+        """Tractions, tangent and status of the local points, each on its own compliance.
+
+        Args:
+            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+            state: State at the start of the step.
+        """
+        count = len(free_gap)
+        answer = (np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int8))
+        for law, points in self._laws:
+            part = law.local_solve(  # type: ignore[attr-defined]
+                free_gap[points],
+                compliance[points],
+                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points]),
+            )
+            for whole, values in zip(answer, part, strict=True):
+                whole[points] = values
+        return answer
+
     def stored_energy(self, state: JointState) -> float:
         """Elastic energy of all joints, [J] (collective)."""
         density = np.empty(len(state.gap))

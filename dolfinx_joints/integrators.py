@@ -14,7 +14,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws import JointState, Response
-from dolfinx_joints.solver import Effective, NewtonSolver, SolveReport
+from dolfinx_joints.linear import Effective
+from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.system import MatrixSystem
 
 
@@ -60,7 +61,7 @@ class Scheme(Protocol):
     """A time scheme: parameters, and one step."""
 
     def advance(
-        self, solver: NewtonSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
         """The state a step later; raises ConvergenceError and leaves ``state`` as it was."""
 
@@ -96,7 +97,7 @@ class Newmark:
             )
 
     def advance(
-        self, solver: NewtonSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
         """One step of length dt [s] (collective).
 
@@ -152,7 +153,7 @@ class Newmark:
 
 
 def initial_state(
-    solver: NewtonSolver,
+    solver: StepSolver,
     *,
     time: float = 0.0,
     displacement: PETSc.Vec | None = None,
@@ -252,7 +253,7 @@ class StepControl:
 
 def advance_halving(
     scheme: Scheme,
-    solver: NewtonSolver,
+    solver: StepSolver,
     state: DynamicState,
     dt: float,
     control: StepControl,

@@ -73,6 +73,12 @@ class GapOperator:
         self.matrix.multTranspose(self._work, out)
         return out
 
+    def constrained(self, free: PETSc.Vec) -> PETSc.Mat:
+        """B with the columns of constrained dofs made zero; ``free`` is 1 or 0 per dof."""
+        matrix = self.matrix.copy()
+        matrix.diagonalScale(R=free)
+        return matrix
+
     def gather(self, values: NDArray[Any]) -> NDArray[Any] | None:
         """Values of all points in global order on rank 0, None elsewhere (collective)."""
         parts = self.comm.gather(values, root=0)
@@ -131,8 +137,7 @@ class JointTangent:
     def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
         """Set up the products (collective)."""
         self._areas = operator.areas
-        self._operator = operator.matrix.copy()
-        self._operator.diagonalScale(R=free)
+        self._operator = operator.constrained(free)
         rows = operator.matrix.getSizes()[0]
         self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(3, 0), comm=operator.comm)
         start, stop = self._points.getOwnershipRange()

@@ -68,7 +68,11 @@ class Response:
 
 
 class Law(Protocol):
-    """What a joint needs from a law; implement it to use a law of your own."""
+    """What a joint needs from a law; implement it to use a law of your own.
+
+    A law may also offer ``local_solve(free_gap, compliance, state)``, as `FrictionNoTension` does;
+    without it a model is solved on the monolithic path.
+    """
 
     def end_point(self, gap: Floats, state: JointState) -> Response:
         """Traction and consistent tangent at the end of a step, gap of shape (n, 3), [m]."""
@@ -146,25 +150,58 @@ class FrictionNoTension:
         Returns:
             Tractions, consistent tangent, trial state, friction work and status.
         """
-        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
+        k_n = np.full(len(gap), self.normal_stiffness)
+        k_s = np.full(len(gap), self.shear_stiffness)
+        traction, tangent, status = self._project(gap, state, k_n, k_s)
+        t_s = traction[:, 1:]
+        elastic_slip = t_s / self.shear_stiffness if self.shear_stiffness else np.zeros_like(t_s)
+        plastic = gap[:, 1:] - state.gap[:, 1:] - (elastic_slip - state.elastic_slip)
+        mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
+        return Response(
+            traction=traction,
+            tangent=tangent,
+            state=JointState(gap=gap.copy(), elastic_slip=elastic_slip),
+            dissipation=np.einsum("ij,ij->i", mean, plastic),
+            status=status,
+        )
+
+    def local_solve(
+        self, free_gap: Floats, compliance: Floats, state: JointState
+    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
+        """Tractions that satisfy the law at gap = free_gap - compliance * t (closed form).
+
+        With the compliance c of the structure at the point, the law's stiffness k becomes
+        1 / (c + 1/k); nothing else changes.
+
+        Args:
+            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            compliance: Normal and tangential compliance, shape (n, 2), [m/Pa].
+            state: State at the start of the step.
+
+        Returns:
+            Tractions (n, 3) [Pa], d traction / d free_gap (n, 3, 3) [Pa/m], and status (n,).
+        """
+        k_n = 1.0 / (compliance[:, 0] + 1.0 / self.normal_stiffness)
+        k_s = np.zeros(len(free_gap))
+        if self.shear_stiffness > 0.0:
+            k_s = 1.0 / (compliance[:, 1] + 1.0 / self.shear_stiffness)
+        return self._project(free_gap, state, k_n, k_s)
+
+    def _project(
+        self, gap: Floats, state: JointState, k_n: Floats, k_s: Floats
+    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
+        """Traction, tangent and status with a stiffness for each point, shape (n,), [Pa/m]."""
+        mu = self.friction_coefficient
         closed = gap[:, 0] <= 0.0
         t_n = np.where(closed, k_n * gap[:, 0], 0.0)
         limit = -mu * t_n
-        slip_increment = gap[:, 1:] - state.gap[:, 1:]
-        trial = k_s * (state.elastic_slip + slip_increment)
+        trial = k_s[:, None] * (state.elastic_slip + gap[:, 1:] - state.gap[:, 1:])
         size = np.hypot(trial[:, 0], trial[:, 1])
         slides = closed & (size > limit)
         sticks = closed & ~slides
         safe = np.where(size > 0.0, size, 1.0)
         direction = trial / safe[:, None]
         ratio = np.where(sticks, 1.0, np.where(slides, limit / safe, 0.0))
-        t_s = ratio[:, None] * trial
-        if k_s > 0.0:
-            elastic_slip = t_s / k_s
-        else:
-            elastic_slip = np.zeros_like(t_s)
-        plastic = slip_increment - (elastic_slip - state.elastic_slip)
-        dissipation = 0.5 * np.einsum("ij,ij->i", t_s + k_s * state.elastic_slip, plastic)
         tangent = np.zeros((len(gap), 3, 3))
         tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
         tangent[:, 1:, 0] = np.where(slides, -mu * k_n, 0.0)[:, None] * direction
@@ -173,10 +210,4 @@ class FrictionNoTension:
             direction[:, :, None] * direction[:, None, :]
         )
         status = np.where(slides, Status.SLIP, np.where(sticks, Status.STICK, Status.OPEN))
-        return Response(
-            traction=np.column_stack([t_n, t_s]),
-            tangent=tangent,
-            state=JointState(gap=gap.copy(), elastic_slip=elastic_slip),
-            dissipation=dissipation,
-            status=status.astype(np.int8),
-        )
+        return np.column_stack([t_n, ratio[:, None] * trial]), tangent, status.astype(np.int8)

@@ -29,10 +29,12 @@ from dolfinx_joints.integrators import (
     initial_state,
     located,
 )
+from dolfinx_joints.interface import make_solver
 from dolfinx_joints.laws import Response
+from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
-from dolfinx_joints.solver import Effective, NewtonOptions, NewtonSolver, SolveReport
+from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +123,9 @@ class Simulation:
         model: The model.
         monitors: What watches the run.
         newton: Tolerances and limits of Newton's method.
+        solver: Solver of the time steps, ``auto``, ``condensed`` or ``monolithic``; see
+            `make_solver`. Static stages are always solved on the monolithic path, which also
+            holds blocks that nothing but closed joints supports.
 
     Attributes:
         model: The model.
@@ -134,12 +139,13 @@ class Simulation:
         *,
         monitors: Sequence[Monitor] = (),
         newton: NewtonOptions | None = None,
+        solver: str = "auto",
     ) -> None:
         """Nothing is solved yet."""
         self.model, self.monitors = model, list(monitors)
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
-        self._newton = newton or NewtonOptions()
+        self._newton, self._kind = newton or NewtonOptions(), solver
 
     def statics(self, *, steps: int = 1) -> StaticState:
         """Apply the model's loads in equal steps from zero, joints active (collective).
@@ -237,7 +243,7 @@ class Simulation:
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
-            solver = NewtonSolver(system, self._newton)
+            solver = make_solver(system, self._newton, self._kind)
             start = self.static
             state = initial_state(
                 solver,

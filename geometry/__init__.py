@@ -1,0 +1,17 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Gmsh models with named joints: each module is a script and offers one function.
+
+=====================  =========================================================
+module                 model
+=====================  =========================================================
+``two_blocks``         two elastic blocks, one on the other
+``jointed_wall``       a wall cut into equal blocks by vertical planes
+``ambiesta``           an arch dam with radial contraction joints
+=====================  =========================================================
+
+All meshes are conforming: a joint is an ordinary interior surface, and the physical group
+``joint_1``, ``joint_2``, ... holds its active part only.  Duplicating the nodes across the joints
+is left to the reader of the file.  Nothing is imported here, so that ``import geometry`` needs
+neither Gmsh nor NumPy.
+"""

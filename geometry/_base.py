@@ -1,0 +1,292 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What the geometry scripts share: Gmsh session, checks of input, named groups, flags, quality."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from numbers import Integral, Real
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+from geometry._extrude import BoolArray, FloatArray, SolidMesh
+
+Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
+
+CELLS = ("hex", "tet")
+ORDERS = (1, 2)
+
+# Gmsh's numbers of the element types in use.
+_SOLID_TYPES = {8: 5, 4: 4}  # hexahedron, tetrahedron, by number of nodes
+_SURFACE_TYPES = {4: 3, 3: 2}  # quadrilateral, triangle
+_NAMES = {5: "hex8", 12: "hex27", 4: "tet4", 11: "tet10"}
+_HEXAHEDRA = (5, 12)
+
+_OPTIONS = {
+    "General.Terminal": 0,
+    "Mesh.Binary": 1,
+    "Mesh.ElementOrder": 1,  # the order is raised once, by write_mesh
+    "Mesh.MshFileVersion": 4.1,
+    "Mesh.RandomSeed": 1,
+    "Mesh.SaveAll": 0,
+    "Mesh.SaveParametric": 0,
+    "Mesh.SecondOrderIncomplete": 0,  # 27-node hexahedra, 9-node faces
+    "Mesh.SecondOrderLinear": 1,  # nodes are moved to their exact places afterwards
+}
+
+
+@contextmanager
+def gmsh_session() -> Iterator[None]:
+    """Give a new, current Gmsh model with the options of this package.
+
+    A Gmsh that the caller has already initialised is left as it was: its options, its current
+    model.  Otherwise Gmsh is initialised here and finalised on leaving, also after an error.
+    """
+    owned = not gmsh.isInitialized()
+    if owned:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    previous = "" if owned else gmsh.model.getCurrent()
+    saved = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+    try:
+        for name, value in _OPTIONS.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.model.add("dolfinx_joints_geometry")
+        yield
+    finally:
+        if owned:
+            gmsh.finalize()
+        else:
+            gmsh.model.remove()
+            if previous in gmsh.model.list():
+                gmsh.model.setCurrent(previous)
+            for name, value in saved.items():
+                gmsh.option.setNumber(name, value)
+
+
+def positive(what: str, value: float, unit: str = "m") -> float:
+    """Return the value if it is a finite number above zero, else raise ValueError."""
+    if not isinstance(value, Real) or not np.isfinite(value) or value <= 0:
+        raise ValueError(f"{what} is {value!r}, but it must be a positive number [{unit}].")
+    return float(value)
+
+
+def whole(what: str, value: int, least: int) -> int:
+    """Return the value if it is a whole number of at least ``least``, else raise ValueError."""
+    if not isinstance(value, Integral) or value < least:
+        raise ValueError(f"{what} is {value!r}, but it must be a whole number of at least {least}.")
+    return int(value)
+
+
+def check_elements(order: int, cell: str) -> None:
+    """Raise ValueError unless the element order and the cell shape are among those offered."""
+    if order not in ORDERS:
+        raise ValueError(f"order is {order!r}, but it must be 1 or 2.")
+    if cell not in CELLS:
+        raise ValueError(f"cell is {cell!r}, but it must be 'hex' or 'tet'.")
+
+
+def write_mesh(
+    out: str | os.PathLike[str],
+    solid: SolidMesh,
+    order: int,
+    *,
+    place: Placement | None = None,
+    gui: bool = False,
+) -> Path:
+    """Raise the order, move every node to its exact place, check the cells and write the file.
+
+    Args:
+        out: path of the file; ".msh" is the only format.
+        solid: mesh of order 1, in space or in the reference coordinates of ``place``.
+        order: order of the elements, 1 or 2 (complete: 27-node hexahedra, 10-node tetrahedra).
+        place: map from the reference coordinates of all nodes, shape (num_nodes, 3), to (x, y, z)
+            [m]; its second argument has, per surface group, True at the nodes of the group.  None
+            if the mesh is already in space, and its edges are straight.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if the name does not end in ".msh", or its folder does not exist.
+        RuntimeError: if a cell is turned inside out (scaled Jacobian not above zero).
+    """
+    path = Path(out)
+    if path.suffix != ".msh":
+        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
+    if not path.parent.is_dir():
+        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
+    with gmsh_session():
+        surfaces = _add_solid(solid)
+        if order == 2:
+            gmsh.model.mesh.setOrder(2)
+        if place is not None:
+            _move_nodes(place, surfaces)
+        report = _report()
+        if not report.min_scaled_jacobian > 0:  # also when it is not a number
+            raise RuntimeError(
+                f"the smallest scaled Jacobian of the mesh is {report.min_scaled_jacobian:.3g}, "
+                "but it must be positive: choose a smaller size, or a less extreme shape."
+            )
+        gmsh.write(str(path))
+        if gui:
+            gmsh.fltk.run()
+    return path
+
+
+def _add_solid(solid: SolidMesh) -> dict[str, int]:
+    """Put the mesh into the current model as discrete entities; return the surface tags by name."""
+    volumes = {name: gmsh.model.addDiscreteEntity(3) for name in solid.cells}
+    surfaces = {name: gmsh.model.addDiscreteEntity(2) for name in solid.facets}
+    tags = np.arange(1, len(solid.points) + 1)
+    gmsh.model.mesh.addNodes(3, next(iter(volumes.values())), tags, solid.points.ravel())
+    for name, entity in volumes.items():
+        nodes = solid.cells[name]
+        kind = _SOLID_TYPES[nodes.shape[1]]
+        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
+    for name, entity in surfaces.items():
+        nodes = solid.facets[name]
+        kind = _SURFACE_TYPES[nodes.shape[1]]
+        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
+    groups = [(3, name, tag) for name, tag in volumes.items()]
+    groups += [(2, name, tag) for name, tag in surfaces.items()]
+    for number, (dim, name, entity) in enumerate(groups, start=1):
+        gmsh.model.addPhysicalGroup(dim, [entity], number, name)
+    return surfaces
+
+
+def _move_nodes(place: Placement, surfaces: dict[str, int]) -> None:
+    """Send every node of the current model from its reference coordinates to its place."""
+    tags, reference, _ = gmsh.model.mesh.getNodes()
+    groups = {}
+    for name, entity in surfaces.items():
+        _, _, nodes = gmsh.model.mesh.getElements(2, entity)
+        groups[name] = np.isin(tags, np.concatenate(nodes))
+    for tag, xyz in zip(tags, place(reference.reshape(-1, 3), groups), strict=True):
+        gmsh.model.mesh.setNode(tag, xyz, [])
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """Size and quality of a mesh.
+
+    Args:
+        element: "hex8", "hex27", "tet4" or "tet10".
+        num_nodes: number of nodes, before any splitting at the joints.
+        num_cells: number of cells.
+        num_facets: number of facets of each surface group.
+        min_scaled_jacobian: smallest over the cells; 1 for a cube or a regular tetrahedron.
+        volume: volume of each volume group [m^3].
+    """
+
+    element: str
+    num_nodes: int
+    num_cells: int
+    num_facets: dict[str, int]
+    min_scaled_jacobian: float
+    volume: dict[str, float]
+
+    def __str__(self) -> str:
+        joints = {k: n for k, n in self.num_facets.items() if k.startswith("joint")}
+        return (
+            f"{self.num_cells} {self.element} cells, {self.num_nodes} nodes "
+            f"({3 * self.num_nodes} unknowns), {len(joints)} joints with {sum(joints.values())} "
+            f"facets, volume {sum(self.volume.values()):.6g} m^3, "
+            f"smallest scaled Jacobian {self.min_scaled_jacobian:.3f}"
+        )
+
+
+def describe(path: str | os.PathLike[str]) -> MeshReport:
+    """Read a mesh file and report its size, its groups and the quality of its cells."""
+    with gmsh_session():
+        gmsh.merge(str(path))
+        return _report()
+
+
+def _report() -> MeshReport:
+    """Report on the current model."""
+    names = {(d, t): gmsh.model.getPhysicalName(d, t) for d, t in gmsh.model.getPhysicalGroups()}
+    facets, volume, worst, num_cells, kind = {}, {}, np.inf, 0, 0
+    for (dim, tag), name in names.items():
+        entities = gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
+        if dim == 2:
+            facets[name] = sum(len(gmsh.model.mesh.getElements(2, e)[1][0]) for e in entities)
+            continue
+        volume[name] = 0.0
+        for entity in entities:
+            (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
+            num_cells += len(cells)
+            volume[name] += _volume(kind, entity)
+            worst = min(worst, float(scaled_jacobians(kind, entity).min()))
+    num_nodes = len(gmsh.model.mesh.getNodes()[0])
+    return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, worst, volume)
+
+
+def _volume(kind: int, entity: int) -> float:
+    """Integrate 1 over the cells of a volume of the current model [m^3]."""
+    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
+    _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
+    return float((determinants.reshape(-1, weights.size) @ weights).sum())
+
+
+def scaled_jacobians(kind: int, entity: int) -> FloatArray:
+    """Return the smallest scaled Jacobian of each cell of a volume of the current model.
+
+    The scaled Jacobian is det J over the product of the lengths of its three columns (times
+    sqrt 2 on tetrahedra, so that 1 is the regular one), sampled at the Gauss points of degree 6
+    and at the nodes of the cell.
+
+    Args:
+        kind: Gmsh's element type.
+        entity: tag of the volume.
+
+    Returns:
+        Array of shape (num_cells,).
+    """
+    gauss, _ = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
+    nodes = gmsh.model.mesh.getElementProperties(kind)[4]
+    samples = np.concatenate([gauss, nodes])
+    jacobians, determinants, _ = gmsh.model.mesh.getJacobians(kind, samples, entity)
+    columns = np.linalg.norm(jacobians.reshape(-1, 3, 3), axis=2).prod(axis=1)
+    factor = 1.0 if kind in _HEXAHEDRA else np.sqrt(2.0)
+    return (factor * determinants / columns).reshape(-1, samples.size // 3).min(axis=1)
+
+
+def argument_parser(description: str, out: str, size: float | None) -> argparse.ArgumentParser:
+    """Return a parser with the flags that all scripts share.
+
+    Args:
+        description: first line of the help.
+        out: default name of the file.
+        size: default cell size [m]; None if the model has another default.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    parser.add_argument("--size", type=float, default=size, help="cell size [m]")
+    parser.add_argument("--order", type=int, default=1, help="order of the elements, 1 or 2")
+    parser.add_argument("--cell", default="hex", help="hex or tet")
+    parser.add_argument("--out", type=Path, default=Path(out), help="mesh file to write")
+    parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
+    return parser
+
+
+def run_script(
+    parser: argparse.ArgumentParser, model: Callable[..., Path], argv: list[str] | None
+) -> None:
+    """Call the model with the parsed flags, and print what was written.
+
+    Errors of the user's input end the script with one sentence and exit code 2.
+    """
+    options = vars(parser.parse_args(argv))
+    try:
+        path = model(options.pop("out"), **options)
+    except (ValueError, RuntimeError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    print(f"{path}: {describe(path)}")

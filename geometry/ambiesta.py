@@ -1,0 +1,223 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""An arch dam like Ambiesta dam, with vertical contraction joints that are radial at the crest.
+
+python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --out dam.msh
+
+The formulas of the shape are in ``geometry.arch``; another dam is made by other numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import fields
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._columns import Elevation
+from geometry._extrude import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    boundary_edges,
+    edges_between,
+    extrude,
+    mirror,
+    split_quadrilaterals,
+)
+from geometry.arch import ArchDam, Sector, mid_crest
+
+__all__ = ["ArchDam", "ambiesta", "main", "mid_crest"]
+
+_MIDDLE = 0.5  # the elevation is drawn on the surface halfway between the faces
+
+
+def ambiesta(
+    out: str | os.PathLike[str],
+    *,
+    size: float = 5.5,
+    order: int = 2,
+    cell: str = "hex",
+    joints: int = 11,
+    active_height: float = 0.75,
+    crest_arch: bool = True,
+    layers: int = 1,
+    parameters: ArchDam | None = None,
+    gui: bool = False,
+) -> Path:
+    """Mesh an arch dam with its contraction joints: x downstream, y across the valley, z up.
+
+    The joints are vertical planes through the axis of the crest's arch, at equal arcs of the
+    crest.  Joint k, counted from -y to +y, is the group ``joint_k``: the part below the active
+    height.  A joint of which less than half a cell would be active (it leaves through the abutment
+    there) has no group, so numbers may be missing at both ends.
+
+    Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, ``base``
+    (the flat bottom) and ``abutments``.  All nodes lie on the exact shape.  The edge between base
+    and abutments, where the foundation is smooth, runs along the nearest element edges.  The mesh
+    is symmetric about y = 0.
+
+    Args:
+        out: path of the .msh file.
+        size: cell size in elevation [m].
+        order: order of the elements, 1 or 2.
+        cell: "hex" or "tet".
+        joints: number of joints, 0 for a monolithic dam.
+        active_height: relative height up to which the joints can open, in (0, 1].
+        crest_arch: whether the dam goes on, unjointed, above the active height; if not it ends
+            there, and the joints are radial at that level.
+        layers: number of elements through the thickness.
+        parameters: the shape of the dam; None for the default one.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed.
+        RuntimeError: if the shape is so extreme that cells are turned inside out.
+    """
+    _base.check_elements(order, cell)
+    _base.positive("size", size)
+    _base.whole("joints", joints, 0)
+    _base.whole("layers", layers, 1)
+    if not isinstance(active_height, Real) or not 0 < active_height <= 1:
+        raise ValueError(f"active_height is {active_height!r}, but it must be in (0, 1].")
+    dam = parameters or ArchDam()
+    sector = Sector(dam, 1.0 if crest_arch else float(active_height))
+    plane = _elevation(sector, size, cell, joints, float(active_height))
+    solid = extrude(plane, np.linspace(0, 1, layers + 1), ("upstream", "downstream"))
+    depth = 0.5 * size / dam.height
+
+    def place(reference: FloatArray, groups: dict[str, BoolArray]) -> FloatArray:
+        theta, ta = reference[:, 0] / sector.radius, reference[:, 2]
+        foundation = groups["base"] | groups["abutments"]
+        zeta = _level(sector, theta, ta, reference[:, 1] / dam.height, active_height, depth)
+        zeta = np.where(foundation, sector.foundation(theta, ta), zeta)
+        zeta = np.where(groups["crest"], sector.top, zeta)
+        s = sector.across(theta, ta, zeta)
+        if not np.abs(s).max() < 1 + 1e-6:
+            raise RuntimeError(
+                "the abutments fold back as seen from the axis of the crest's arch, but they must "
+                "part steadily from the base to the crest: choose a less extreme shape."
+            )
+        return dam.point(s, ta, zeta)
+
+    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+
+
+def _elevation(sector: Sector, size: float, cell: str, joints: int, active: float) -> PlaneMesh:
+    """Mesh the surface halfway between the faces, developed about the axis.
+
+    Args:
+        sector: the body and the axis of its top arch.
+        size: cell size [m].
+        cell: "hex" or "tet".
+        joints: number of joints.
+        active: relative height up to which the joints are active.
+
+    Returns:
+        The mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m].
+    """
+    height, radius = sector.dam.height, sector.radius
+    end = radius * sector.half_angle
+    arcs = end * (2 * np.arange(1, joints + 1) / (joints + 1) - 1)
+    right = {k: max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
+
+    def ground(a: FloatArray) -> FloatArray:
+        return height * sector.foundation(a / radius, _MIDDLE)
+
+    lines = np.unique([0.0, *right.values(), end])
+    half = Elevation(lines, ground, height * sector.top, height * active, size)
+    points, quads = half.mesh()
+    cells = split_quadrilaterals(points, quads) if cell == "tet" else quads
+
+    outline = boundary_edges(quads)
+    a, z = points[outline].transpose(2, 0, 1)
+    on_top, on_axis = (z == half.top).all(axis=1), (a == 0).all(axis=1)
+    flat = radius * sector.abutment_angle(_MIDDLE, 0.0)
+    on_base = ~on_top & ~on_axis & ((a.mean(axis=1) < flat) | (a == 0).any(axis=1))
+    edges: dict[str, IntArray] = {
+        "crest": outline[on_top],
+        "base": outline[on_base],
+        "abutments": outline[~on_top & ~on_axis & ~on_base],
+    }
+    for k, line in right.items():
+        below = (points[:, 0] == line) & (points[:, 1] <= half.level)
+        if half.reaches(line):
+            edges[f"joint_{k}"] = edges_between(cells, below)
+    twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in right}
+    whole = mirror(PlaneMesh(points, {"concrete": cells}, edges), twins)
+    names = [name for name in edges if not name.startswith("joint")]
+    names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in whole.edges]
+    return PlaneMesh(whole.points, whole.cells, {name: whole.edges[name] for name in names})
+
+
+def _level(
+    sector: Sector,
+    theta: FloatArray,
+    ta: FloatArray,
+    zeta: FloatArray,
+    active: float,
+    depth: float,
+) -> FloatArray:
+    """Move the levels drawn halfway between the faces so that they fit the foundation at ta.
+
+    The foundation's own shift fades out linearly towards the active height, which thus is kept
+    exactly; where the foundation is near or above it, within ``depth`` of the foundation.
+
+    Args:
+        sector: the body and the axis of its top arch.
+        theta: angles about the axis [radians], shape (num_nodes,).
+        ta: relative positions between the faces, shape (num_nodes,).
+        zeta: relative heights in the drawing, shape (num_nodes,).
+        active: relative height up to which the joints are active.
+        depth: least relative height over which the shift fades out.
+
+    Returns:
+        The relative heights, shape (num_nodes,).
+    """
+    drawn = sector.foundation(theta, _MIDDLE)
+    shift = sector.foundation(theta, ta) - drawn
+    reach = np.maximum(active - drawn, np.minimum(depth, sector.top - drawn))
+    fade = np.clip(1 - (zeta - drawn) / np.maximum(reach, 1e-12), 0, 1)
+    return zeta + shift * fade
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("An arch dam with contraction joints.", "ambiesta.msh", 5.5)
+    parser.set_defaults(order=2)
+    parser.add_argument("--joints", type=int, default=11, help="number of joints")
+    parser.add_argument(
+        "--active-height", type=float, default=0.75, help="relative height of the joints, in (0, 1]"
+    )
+    parser.add_argument(
+        "--no-crest-arch",
+        dest="crest_arch",
+        action="store_false",
+        help="end the dam at the active height",
+    )
+    parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
+    shape = [field.name for field in fields(ArchDam)]
+    for field in fields(ArchDam):
+        flag = "--" + field.name.replace("_", "-")
+        parser.add_argument(flag, type=float, default=field.default, help="see ArchDam")
+
+    def model(out: Path, **options: object) -> Path:
+        dam = ArchDam(**{name: options.pop(name) for name in shape})  # type: ignore[arg-type]
+        return ambiesta(out, parameters=dam, **options)  # type: ignore[arg-type]
+
+    _base.run_script(parser, model, argv)
+
+
+if __name__ == "__main__":
+    main()

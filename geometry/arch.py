@@ -1,0 +1,189 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The shape of an arch dam as formulas: circular arches of varying radius, thickness and position.
+
+A point of the dam has the coordinates s in [-1, 1] across the valley (the abutments are s = -1 and
+s = 1), ta in [0, 1] from the upstream to the downstream face, and zeta = z/height in [0, 1].
+In space x points downstream, y across the valley and z up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from geometry._base import positive
+from geometry._extrude import FloatArray
+
+
+@dataclass(frozen=True)
+class ArchDam:
+    """An arch dam whose horizontal sections are circular; the defaults resemble Ambiesta dam.
+
+    With zeta the relative height, the upstream face at each level is an arc of half-angle phi and
+    radius R, its crown overhangs towards upstream by o, and the thickness is t:
+
+        phi(zeta)  = phi_0 + (phi_1 - phi_0) zeta
+        w(zeta)    = w_0 + (w_1 - w_0) zeta^n                       half-chord, R = w/sin(phi)
+        t(zeta, s) = (t_0 + (t_1 - t_0) zeta) (1 + c (1 - d zeta) s^2)
+        o(zeta)    = e H zeta (1 - f zeta)
+        x = -o + R - (R - ta t) cos(s phi),   y = (R - ta t) sin(s phi),   z = H zeta
+
+    Of the default numbers the height (57.0 m) and the length of the crest (144.6 m) are those
+    published for the dam; all others are a fit to its published frequencies, not its drawings.
+
+    Args:
+        height: H [m].
+        base_half_angle: phi_0 [degrees].
+        crest_half_angle: phi_1 [degrees].
+        base_half_chord: w_0 [m].
+        crest_half_chord: w_1 [m].
+        chord_exponent: n; a smaller one makes a wider valley.
+        base_thickness: t_0 at the crown [m].
+        crest_thickness: t_1 at the crown [m].
+        thickening: c, relative increase of thickness from the crown to the abutments at the base.
+        thickening_decay: d, its relative decrease from base to crest.
+        overhang: e.
+        overhang_return: f; above 1/2 the crown leans downstream again near the crest.
+
+    Raises:
+        ValueError: if a length, the exponent or an angle is out of range.
+    """
+
+    height: float = 57.0
+    base_half_angle: float = 21.5
+    crest_half_angle: float = 50.0
+    base_half_chord: float = 12.0
+    crest_half_chord: float = 63.47
+    chord_exponent: float = 0.6
+    base_thickness: float = 9.0
+    crest_thickness: float = 2.0
+    thickening: float = 0.3
+    thickening_decay: float = 0.6
+    overhang: float = 0.36
+    overhang_return: float = 0.62
+
+    def __post_init__(self) -> None:
+        for field in fields(self)[:8]:
+            unit = {"angle": "degrees", "exponent": "-"}.get(field.name.split("_")[-1], "m")
+            positive(field.name, getattr(self, field.name), unit)
+        for name in ("base_half_angle", "crest_half_angle"):
+            if getattr(self, name) >= 90:
+                raise ValueError(f"{name} is {getattr(self, name)!r}, but it must be below 90.")
+        if self.crest_half_chord <= self.base_half_chord:
+            raise ValueError(
+                f"crest_half_chord is {self.crest_half_chord!r}, but it must be above "
+                f"base_half_chord ({self.base_half_chord!r})."
+            )
+
+    def half_angle(self, zeta: ArrayLike) -> FloatArray:
+        """Return phi [radians]."""
+        z = np.asarray(zeta)
+        return np.radians(self.base_half_angle + (self.crest_half_angle - self.base_half_angle) * z)
+
+    def radius(self, zeta: ArrayLike) -> FloatArray:
+        """Return R, the radius of the upstream face [m]."""
+        growth = self.crest_half_chord - self.base_half_chord
+        chord = self.base_half_chord + growth * np.asarray(zeta) ** self.chord_exponent
+        return chord / np.sin(self.half_angle(zeta))
+
+    def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
+        """Return t [m]."""
+        z = np.asarray(zeta)
+        crown = self.base_thickness + (self.crest_thickness - self.base_thickness) * z
+        return crown * (1 + self.thickening * (1 - self.thickening_decay * z) * np.square(s))
+
+    def centre(self, zeta: ArrayLike) -> FloatArray:
+        """Return R - o, the x coordinate of the centre of the arch [m] (its y is 0)."""
+        z = np.asarray(zeta)
+        return self.radius(z) - self.overhang * self.height * z * (1 - self.overhang_return * z)
+
+    def point(self, s: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
+        """Return (x, y, z) [m]; the shape is that of the arguments, with a last axis of 3."""
+        r = self.radius(zeta) - np.asarray(ta) * self.thickness(zeta, s)
+        alpha = np.asarray(s) * self.half_angle(zeta)
+        x = self.centre(zeta) - r * np.cos(alpha)
+        z = self.height * np.asarray(zeta)
+        return np.stack(np.broadcast_arrays(x, r * np.sin(alpha), z), axis=-1)
+
+
+@dataclass(frozen=True)
+class Sector:
+    """An arch dam seen from the vertical axis through the centre of its top arch.
+
+    The angle theta about that axis, positive towards +y, replaces s: theta = constant is a vertical
+    plane, radial at the top.  With d(zeta) the distance of the arch's centre from the axis, and
+    r = R - ta t, the angle alpha = s phi of the arch obeys r sin(alpha - theta) = d sin(theta).
+
+    Args:
+        dam: the shape.
+        top: relative height of the top of the body, 1 for the whole dam.
+    """
+
+    dam: ArchDam
+    top: float = 1.0
+
+    @property
+    def axis(self) -> float:
+        """The x coordinate of the axis [m] (its y is 0)."""
+        return float(self.dam.centre(self.top))
+
+    @property
+    def radius(self) -> float:
+        """The radius of the upstream edge of the top [m]."""
+        return float(self.dam.radius(self.top))
+
+    @property
+    def half_angle(self) -> float:
+        """The angle theta at which the top meets the abutment [radians]."""
+        return float(self.dam.half_angle(self.top))
+
+    def abutment_angle(self, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
+        """Return the angle theta of the abutment s = 1 [radians]."""
+        xyz = self.dam.point(1.0, ta, zeta)
+        return np.arctan2(xyz[..., 1], self.axis - xyz[..., 0])
+
+    def foundation(self, theta: ArrayLike, ta: ArrayLike) -> FloatArray:
+        """Return the relative height at which the plane theta leaves the body below.
+
+        It is 0 where the plane meets the base, and else the height of the abutment there, found
+        by bisection (the abutments must part monotonically as seen from the axis).
+
+        Args:
+            theta: angle about the axis, up to ``half_angle`` in size [radians].
+            ta: relative position between the faces; broadcast against theta.
+        """
+        angle, ta = np.broadcast_arrays(np.abs(theta), np.asarray(ta, dtype=float))
+        low, high = np.zeros(angle.shape), np.full(angle.shape, self.top)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            outside = self.abutment_angle(ta, middle) < angle
+            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        level = np.where(angle <= self.abutment_angle(ta, 0.0), 0.0, 0.5 * (low + high))
+        return np.where(angle >= self.half_angle, self.top, level)
+
+    def across(self, theta: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
+        """Return the coordinate s of points given by their angle theta about the axis.
+
+        Fixed-point iteration of alpha = theta + asin(d sin(theta)/r(alpha)); the thickness varies
+        slowly with s, so that each pass gains one to two digits.
+        """
+        distance = self.axis - self.dam.centre(zeta)
+        phi = self.dam.half_angle(zeta)
+        s = np.zeros(np.broadcast_shapes(np.shape(theta), np.shape(ta), np.shape(zeta)))
+        for _ in range(40):
+            r = self.dam.radius(zeta) - np.asarray(ta) * self.dam.thickness(zeta, s)
+            s = (theta + np.arcsin(np.clip(distance * np.sin(theta) / r, -1, 1))) / phi
+        return s
+
+
+def mid_crest(parameters: ArchDam | None = None) -> tuple[float, float, float]:
+    """Return the upstream edge of the crest at the crown, (x, y, z) [m].
+
+    Args:
+        parameters: the shape; None for the default dam.
+    """
+    x, y, z = (parameters or ArchDam()).point(0.0, 0.0, 1.0)
+    return float(x), float(y), float(z)

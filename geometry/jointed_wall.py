@@ -1,0 +1,103 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A wall on a rigid base, cut into equal blocks by vertical plane joints.
+
+python3 geometry/jointed_wall.py --divisions 40 8 40 --out wall.msh
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._extrude import PlaneMesh, edges_between, extrude, grid
+
+
+def jointed_wall(
+    out: str | os.PathLike[str],
+    *,
+    length: float = 20.0,
+    thickness: float = 4.0,
+    height: float = 20.0,
+    joints: int = 3,
+    divisions: Sequence[int] = (20, 4, 20),
+    size: float | None = None,
+    order: int = 1,
+    cell: str = "hex",
+    gui: bool = False,
+) -> Path:
+    """Mesh the box x in [0, length], y in [0, thickness], z in [0, height], and its joints.
+
+    Joint k is the plane x = k length/(joints + 1).  Groups: volume ``concrete``; surfaces ``base``
+    (z = 0), ``crest`` (z = height), ``x_min``, ``x_max``, ``y_min``, ``y_max``, and ``joint_1``,
+    ``joint_2``, ... in the order of x.  Cells are equal boxes, or those cut into tetrahedra.
+
+    Args:
+        out: path of the .msh file.
+        length: extent in x [m].
+        thickness: extent in y [m].
+        height: extent in z [m].
+        joints: number of joints, 0 for a monolithic wall.
+        divisions: number of cells along x, y and z; the first is a multiple of joints + 1.
+        size: cell size [m]; if given, it replaces ``divisions``, rounded so that whole cells fit.
+        order: order of the elements, 1 or 2.
+        cell: "hex" or "tet".
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed.
+    """
+    _base.check_elements(order, cell)
+    lengths = [
+        _base.positive(what, value)
+        for what, value in (("length", length), ("thickness", thickness), ("height", height))
+    ]
+    blocks = _base.whole("joints", joints, 0) + 1
+    if size is not None:
+        _base.positive("size", size)
+        n_x = blocks * max(1, round(length / blocks / size))
+        divisions = (n_x, *(max(1, round(h / size)) for h in lengths[1:]))
+    if len(divisions) != 3 or divisions[0] % blocks:
+        raise ValueError(
+            f"divisions is {tuple(divisions)!r}, but it must be three whole numbers, the first a "
+            f"multiple of {blocks} (joints + 1)."
+        )
+    n_x, n_y, n_z = (_base.whole("each of divisions", n, 1) for n in divisions)
+
+    # Reference coordinates (p, q, r) = (x, y, z), with p in cells, so that joints compare exactly.
+    points, cells = grid(np.arange(n_x + 1.0), np.linspace(0, thickness, n_y + 1), cell)
+    lines = {"x_min": (0, 0), "x_max": (0, n_x), "y_min": (1, 0), "y_max": (1, thickness)}
+    lines |= {f"joint_{k}": (0, k * n_x // blocks) for k in range(1, blocks)}
+    edges = {name: edges_between(cells, points[:, a] == v) for name, (a, v) in lines.items()}
+    plane = PlaneMesh(points, {"concrete": cells}, edges)
+    solid = extrude(plane, np.linspace(0, height, n_z + 1), ("base", "crest"))
+    solid = replace(solid, points=solid.points * [length / n_x, 1.0, 1.0])
+    return _base.write_mesh(out, solid, order, gui=gui)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("A wall with vertical joints.", "jointed_wall.msh", None)
+    for flag, default in (("length", 20.0), ("thickness", 4.0), ("height", 20.0)):
+        parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
+    parser.add_argument("--joints", type=int, default=3, help="number of joints")
+    parser.add_argument(
+        "--divisions", type=int, nargs=3, default=(20, 4, 20), help="cells along x, y, z"
+    )
+    _base.run_script(parser, jointed_wall, argv)
+
+
+if __name__ == "__main__":
+    main()

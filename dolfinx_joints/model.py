@@ -162,6 +162,7 @@ class Model:
             constrained=self.constraints.dofs,
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
+            owner=self.jointed,
         )
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:

@@ -39,6 +39,8 @@ class MatrixSystem:
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
         symmetric: Whether K and C are symmetric.
+        owner: What must live as long as the matrices: a DOLFINx mesh frees the communicator that
+            its matrices use.
     """
 
     mass: PETSc.Mat
@@ -49,6 +51,7 @@ class MatrixSystem:
     constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
+    owner: Any = None
 
     @classmethod
     def from_arrays(

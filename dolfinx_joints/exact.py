@@ -1,0 +1,275 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Exact solutions of small contact and friction problems, to verify against."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def _check_positive(problem: object, *names: str) -> None:
+    for name in names:
+        value = getattr(problem, name)
+        if not (value > 0 and math.isfinite(value)):
+            raise ValueError(f"{name} is {value}; it must be positive and finite.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactOscillator:
+    """A mass on a spring that strikes an elastic stop, again and again.
+
+    m u'' + k u + k_stop <u - gap> = 0,  u(0) = 0,  u'(0) = v0 > 0,  <x> = max(x, 0)
+
+    The motion is periodic and made of two harmonics that meet at u = gap with equal velocity,
+    v1 = sqrt(v0^2 - omega^2 gap^2):
+
+    - in flight, u = (v0/omega) sin(omega t), omega = sqrt(k/m); one flight lasts
+      (pi + 2 asin(omega gap/v0)) / omega;
+    - in contact, s after it began, u = u_e + (gap - u_e) cos(w s) + (v1/w) sin(w s) about
+      u_e = k_stop gap / (k + k_stop), w = sqrt((k + k_stop)/m); one contact lasts
+      (2/w) atan2(v1/w, gap - u_e).
+
+    Attributes:
+        mass: m [kg].
+        stiffness: k of the spring [N/m].
+        stop_stiffness: k_stop [N/m].
+        initial_velocity: v0 [m/s].
+        gap: Distance of the stop from the mass at u = 0, [m].
+
+    Raises:
+        ValueError: A parameter is not positive, or the gap is negative or never closes.
+    """
+
+    mass: float
+    stiffness: float
+    stop_stiffness: float
+    initial_velocity: float
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _check_positive(self, "mass", "stiffness", "stop_stiffness", "initial_velocity")
+        if not 0 <= self.gap < self.amplitude:
+            raise ValueError(
+                f"gap is {self.gap} m; it must be at least 0 and below the amplitude v0/omega, "
+                f"{self.amplitude} m."
+            )
+
+    @property
+    def frequency(self) -> float:
+        """Omega of the free mass on its spring [rad/s]."""
+        return math.sqrt(self.stiffness / self.mass)
+
+    @property
+    def contact_frequency(self) -> float:
+        """W of the mass on spring and stop [rad/s]."""
+        return math.sqrt((self.stiffness + self.stop_stiffness) / self.mass)
+
+    @property
+    def free_period(self) -> float:
+        """Period of the mass on its spring without the stop [s]."""
+        return 2.0 * math.pi / self.frequency
+
+    @property
+    def amplitude(self) -> float:
+        """Largest displacement on the side without the stop, v0/omega [m]."""
+        return self.initial_velocity / self.frequency
+
+    @property
+    def energy(self) -> float:
+        """Total energy, m v0^2 / 2 [J]."""
+        return 0.5 * self.mass * self.initial_velocity**2
+
+    @property
+    def impact_velocity(self) -> float:
+        """Velocity v1 at which the stop is struck [m/s]."""
+        return math.sqrt(self.initial_velocity**2 - (self.frequency * self.gap) ** 2)
+
+    @property
+    def impact_time(self) -> float:
+        """Time of the first impact [s]."""
+        return math.asin(self.gap / self.amplitude) / self.frequency
+
+    @property
+    def contact_duration(self) -> float:
+        """Time from touching to leaving the stop [s]."""
+        w = self.contact_frequency
+        return 2.0 / w * math.atan2(self.impact_velocity / w, self._offset)
+
+    @property
+    def period(self) -> float:
+        """Period of the motion with impacts [s]."""
+        flight = math.pi / self.frequency + 2.0 * self.impact_time
+        return flight + self.contact_duration
+
+    @property
+    def max_force(self) -> float:
+        """Largest force of the stop [N]."""
+        swing = math.hypot(self._offset, self.impact_velocity / self.contact_frequency)
+        return self.stop_stiffness * (swing - self._offset)
+
+    @property
+    def impulse(self) -> float:
+        """Time integral of the stop's force over one contact [N s]."""
+        w, angle = self.contact_frequency, self.contact_frequency * self.contact_duration
+        turned = self._offset / w * (math.sin(angle) - angle)
+        pushed = self.impact_velocity / w**2 * (1.0 - math.cos(angle))
+        return self.stop_stiffness * (turned + pushed)
+
+    @property
+    def _offset(self) -> float:
+        """Gap - u_e, the distance of the touching point from equilibrium in contact [m]."""
+        return self.gap * self.stiffness / (self.stiffness + self.stop_stiffness)
+
+    def displacement(self, time: ArrayLike) -> Floats:
+        """U at times [s], [m]."""
+        return self._motion(time)[0]
+
+    def velocity(self, time: ArrayLike) -> Floats:
+        """U' at times [s], [m/s]."""
+        return self._motion(time)[1]
+
+    def force(self, time: ArrayLike) -> Floats:
+        """Force of the stop at times [s], positive in compression, [N]."""
+        return self.stop_stiffness * np.maximum(self.displacement(time) - self.gap, 0.0)
+
+    def _motion(self, time: ArrayLike) -> tuple[Floats, Floats]:
+        """Displacement and velocity."""
+        since = np.mod(np.asarray(time, dtype=np.float64) - self.impact_time, self.period)
+        omega, w = self.frequency, self.contact_frequency
+        v1, offset = self.impact_velocity, self._offset
+        u_c = self.gap - offset + offset * np.cos(w * since) + v1 / w * np.sin(w * since)
+        v_c = v1 * np.cos(w * since) - w * offset * np.sin(w * since)
+        # A flight leaves the stop with -v1, which the free oscillation has at pi - omega t_hit.
+        phase = math.pi - omega * self.impact_time + omega * (since - self.contact_duration)
+        touching = since < self.contact_duration
+        u = np.where(touching, u_c, self.amplitude * np.sin(phase))
+        v = np.where(touching, v_c, self.initial_velocity * np.cos(phase))
+        return u, v
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingBlock:
+    """Newmark's rigid block on a base that is shaken by one rectangular pulse.
+
+    While the base accelerates with A > a_y the block lags behind, s'' = A - a_y; then friction
+    alone acts, s'' = -a_y, until it stops at A t_p / a_y, with a_y = mu g on a level base:
+
+    s_end = (A - a_y) A t_p^2 / (2 a_y)
+
+    Attributes:
+        pulse: A [m/s^2].
+        yield_acceleration: a_y [m/s^2].
+        duration: t_p of the pulse [s].
+
+    Raises:
+        ValueError: A parameter is not positive.
+    """
+
+    pulse: float
+    yield_acceleration: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _check_positive(self, "pulse", "yield_acceleration", "duration")
+
+    @property
+    def stop_time(self) -> float:
+        """Time at which the block stops on its base; 0 where it never slides [s]."""
+        if self.pulse <= self.yield_acceleration:
+            return 0.0
+        return self.duration * self.pulse / self.yield_acceleration
+
+    @property
+    def final_slip(self) -> float:
+        """Slip after the motion [m]."""
+        return float(self.slip(self.stop_time))
+
+    def slip(self, time: ArrayLike) -> Floats:
+        """Slip s of the block on its base at times [s], [m]."""
+        pushed, braked = self._phases(time)
+        excess = max(self.pulse - self.yield_acceleration, 0.0)
+        at_end_of_pulse = excess * self.duration
+        return (
+            0.5 * excess * pushed**2
+            + at_end_of_pulse * braked
+            - 0.5 * self.yield_acceleration * braked**2
+        )
+
+    def velocity(self, time: ArrayLike) -> Floats:
+        """Sliding velocity s' at times [s], [m/s]."""
+        pushed, braked = self._phases(time)
+        excess = max(self.pulse - self.yield_acceleration, 0.0)
+        return excess * pushed - self.yield_acceleration * braked
+
+    def _phases(self, time: ArrayLike) -> tuple[Floats, Floats]:
+        """Time spent in the pulse, and braking after it [s]."""
+        t = np.asarray(time, dtype=np.float64)
+        braking = max(self.stop_time - self.duration, 0.0)
+        return np.clip(t, 0.0, self.duration), np.clip(t - self.duration, 0.0, braking)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombOscillator:
+    """A mass on a spring with dry friction, released at rest.
+
+    m x'' + k x + F sign(x') = 0,  x(0) = x0,  x'(0) = 0
+
+    Each half period pi/omega is a cosine about +-F/k that turns 2 F/k nearer to zero; the mass
+    stays where it turns at |x| <= F/k.
+
+    Attributes:
+        mass: m [kg].
+        stiffness: k [N/m].
+        friction: F = mu N [N].
+        start: x0 [m].
+
+    Raises:
+        ValueError: A parameter is not positive, or ``start`` is not finite.
+    """
+
+    mass: float
+    stiffness: float
+    friction: float
+    start: float
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _check_positive(self, "mass", "stiffness", "friction")
+        if not math.isfinite(self.start):
+            raise ValueError(f"start is {self.start} m; it must be finite.")
+
+    @property
+    def half_period(self) -> float:
+        """Time between two turning points [s]."""
+        return math.pi * math.sqrt(self.mass / self.stiffness)
+
+    @property
+    def turning_points(self) -> Floats:
+        """Displacements at 0, pi/omega, 2 pi/omega, ... up to rest, shape (n + 1,), [m]."""
+        band = self.friction / self.stiffness
+        count = max(0, math.ceil((abs(self.start) / band - 1.0) / 2.0))
+        turns = np.arange(count + 1)
+        signs = math.copysign(1.0, self.start) * (-1.0) ** turns
+        return signs * (abs(self.start) - 2.0 * band * turns)
+
+    @property
+    def rest_time(self) -> float:
+        """Time from which the mass rests [s]."""
+        return self.half_period * (len(self.turning_points) - 1)
+
+    def displacement(self, time: ArrayLike) -> Floats:
+        """X at times [s], [m]."""
+        turns, last = self.turning_points, len(self.turning_points) - 1
+        t = np.asarray(time, dtype=np.float64) / self.half_period
+        half = np.clip(np.floor(t), 0, last).astype(np.int64)
+        centre = np.sign(turns[half]) * self.friction / self.stiffness
+        swing = centre + (turns[half] - centre) * np.cos(math.pi * (t - half))
+        return np.where(half == last, turns[last], swing)

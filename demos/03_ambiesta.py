@@ -7,9 +7,9 @@
 # The shape resembles Ambiesta dam (height 57 m, crest 144.6 m): its published height and crest
 # length, the rest fitted to the published peak frequencies, 5.0 Hz (antisymmetric) and 5.22 Hz
 # (symmetric). The dam is clamped at base and abutments, the basin is empty, and the damping matrix
-# is constant and stiffness-proportional, 2 % at 5 Hz. Vertical joints, radial at the crest and about
-# 12 m apart, are active below 0.75 of the height: no tension, elastic contact, Coulomb friction of
-# 30 degrees without dilatancy, no initial gap.
+# is constant and stiffness-proportional, 2 % at 5 Hz. Vertical joints, radial at the crest and
+# about 12 m apart, are active below 0.75 of the height: no tension, elastic contact, Coulomb
+# friction of 30 degrees without dilatancy, no initial gap.
 #
 # The dam is loaded by its own weight, then shaken for 11.165 s in all three directions, in 2288
 # steps of 0.00488 s with Newmark's average acceleration: once as a monolith, once with its joints.
@@ -56,7 +56,9 @@ def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--steps", type=int, default=ALL_STEPS, help="time steps of 0.00488 s")
     parser.add_argument("--record", type=Path, help="directory with three AT2 files of one record")
     parser.add_argument(
-        "--rotate", type=float, help="turn of the horizontal axes [degrees] (default 25 for a record)"
+        "--rotate",
+        type=float,
+        help="turn of the horizontal axes [degrees] (default 25 for a record)",
     )
     parser.add_argument("--scale", type=float, default=1.0, help="factor on the ground motion")
     parser.add_argument("--stiffness", type=float, default=1e11, help="joint stiffness k_n [Pa/m]")
@@ -122,8 +124,8 @@ def build(mesh: Path, options: argparse.Namespace, normal_stiffness: float | Non
 # %% [markdown]
 # ## One run
 #
-# Self weight in four load steps with the joints active, then the earthquake. Histories, energies and
-# joint states go to an HDF5 file as the run goes, the displacement to a folder for ParaView.
+# Self weight in four load steps with the joints active, then the earthquake. Histories, energies
+# and joint states go to an HDF5 file as the run goes, the displacement to a folder for ParaView.
 
 
 # %%
@@ -138,9 +140,7 @@ class Run:
     iterations: float
 
 
-def run(
-    name: str, model: dj.Model, motion: dj.Motion, options: argparse.Namespace
-) -> Run:
+def run(name: str, model: dj.Model, motion: dj.Motion, options: argparse.Namespace) -> Run:
     """Self weight, then the earthquake."""
     began = clock.perf_counter()
     results = options.out / f"{name}.h5"
@@ -310,7 +310,9 @@ def main(arguments: list[str] | None = None) -> None:
     frequencies = {
         "monolith": dj.modes(monolith.system(), 2).frequencies,
         "joints closed": dj.modes(jointed.system(), 2).frequencies,
-        "joints closed, k_n = 1e12 Pa/m": dj.modes(build(mesh, options, 1e12).system(), 2).frequencies,
+        "joints closed, k_n = 1e12 Pa/m": dj.modes(
+            build(mesh, options, 1e12).system(), 2
+        ).frequencies,
     }
     say(
         f"mesh: {monolith.num_dofs} dofs as a monolith, {jointed.num_dofs} with "
@@ -325,7 +327,10 @@ def main(arguments: list[str] | None = None) -> None:
     }
 
     def conclude() -> None:
-        with dj.Results(runs["linear"].results) as linear, dj.Results(runs["joints"].results) as other:
+        with (
+            dj.Results(runs["linear"].results) as linear,
+            dj.Results(runs["joints"].results) as other,
+        ):
             rows = table(linear, other, motion)
             began = clock.perf_counter()
             figures(linear, other, options.out)
@@ -370,4 +375,8 @@ def verify(
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (dj.JointsError, ValueError) as error:
+        say(f"03_ambiesta: {error}")
+        raise SystemExit(2) from None

@@ -52,7 +52,7 @@ _HOME = {
     "stiffness_proportional": "damping",
     "synthetic_motion": "records",
 }
-__all__ = sorted(_HOME)  # noqa: PLE0605
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:

@@ -64,17 +64,19 @@ class Contact:
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")
-        self._laws: list[tuple[Law, slice | NDArray[np.int64]]] = []
-        for law in dict.fromkeys(by_name.values()):
-            members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
-            points = np.flatnonzero(np.isin(operator.joint, members))
-            whole = len(points) == len(operator.joint)
-            self._laws.append((law, slice(None) if whole else points))
+        self._laws: list[tuple[Law, NDArray[np.int64]]] = []
+        distinct: list[Law] = []
+        for law in by_name.values():
+            if law not in distinct:
+                distinct.append(law)
+        for law in distinct:
+            members = [i for i, name in enumerate(operator.names) if by_name[name] == law]
+            self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
         self._offset = operator.initial_gap.copy()
         for name, gap in (initial_gaps or {}).items():
             here = operator.joint == operator.names.index(name)
-            points = getattr(operator, "points", np.zeros((len(here), 3)))[here]
-            self._offset[here, 0] += gap(points) if callable(gap) else gap
+            places = getattr(operator, "points", np.zeros((len(here), 3)))[here]
+            self._offset[here, 0] += gap(places) if callable(gap) else gap
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
@@ -116,8 +118,16 @@ class Contact:
             compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
             state: State at the start of the step.
         """
+        if len(self._laws) == 1:
+            return self._laws[0][0].local_solve(  # type: ignore[attr-defined]
+                free_gap, compliance, state
+            )
         count = len(free_gap)
-        answer = (np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, dtype=np.int8))
+        answer: tuple[NDArray[Any], ...] = (
+            np.zeros((count, 3)),
+            np.zeros((count, 3, 3)),
+            np.zeros(count, dtype=np.int8),
+        )
         for law, points in self._laws:
             part = law.local_solve(  # type: ignore[attr-defined]
                 free_gap[points],
@@ -126,7 +136,8 @@ class Contact:
             )
             for whole, values in zip(answer, part, strict=True):
                 whole[points] = values
-        return answer
+        traction, tangent, status = answer
+        return traction, tangent, status
 
     def stored_energy(self, state: JointState) -> float:
         """Elastic energy of all joints, [J] (collective)."""

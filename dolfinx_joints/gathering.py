@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh
 from dolfinx_joints.parallel import raised_together
-from dolfinx_joints.splitting import CellShape, Ints
+from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 if TYPE_CHECKING:
     import dolfinx.mesh
@@ -40,18 +41,16 @@ def gather_mesh(
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     points = _stack(comm, np.column_stack([nodes.astype(np.float64), x]))
     facets = _stack(comm, _tagged_facets(mesh, facet_tags, original))
-    if cell_tags is None:
-        values = np.empty((0, 2), dtype=np.int64)
-    else:
-        values = np.column_stack([original[cell_tags.indices], cell_tags.values])
-    values = _stack(comm, values)
+    tagged = np.empty((0, 2), dtype=np.int64)
+    if cell_tags is not None:
+        tagged = np.column_stack([original[cell_tags.indices], cell_tags.values])
+    values = _stack(comm, tagged)
     with raised_together(comm):
-        present = set(facets[:, 2].tolist())
         for name, tag in groups.items():
-            if tag not in present:
+            if not np.any(facets[:, 2] == tag):
                 raise MeshError(f"No facet carries the tag {tag} of the group {name!r}.")
         for name, tag in cell_groups.items():
-            if tag not in values[:, 1]:
+            if not np.any(values[:, 1] == tag):
                 raise MeshError(f"No cell carries the tag {tag} of the group {name!r}.")
     return _assemble(shape, cells, points, facets, values, groups, cell_groups)
 
@@ -67,14 +66,12 @@ def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
     return CellShape(name=name, degree=degree)
 
 
-def _stack(comm: object, rows: np.ndarray) -> np.ndarray:
+def _stack(comm: Any, rows: NDArray[Any]) -> NDArray[Any]:
     """All ranks' rows on every rank, so that checks agree; small next to the matrices."""
-    return np.vstack(comm.allgather(rows))  # type: ignore[attr-defined]
+    return np.vstack(comm.allgather(rows))
 
 
-def _tagged_facets(
-    mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints
-) -> Ints:
+def _tagged_facets(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints) -> Ints:
     """Input cell, local facet and tag of each tagged facet, shape (n, 3)."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
@@ -90,7 +87,7 @@ def _tagged_facets(
 def _assemble(
     shape: CellShape,
     cells: Ints,
-    points: np.ndarray,
+    points: Floats,
     facets: Ints,
     values: Ints,
     groups: Mapping[str, int],

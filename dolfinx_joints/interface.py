@@ -28,7 +28,6 @@ from dolfinx_joints.solver import (
     SolveReport,
     StepSolver,
     joint_failure,
-    solve_without_joints,
 )
 from dolfinx_joints.system import MatrixSystem
 
@@ -73,14 +72,13 @@ class _Compliance:
 
     Attributes:
         effective: The bulk.
-        dense: G, shape (m, m), [m/N], m three times the number of joint points.
+        split: G less the points' own compliances on its diagonal, shape (m, m), [m/N], m three
+            times the number of joint points.
         own: Compliance of each local point on its own area, normal and tangential (the mean of
             the two directions), shape (n, 2), [m/Pa].
     """
 
-    def __init__(
-        self, effective: EffectiveMatrix, contact: Contact, operator: PETSc.Mat
-    ) -> None:
+    def __init__(self, effective: EffectiveMatrix, contact: Contact, operator: PETSc.Mat) -> None:
         self.effective = effective
         areas = contact.operator.areas
         size = operator.getSize()[0]
@@ -96,11 +94,10 @@ class _Compliance:
             effective.solver.solve(force, moved)
             operator.mult(moved, gap)
             local[:, column] = gap.getArray(readonly=True)
-        self.dense = np.vstack(operator.comm.tompi4py().allgather(local))
-        own = self.dense.diagonal()[start:stop].reshape(-1, 3)
-        own = np.column_stack([own[:, 0], 0.5 * (own[:, 1] + own[:, 2])])
+        self.split = np.vstack(operator.comm.tompi4py().allgather(local))
+        each = self.split.diagonal()[start:stop].reshape(-1, 3)
+        own = np.column_stack([each[:, 0], 0.5 * (each[:, 1] + each[:, 2])])
         self.own = areas[:, None] * own
-        self.split = self.dense.copy()
         spread = np.repeat(own, (1, 2), axis=1).ravel()
         every = np.concatenate(operator.comm.tompi4py().allgather(spread))
         self.split[np.diag_indices(size)] -= every
@@ -126,6 +123,8 @@ class InterfaceSolver:
         """Constrain B (collective)."""
         self.system = system
         self.options = options or NewtonOptions()
+        if system.contact is None:
+            raise ValueError("A system without joints has nothing to condense onto.")
         self._contact: Contact = system.contact
         self._comm = self._contact.operator.comm
         self._free = free_dofs(system)
@@ -144,9 +143,11 @@ class InterfaceSolver:
         self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
     ) -> tuple[Response | None, PETSc.Vec, SolveReport]:
         """Solve for ``u`` in place; see `NewtonSolver.solve` (collective)."""
+        if state is None:
+            state = self._contact.at_rest(u)
         compliance: _Compliance = self._compliances(effective)
         matrix = compliance.effective
-        matrix.solve_linear(b, u, self._free)
+        factored = matrix.solve_linear(b, u, self._free)
         free_gap = self._contact.gap(u).ravel()
         force, iterations, residual = self._iterate(compliance, free_gap, state)
         self._expand(matrix, force, u)
@@ -158,13 +159,11 @@ class InterfaceSolver:
         balance.axpy(1.0, self._contact.operator.force(response.traction, work))
         _, reaction = split_residual(balance, self._free)
         if residual > self.options.relative_tolerance:
-            raise joint_failure(
-                self._contact, response, state, iterations, residual, self.options
-            )
+            raise joint_failure(self._contact, response, state, iterations, residual, self.options)
         self._force = force
         report = SolveReport(
             iterations=iterations,
-            factorizations=0,
+            factorizations=int(factored),
             residual=residual,
             counts=self._contact.counts(response.status),
         )
@@ -222,16 +221,16 @@ class InterfaceSolver:
         step: Floats,
     ) -> tuple[Floats, Floats, Floats]:
         """Take the correction, halved while it does not make the residual smaller."""
-        norm, best = float(np.linalg.norm(residual)), None
+        norm, smallest = float(np.linalg.norm(residual)), np.inf
         for cut in range(self.options.max_cuts + 1):
             trial = force - 0.5**cut * step
             answer = self._residual(compliance, free_gap, trial, state)
             size = float(np.linalg.norm(answer[0]))
-            if best is None or size < best[0]:
-                best = (size, trial, *answer)
+            if size < smallest or cut == 0:
+                smallest, best = size, (trial, *answer)
             if size < norm:
                 break
-        return best[1:]
+        return best
 
 
 def _correction(split: Floats, residual: Floats, tangent: Floats) -> Floats:

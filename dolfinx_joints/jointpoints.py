@@ -45,9 +45,7 @@ class JointPoints:
     joint: Ints
 
 
-def joint_points(
-    pairs: JointPairs, shape: CellShape, degree: int, quadrature: str
-) -> JointPoints:
+def joint_points(pairs: JointPairs, shape: CellShape, degree: int, quadrature: str) -> JointPoints:
     """Lay out the points of all joints.
 
     Args:
@@ -68,14 +66,10 @@ def joint_points(
     else:
         number = np.arange(area.size, dtype=np.int64).reshape(area.shape)
     count = int(number.max(initial=-1)) + 1
-    total = np.bincount(number.ravel(), area.ravel(), minlength=count)
     first = np.unique(number.ravel(), return_index=True)[1]
-    mean = np.column_stack(
-        [
-            np.bincount(number.ravel(), (area * normal[..., k]).ravel(), minlength=count)
-            for k in range(3)
-        ]
-    )
+    total, mean = np.zeros(count), np.zeros((count, 3))
+    np.add.at(total, number, area)
+    np.add.at(mean, number, area[..., None] * normal)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     joint = np.repeat(pairs.joint, len(weights))[first]
     frames = np.empty((count, 3, 3))

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from dolfinx_joints.jointpoints import JointPoints, joint_points
 from dolfinx_joints.mesh import JointedMesh, local_cells
 from dolfinx_joints.quadrature import facet_cell_type
-from dolfinx_joints.splitting import CellShape, Floats
+from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 
 class GapOperator:
@@ -49,7 +49,7 @@ class GapOperator:
         """Keep the parts and make a work vector (collective)."""
         self.matrix, self.areas, self.joint, self.names = matrix, areas, joint, names
         self.comm = matrix.comm.tompi4py()
-        self.initial_gap = np.zeros((len(areas), 3))
+        self.initial_gap: Floats = np.zeros((len(areas), 3))
         self._work = matrix.createVecLeft()
 
     @property
@@ -109,6 +109,8 @@ class JointOperator(GapOperator):
     def __init__(self, jointed: JointedMesh, V: Any, *, quadrature: str = "auto") -> None:
         """Build B (collective)."""
         comm = jointed.mesh.comm
+        self.points: Floats
+        self.frames: Floats
         self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
         ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
         block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
@@ -136,6 +138,7 @@ class JointTangent:
 
     def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
         """Set up the products (collective)."""
+        self.comm = operator.comm
         self._areas = operator.areas
         self._operator = operator.constrained(free)
         rows = operator.matrix.getSizes()[0]

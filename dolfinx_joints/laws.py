@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +154,9 @@ class FrictionNoTension:
         k_s = np.full(len(gap), self.shear_stiffness)
         traction, tangent, status = self._project(gap, state, k_n, k_s)
         t_s = traction[:, 1:]
-        elastic_slip = t_s / self.shear_stiffness if self.shear_stiffness else np.zeros_like(t_s)
+        elastic_slip: NDArray[Any] = np.zeros_like(t_s)
+        if self.shear_stiffness > 0.0:
+            elastic_slip = t_s / self.shear_stiffness
         plastic = gap[:, 1:] - state.gap[:, 1:] - (elastic_slip - state.elastic_slip)
         mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
         return Response(
@@ -181,8 +183,8 @@ class FrictionNoTension:
         Returns:
             Tractions (n, 3) [Pa], d traction / d free_gap (n, 3, 3) [Pa/m], and status (n,).
         """
-        k_n = 1.0 / (compliance[:, 0] + 1.0 / self.normal_stiffness)
-        k_s = np.zeros(len(free_gap))
+        k_n: NDArray[Any] = 1.0 / (compliance[:, 0] + 1.0 / self.normal_stiffness)
+        k_s: NDArray[Any] = np.zeros(len(free_gap))
         if self.shear_stiffness > 0.0:
             k_s = 1.0 / (compliance[:, 1] + 1.0 / self.shear_stiffness)
         return self._project(free_gap, state, k_n, k_s)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import ufl
+from numpy.typing import NDArray
 
 from dolfinx_joints.records import STANDARD_GRAVITY
 
@@ -145,7 +146,7 @@ class BaseMotion:
         return lambda time: float(self.acceleration(time)[axis])
 
 
-def _vector(value: Sequence[float], gdim: int, name: str) -> np.ndarray:
+def _vector(value: Sequence[float], gdim: int, name: str) -> NDArray[np.float64]:
     vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (gdim,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"{name} is {value}; it must hold {gdim} finite numbers.")

@@ -47,7 +47,7 @@ class JointPairs:
         plus: The same on the + side.
         match: Position among the vertices of the + facet of the partner of each vertex of the
             - facet, shape (num_pairs, vertices per facet).
-        minus_vertices: Numbers of the vertices of the - facet, shape (num_pairs, vertices per facet).
+        minus_vertices: Numbers of the vertices of the - facet, shape like ``match``.
         plus_vertices: Numbers of their partners on the + side; equal on the joint's front.
         nodes: Coordinates of the nodes of the - facet in the order of the facet's own Lagrange
             element, shape (num_pairs, nodes per facet, gdim), [m].
@@ -217,14 +217,13 @@ def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
                 f"Group {name!r}: {np.count_nonzero(count == 0)} of its facets belong to no cell."
             )
         slots[name] = owner[:, 0]
+    split = None
     if duplicated:
-        cells, parent = raw.cells, np.arange(len(raw.x))
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
     elif names:
         split = split_cells(raw.shape, raw.cells, raw.x, [(n, raw.facet_groups[n]) for n in names])
-        cells, parent = split.cells, split.parent
-    else:
-        cells, parent, split = raw.cells, np.arange(len(raw.x)), None
+    cells = raw.cells if split is None else split.cells
+    parent = np.arange(len(raw.x)) if split is None else split.parent
     pairs = _pair_table(raw.shape, cells, raw.x[parent], names, split, duplicated)
     for i, name in enumerate(names):
         here = pairs.joint == i

@@ -90,6 +90,4 @@ def _collect(solver: object, system: MatrixSystem, count: int, gdim: int) -> Mod
         shapes.append(shape)
         local = work.getArray(readonly=True).reshape(-1, gdim).sum(axis=0)
         factors.append(np.sum(work.comm.tompi4py().allgather(local), axis=0))
-    return Modes(
-        frequencies=np.array(frequencies), shapes=shapes, participation=np.array(factors)
-    )
+    return Modes(frequencies=np.array(frequencies), shapes=shapes, participation=np.array(factors))

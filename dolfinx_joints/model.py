@@ -120,9 +120,7 @@ class Model:
         matrix.assemble()
         return matrix
 
-    def _damping(
-        self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None
-    ) -> PETSc.Mat:
+    def _damping(self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None) -> PETSc.Mat:
         """C = a M + b K of the bulk, and the extra form."""
         matrix = self._matrix(bulk, extra) if extra else None
         if matrix is None:
@@ -164,6 +162,29 @@ class Model:
             symmetric=self._symmetric,
             owner=self.jointed,
         )
+
+    def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
+        """Sum of nodal forces over the nodes of a facet group, shape (gdim,), [N] (collective).
+
+        Of reactions, the force of a support on the body. Nodes that belong to several groups count
+        in each of them.
+
+        Raises:
+            MeshError: There is no such group.
+        """
+        nodes = self.nodes(group)
+        local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
+        return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
+
+    def nodes(self, group: str) -> NDArray[np.int64]:
+        """Owned nodes of a facet group, local numbers (collective).
+
+        Raises:
+            MeshError: There is no such group.
+        """
+        facets = self.jointed.facets(group)
+        nodes = fem.locate_dofs_topological(self.V, self.jointed.mesh.topology.dim - 1, facets)
+        return nodes[nodes < self.V.dofmap.index_map.size_local].astype(np.int64)
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""

@@ -15,8 +15,8 @@ from petsc4py import PETSc
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root
-from dolfinx_joints.results import (
-    ENERGY_TERMS,
+from dolfinx_joints.results import ENERGY_TERMS
+from dolfinx_joints.results_writer import (
     ResultsWriter,
     declare_energy,
     declare_histories,
@@ -45,9 +45,7 @@ class PointProbe:
         MeshError: A point is farther from every node than a tenth of the body's size.
     """
 
-    def __init__(
-        self, model: Model, points: Sequence[Sequence[float]], nodes: NodeGather
-    ) -> None:
+    def __init__(self, model: Model, points: Sequence[Sequence[float]], nodes: NodeGather) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
         owned = model.V.dofmap.index_map.size_local
@@ -88,8 +86,8 @@ class ResultsMonitor:
     """Writes histories, energies and states to an HDF5 file as the run goes.
 
     Every step: displacement of the monitor points, shares of open, sticking and sliding joint
-    points, iterations, energies. Every ``every`` steps: nodal displacements, joint gaps and
-    tractions, facet by facet.
+    points, iterations, support reactions by group, energies. Every ``every`` steps: nodal
+    displacements, joint gaps and tractions, facet by facet.
 
     Args:
         path: The file.
@@ -120,6 +118,7 @@ class ResultsMonitor:
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes = NodeGather(model)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
+        self._supports = model.constraints.groups
         surface = boundary_facets(model, self._nodes)
         joints = _joint_statics(model)
         metadata = {
@@ -136,6 +135,9 @@ class ResultsMonitor:
         def create() -> None:
             writer = ResultsWriter(self._path, metadata, overwrite=self._overwrite)
             declare_histories(writer, self._probe.positions)
+            for group in self._supports:
+                text = f"force of the support {group} on the body"
+                writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
             declare_energy(writer)
             declare_states(writer, self._nodes.positions, surface, joints)
             writer.start()
@@ -148,16 +150,20 @@ class ResultsMonitor:
         """Append a step (collective)."""
         displacement = self._probe.read(record.displacement)
         counts = record.solve.counts if record.solve else None
-        if counts is None and record.joints is not None:
-            counts = self._model.contact.counts(record.joints.status)
+        contact = self._model.contact
+        if counts is None and contact is not None and record.joints is not None:
+            counts = contact.counts(record.joints.status)
         total = max(counts.total, 1) if counts else 1
         shares = {
             f"joint_{name}": getattr(counts, name) / total if counts else 0.0
             for name in ("open", "stick", "slip")
         }
         iterations = record.solve.iterations if record.solve else 0
+        history: dict[str, Any] = {"displacement": displacement, **shares}
+        history["iterations"] = iterations
+        for group in self._supports:
+            history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
         if self._writer is not None:
-            history = {"displacement": displacement, "iterations": iterations, **shares}
             self._writer.append("histories", record.time, history)
             energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
             self._writer.append("energy", record.time, energies)
@@ -170,7 +176,7 @@ class ResultsMonitor:
         if operator is not None and record.joints is not None:
             gap = operator.gather(record.joints.state.gap)
             traction = operator.gather(record.joints.traction)
-            if self._writer is not None:
+            if gap is not None and traction is not None:
                 for name, (points, _) in _facet_points(operator).items():
                     values[f"joints/{name}/gap"] = gap[points]
                     values[f"joints/{name}/traction"] = traction[points]

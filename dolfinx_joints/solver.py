@@ -100,41 +100,55 @@ class StepSolver(Protocol):
 class _Tangent:
     """A + B^T (w D) B with constraints, its sparsity and its LU solver kept."""
 
-    def __init__(self, matrix: EffectiveMatrix, options: NewtonOptions) -> None:
+    def __init__(
+        self, matrix: EffectiveMatrix, product: JointTangent | None, options: NewtonOptions
+    ) -> None:
         self.effective = matrix
-        self._options = options
-        self._matrix: PETSc.Mat | None = None
+        self._product, self._options = product, options
+        self._sum: _Sum | None = None
         self._last: Floats | None = None
 
-    def update(self, product: JointTangent, values: Floats) -> DirectSolver:
+    def update(self, values: Floats) -> DirectSolver:
         """Solver for point tangents D, factored anew only where D changed (collective)."""
-        changed = self._last is None or not np.array_equal(values, self._last)
-        if not self.effective.full.comm.tompi4py().allreduce(int(changed)):
-            return self._solver
-        added = product.assemble(values)
-        if self._matrix is None:
-            # Both summands on the union of their patterns: sums are then copies and additions.
-            self._base = added.copy()
-            self._base.zeroEntries()
-            different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
-            self._base.axpy(1.0, self.effective.held, different)
-            self._matrix = self._base.copy()
-            self._solver = DirectSolver(
-                self._matrix, symmetric=False, options=self._options.linear_options
-            )
-        self._base.copy(self._matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._matrix.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        self._solver.refresh()
+        assert self._product is not None
+        same = self._last is not None and np.array_equal(values, self._last)
+        if self._sum is not None and min(self._product.comm.allgather(same)):
+            return self._sum.solver
+        added = self._product.assemble(values)
+        if self._sum is None:
+            self._sum = _Sum(self.effective.held, added, self._options)
+        self._sum.add(added)
         self._last = values.copy()
-        return self._solver
+        return self._sum.solver
 
     def destroy(self) -> None:
         """Free matrices and factors."""
-        if self._matrix is not None:
-            self._solver.destroy()
-            self._matrix.destroy()
-            self._base.destroy()
+        if self._sum is not None:
+            self._sum.destroy()
         self.effective.destroy()
+
+
+class _Sum:
+    """A constant matrix plus a changing one, both on the union of their patterns."""
+
+    def __init__(self, constant: PETSc.Mat, added: PETSc.Mat, options: NewtonOptions) -> None:
+        self._base = added.copy()
+        self._base.zeroEntries()
+        self._base.axpy(1.0, constant, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._total = self._base.copy()
+        self.solver = DirectSolver(self._total, symmetric=False, options=options.linear_options)
+
+    def add(self, added: PETSc.Mat) -> None:
+        """Make the sum anew; the solver factors it when next used."""
+        self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        self.solver.refresh()
+
+    def destroy(self) -> None:
+        """Free matrices and factor."""
+        self.solver.destroy()
+        self._total.destroy()
+        self._base.destroy()
 
 
 class NewtonSolver:
@@ -156,11 +170,12 @@ class NewtonSolver:
         self._force, self._residual, self._correction, self._trial = (
             self._free.duplicate() for _ in range(4)
         )
-        self._tangents = Cache(
-            lambda key: _Tangent(EffectiveMatrix(self.system, key), self.options)
-        )
+        product = None
         if system.contact is not None:
-            self._product = JointTangent(system.contact.operator, self._free)
+            product = JointTangent(system.contact.operator, self._free)
+        self._tangents = Cache(
+            lambda key: _Tangent(EffectiveMatrix(self.system, key), product, self.options)
+        )
 
     def solve(
         self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
@@ -181,7 +196,7 @@ class NewtonSolver:
             JointsError: A factorization failed.
         """
         tangent: _Tangent = self._tangents(effective)
-        if self.system.contact is None:
+        if self.system.contact is None or state is None:
             return solve_without_joints(tangent.effective, b, u, self._free)
         return self._iterate(self.system.contact, tangent, b, u, state)
 
@@ -213,7 +228,7 @@ class NewtonSolver:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / scale
                 raise joint_failure(contact, response, state, iteration, residual, options)
-            direct = tangent.update(self._product, response.tangent)
+            direct = tangent.update(response.tangent)
             self._force.pointwiseMult(self._residual, self._free)
             factorizations += direct.solve(self._force, self._correction)
             response, norm, scale = self._search(contact, full, b, u, state, norm)

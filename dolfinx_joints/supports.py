@@ -105,6 +105,7 @@ class Constraints:
 
     Attributes:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
+        groups: Names of the groups with constrained dofs.
 
     Raises:
         ValueError: A component is unknown or prescribed twice with different supports.
@@ -136,6 +137,8 @@ class Constraints:
                 self._prescribed.append((dofs, support))
             else:
                 fixed.append(dofs)
+        held = [s.group for s in supports if not isinstance(s, Spring)]
+        self.groups = tuple(dict.fromkeys(held))
         every = fixed + [dofs for dofs, _ in self._prescribed]
         self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)
 

@@ -11,9 +11,8 @@ import pytest
 
 from dolfinx_joints import plots
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.results import (
-    ENERGY_TERMS,
-    Results,
+from dolfinx_joints.results import ENERGY_TERMS, Results
+from dolfinx_joints.results_writer import (
     ResultsWriter,
     declare_energy,
     declare_histories,

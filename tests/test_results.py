@@ -15,15 +15,12 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.errors import ConvergenceError, JointsError, ResultsError
-from dolfinx_joints.results import (
-    ENERGY_TERMS,
-    VERSION,
-    Results,
+from dolfinx_joints.results import ENERGY_TERMS, VERSION, Results, describe
+from dolfinx_joints.results_writer import (
     ResultsWriter,
     declare_energy,
     declare_histories,
     declare_states,
-    describe,
 )
 
 
@@ -152,7 +149,7 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a kill signal")
 def test_a_run_killed_before_its_start_is_told(tmp_path: Path) -> None:
     code = (
-        "import os, signal, sys; from dolfinx_joints.results import ResultsWriter\n"
+        "import os, signal, sys; from dolfinx_joints.results_writer import ResultsWriter\n"
         "writer = ResultsWriter(sys.argv[1], {})\n"
         "writer._file.flush()\n"
         "os.kill(os.getpid(), signal.SIGKILL)"

@@ -1,0 +1,390 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files written, on one process and from plain arrays; `results` tells their layout."""
+
+import json
+import re
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, get_args
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.results import ENERGY_TERMS, FORMAT, VERSION, listing
+
+Status = Literal["running", "complete", "stopped", "failed"]
+
+_SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
+_CHUNK_BYTES = 65536
+_BUFFER_ROWS = 64
+_BUFFER_BYTES = 1 << 24
+_NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
+
+
+class ResultsWriter:
+    """Writes one results file from plain arrays, on one process.
+
+    Use as a context manager: declare with :meth:`static` and :meth:`series`, :meth:`start`,
+    :meth:`append` as the run goes, :meth:`finish`. Leaving the block by an exception marks the
+    file "failed"; leaving it without :meth:`finish` marks it "stopped".
+
+    Args:
+        path: the file to write.
+        metadata: what the run was; anything JSON can hold, NumPy scalars and arrays included.
+        overwrite: replace an existing file instead of refusing it.
+        flush_interval: longest time that appended rows stay in memory [s], counted when the
+            next row comes.
+
+    Raises:
+        ResultsError: the file exists, or cannot be created, or the metadata are not JSON.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        metadata: Mapping[str, Any],
+        *,
+        overwrite: bool = False,
+        flush_interval: float = 2.0,
+    ) -> None:
+        """Create the file and write the metadata."""
+        self.path = Path(path)
+        if not flush_interval >= 0.0:
+            raise ResultsError(f"flush_interval must be 0 s or more, got {flush_interval} s.")
+        encoded = _encode_json(metadata, "metadata")
+        if self.path.exists() and not overwrite:
+            raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
+        try:
+            if self.path.exists():
+                self.path.unlink()  # not truncated: whoever reads the old file keeps it
+            self._file = h5py.File(self.path, "x", libver="latest")
+        except OSError as error:
+            raise ResultsError(f"{self.path} cannot be created: {error}.") from error
+        self._file.attrs.update(
+            format=FORMAT, version=VERSION, created=datetime.now(UTC).isoformat(timespec="seconds")
+        )
+        self._file.create_dataset("metadata", data=encoded)
+        self._file.create_dataset("status", data=np.array([b"running"], dtype="S16"))
+        self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
+        self._file.create_group("static")
+        self._file.create_group("streams")
+        self._streams: dict[str, _Stream] = {}
+        self._started = False
+        self._finished = False
+        self._flush_interval = flush_interval
+        self._flushed_at = clock.monotonic()
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write what is buffered, settle the status and close the file."""
+        try:
+            if kind is not None and not self._finished:
+                status: Status = "failed" if issubclass(kind, Exception) else "stopped"
+                self.finish(status, {"error": f"{kind.__name__}: {error}"[:2000]})
+        finally:
+            self.close()
+
+    def static(self, name: str, array: ArrayLike, unit: str, description: str) -> None:
+        """Write an array once.
+
+        Args:
+            name: path below ``static``, for example ``"mesh/nodes"``.
+            array: numbers of any shape.
+            unit: for example ``"m"``; ``"-"`` where there is none.
+            description: one line for a reader of the file.
+        """
+        self._check_declaration(name)
+        values = np.asarray(array)
+        if values.dtype.kind not in "biuf":
+            raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
+        dataset = _create(self._file["static"], name, data=values)
+        dataset.attrs.update(unit=unit, description=description)
+
+    def series(
+        self,
+        stream: str,
+        name: str,
+        shape: Sequence[int],
+        unit: str,
+        description: str,
+        *,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        """Declare a quantity of which every record of a stream holds one array.
+
+        Args:
+            stream: the group of quantities recorded at the same times; made when first named.
+            name: path below the stream, for example ``"joints/joint_1/gap"``.
+            shape: shape of one record; ``()`` for a number.
+            unit: for example ``"m"``; ``"-"`` where there is none.
+            description: one line for a reader of the file.
+            dtype: type stored, real or integer.
+        """
+        self._check_declaration(name)
+        self._check_declaration(stream)
+        if "/" in stream or name == "time":
+            raise ResultsError(
+                f"A stream's name has no '/' and no series is called 'time', got {stream!r} "
+                f"and {name!r}."
+            )
+        if stream not in self._streams:
+            self._streams[stream] = _Stream(self._file["streams"], stream)
+        self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
+
+    def start(self) -> None:
+        """End the declarations; from here on others may read the file while it grows."""
+        if self._started:
+            raise ResultsError(f"{self.path} has been started already.")
+        self._file.flush()
+        self._file.swmr_mode = True
+        self._started = True
+
+    def append(self, stream: str, time: float, values: Mapping[str, ArrayLike]) -> None:
+        """Add one record to a stream.
+
+        Args:
+            stream: a declared stream.
+            time: time of the record [s], later than the one before.
+            values: an array for every quantity declared in the stream; copied.
+        """
+        if not self._started or self._finished:
+            state = "finished already" if self._finished else "not started"
+            raise ResultsError(f"No record can be appended: {self.path} is {state}.")
+        if stream not in self._streams:
+            raise ResultsError(f"No stream {stream!r}; declared are {listing(self._streams)}.")
+        self._streams[stream].append(float(time), values)
+        due = clock.monotonic() - self._flushed_at >= self._flush_interval
+        if due:
+            self.flush()
+        elif self._streams[stream].full:
+            self._flush_streams([self._streams[stream]])
+
+    def flush(self) -> None:
+        """Bring every appended row into the file."""
+        self._flush_streams(self._streams.values())
+        self._flushed_at = clock.monotonic()
+
+    def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
+        """Write the buffered rows, the summary and, last, the status.
+
+        Args:
+            status: ``"complete"``, ``"stopped"`` or ``"failed"``.
+            summary: closing facts of the run; anything JSON can hold.
+        """
+        if status not in get_args(Status) or status == "running":
+            raise ResultsError(f"status must be 'complete', 'stopped' or 'failed', got {status!r}.")
+        encoded = _encode_json(summary, "summary")
+        if encoded.size > _SUMMARY_BYTES:
+            raise ResultsError(
+                f"The summary may take {_SUMMARY_BYTES} bytes as JSON, got {encoded.size}."
+            )
+        if self._finished:
+            raise ResultsError(f"{self.path} is finished already.")
+        self._finished = True
+        self.flush()
+        self._file["summary"][: encoded.size] = encoded
+        self._file.flush()
+        self._file["status"][0] = status.encode()
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file; a run that was not finished is marked "stopped"."""
+        if not self._file:
+            return
+        try:
+            if not self._finished:
+                self.finish("stopped", {})
+        finally:
+            self._file.close()
+
+    def _flush_streams(self, streams: Iterable["_Stream"]) -> None:
+        pending = [(stream, stream.write_values()) for stream in streams if stream.rows]
+        if pending:
+            self._file.flush()
+            for stream, times in pending:
+                stream.write_time(times)
+            self._file.flush()
+
+    def _check_declaration(self, name: str) -> None:
+        if self._started:
+            raise ResultsError(f"{name!r} must be declared before start.")
+        if not _NAME.fullmatch(name):
+            raise ResultsError(
+                f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."
+            )
+
+
+class _Stream:
+    """Datasets of one stream and the rows that wait to be written."""
+
+    def __init__(self, parent: h5py.Group, name: str) -> None:
+        self.name = name
+        self.rows: list[tuple[float, dict[str, NDArray[Any]]]] = []
+        self._last = -np.inf
+        self._bytes = 0
+        self._group = parent.create_group(name)
+        self._datasets: dict[str, h5py.Dataset] = {}
+        self._time = _extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
+        self._time.attrs.update(unit="s", description="time of each record")
+
+    @property
+    def full(self) -> bool:
+        return len(self.rows) >= _BUFFER_ROWS or self._bytes >= _BUFFER_BYTES
+
+    def declare(
+        self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
+    ) -> None:
+        if dtype.kind not in "iuf":
+            raise ResultsError(f"The series {name!r} must hold real numbers, got {dtype}.")
+        dataset = _extendable(self._group, name, shape, dtype)
+        dataset.attrs.update(unit=unit, description=text)
+        self._datasets[name] = dataset
+
+    def append(self, time: float, values: Mapping[str, ArrayLike]) -> None:
+        if not (np.isfinite(time) and time > self._last):
+            raise ResultsError(
+                f"Times of the stream {self.name!r} must be finite and increase, got {time} s "
+                f"after {self._last} s."
+            )
+        if values.keys() != self._datasets.keys():
+            raise ResultsError(
+                f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
+            )
+        row = {}
+        for name, dataset in self._datasets.items():
+            row[name] = np.array(values[name], dtype=dataset.dtype)
+            if row[name].shape != dataset.shape[1:]:
+                raise ResultsError(
+                    f"{self.name}/{name} was declared with shape {dataset.shape[1:]}, "
+                    f"got {row[name].shape}."
+                )
+        self._last = time
+        self._bytes += sum(array.nbytes for array in row.values())
+        self.rows.append((time, row))
+
+    def write_values(self) -> list[float]:
+        """Write the waiting values and return their times, still to be written."""
+        times = [time for time, _ in self.rows]
+        start = self._time.shape[0]
+        for name, dataset in self._datasets.items():
+            dataset.resize(start + len(times), axis=0)
+            dataset[start:] = np.stack([row[name] for _, row in self.rows])
+        self.rows.clear()
+        self._bytes = 0
+        return times
+
+    def write_time(self, times: Sequence[float]) -> None:
+        start = self._time.shape[0]
+        self._time.resize(start + len(times), axis=0)
+        self._time[start:] = times
+
+
+def declare_histories(writer: ResultsWriter, points: ArrayLike) -> None:
+    """Declare the stream ``histories``, one record per step.
+
+    The names of the points belong in the metadata as ``point_names``.
+
+    Args:
+        writer: a writer not started yet.
+        points: monitor points, shape (num_points, 3), [m].
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    writer.static("histories/points", points, "m", "monitor points")
+    writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
+    for state in ("open", "stick", "slip"):
+        text = f"share of the joint points that {state if state != 'open' else 'are open'}"
+        writer.series("histories", f"joint_{state}", (), "-", text)
+    text = "iterations of the step's solve"
+    writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
+
+
+def declare_energy(writer: ResultsWriter) -> None:
+    """Declare the stream ``energy``, one record per step, a number [J] per ledger line."""
+    for term in ENERGY_TERMS:
+        writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")
+
+
+def declare_states(
+    writer: ResultsWriter,
+    nodes: ArrayLike,
+    surface: ArrayLike,
+    joints: Mapping[str, Mapping[str, ArrayLike]],
+) -> None:
+    """Declare the stream ``states``, recorded at chosen times.
+
+    Args:
+        writer: a writer not started yet.
+        nodes: shape (num_nodes, 3), [m]; the two sides of a joint have their own.
+        surface: vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4); the
+            sides of the joints belong to them.
+        joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
+            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+    """
+    nodes = np.asarray(nodes, dtype=np.float64)
+    writer.static("mesh/nodes", nodes, "m", "nodes")
+    writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
+    writer.series("states", "displacement", nodes.shape, "m", "displacement of the nodes")
+    for name, joint in joints.items():
+        where = f"joints/{name}"
+        writer.static(f"{where}/points", joint["points"], "m", "joint points")
+        writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
+        writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
+        writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
+        shape = np.asarray(joint["points"]).shape
+        writer.series("states", f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
+        text = "traction (n, s1, s2), compression if n < 0"
+        writer.series("states", f"{where}/traction", shape, "Pa", text)
+
+
+def _create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
+    try:
+        return group.create_dataset(name, **options)
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{name!r} is declared already, or is the path of another.") from error
+
+
+def _extendable(
+    group: h5py.Group,
+    name: str,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    *,
+    fill: float = 0.0,
+) -> h5py.Dataset:
+    if any(length < 0 for length in shape):
+        raise ResultsError(f"The shape of {name!r} must have no negative length, got {shape}.")
+    row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
+    chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
+    empty, unlimited = (0, *shape), (None, *shape)
+    options = {"maxshape": unlimited, "chunks": chunks, "dtype": dtype, "fillvalue": fill}
+    return _create(group, name, shape=empty, **options)
+
+
+def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
+    try:
+        text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
+    except (TypeError, ValueError) as error:
+        raise ResultsError(f"The {what} must be what JSON can hold: {error}.") from error
+    return np.frombuffer(text.encode(), dtype=np.uint8)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} {value!r} is not JSON")

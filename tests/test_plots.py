@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints import plots
+from dolfinx_joints import joint_surface, plots
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results
 from dolfinx_joints.results_writer import (
@@ -186,14 +186,14 @@ def test_patches_tile_the_joint(results: Results) -> None:
 
 
 def test_a_triangle_is_split_like_its_reference() -> None:
-    shape = plots._Bilinear(np.array([[[1.0, 1.0], [4.0, 2.0], [2.0, 5.0]]]))
+    shape = joint_surface._Bilinear(np.array([[[1.0, 1.0], [4.0, 2.0], [2.0, 5.0]]]))
     local = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
     facet = np.zeros(3, dtype=int)
     np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-14)
 
 
 def test_a_skew_quadrilateral_is_inverted() -> None:
-    shape = plots._Bilinear(np.array([[[0.0, 0.0], [4.0, 0.0], [3.0, 2.0], [1.0, 3.0]]]))
+    shape = joint_surface._Bilinear(np.array([[[0.0, 0.0], [4.0, 0.0], [3.0, 2.0], [1.0, 3.0]]]))
     local = np.array([[0.0, 0.0], [0.2, 0.8], [1.0, 1.0], [0.9, 0.1]])
     facet = np.zeros(4, dtype=int)
     np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-12)
@@ -304,7 +304,7 @@ def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> 
 def test_axes_in_the_plane(
     normal: list[float], across: list[float], up: list[float], label: str
 ) -> None:
-    axes, labels = plots._plane_axes(np.array(normal, dtype=float))
+    axes, labels = joint_surface._plane_axes(np.array(normal, dtype=float))
     np.testing.assert_allclose(axes, [across, up], atol=1e-12)
     assert labels[1] == label
 

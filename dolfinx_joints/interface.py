@@ -122,6 +122,7 @@ class InterfaceSolver:
     def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
         """Constrain B (collective)."""
         self.system = system
+        self.name = "condensed"
         self.options = options or NewtonOptions()
         if system.contact is None:
             raise ValueError("A system without joints has nothing to condense onto.")

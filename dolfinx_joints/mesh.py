@@ -9,6 +9,7 @@ table kept on every rank.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,10 +68,6 @@ class JointPairs:
     sign: Ints
     gaps_in_geometry: bool
     bonded: Ints
-
-    def facets_of(self, name: str) -> Ints:
-        """Numbers of the pairs of one joint."""
-        return np.flatnonzero(self.joint == self.names.index(name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,6 +224,12 @@ def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
     pairs = _pair_table(raw.shape, cells, raw.x[parent], names, split, duplicated)
     for i, name in enumerate(names):
         here = pairs.joint == i
+        if pairs.bonded[i]:
+            warnings.warn(
+                f"Joint {name!r}: {pairs.bonded[i]} facets have all their vertices on the joint's "
+                "front inside the body and stay closed; a finer mesh there lets them open.",
+                stacklevel=2,
+            )
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
     facets, facet_values, facet_groups = _tag_sets(slots)

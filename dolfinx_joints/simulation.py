@@ -107,6 +107,7 @@ class Outcome:
         steps: Steps asked for.
         substeps: Steps taken, more than ``steps`` where Newton failed and the step was halved.
         iterations: Newton iterations of all steps.
+        solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
     """
 
     state: DynamicState
@@ -116,6 +117,7 @@ class Outcome:
     steps: int
     substeps: int
     iterations: int
+    solver: str
 
 
 class Simulation:
@@ -256,7 +258,7 @@ class Simulation:
             if start and start.joints:
                 # A point that slid sits on the limit: asked again, round-off would decide.
                 state = replace(state, joints=start.joints)
-            run = _Run(self, EnergyLedger(system), state, steps)
+            run = _Run(self, EnergyLedger(system), state, steps, solver.name)
         with run.watched():
             for step in range(1, steps + 1):
                 with self._phase("time steps"):
@@ -279,7 +281,7 @@ class Simulation:
             f"energy error {100 * outcome.energy_error:.3g} % of the largest energy; "
             f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
             f"displacement\n{outcome.steps} steps in {outcome.substeps} substeps, "
-            f"{mean:.2f} Newton iterations per substep\n{phases}"
+            f"{mean:.2f} Newton iterations per substep, {outcome.solver} solver\n{phases}"
         )
 
     @contextmanager
@@ -296,9 +298,15 @@ class _Run:
     """Bookkeeping of a dynamic stage."""
 
     def __init__(
-        self, simulation: Simulation, ledger: EnergyLedger, state: DynamicState, steps: int
+        self,
+        simulation: Simulation,
+        ledger: EnergyLedger,
+        state: DynamicState,
+        steps: int,
+        solver: str,
     ) -> None:
         self.simulation, self.ledger, self.state, self.steps = simulation, ledger, state, steps
+        self.solver = solver
         self.substeps = self.iterations = 0
         self._local_error = self._largest = 0.0
         self._origin = state.displacement.copy()
@@ -360,6 +368,7 @@ class _Run:
             "steps": outcome.steps,
             "substeps": outcome.substeps,
             "iterations": outcome.iterations,
+            "solver": outcome.solver,
             "energy_error": outcome.energy_error,
             "local_error": outcome.local_error,
             "seconds": dict(self.simulation.seconds),
@@ -378,4 +387,5 @@ class _Run:
             steps=self.steps,
             substeps=self.substeps,
             iterations=self.iterations,
+            solver=self.solver,
         )

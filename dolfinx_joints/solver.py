@@ -87,9 +87,11 @@ class StepSolver(Protocol):
 
     Attributes:
         system: The system.
+        name: ``linear``, ``monolithic`` or ``condensed``.
     """
 
     system: MatrixSystem
+    name: str
 
     def solve(
         self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
@@ -165,6 +167,7 @@ class NewtonSolver:
     def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
         """Make the work vectors (collective)."""
         self.system = system
+        self.name = "linear" if system.contact is None else "monolithic"
         self.options = options or NewtonOptions()
         self._free = free_dofs(system)
         self._force, self._residual, self._correction, self._trial = (

@@ -1,0 +1,75 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+
+RUN := ./with-dolfinx
+PYTHON := $(RUN) python3
+# A rank that waits for one that has failed would wait for ever: mpi4py's runner aborts all
+# ranks when one ends with an error, and timeout ends what hangs nevertheless.
+MPI_SECONDS ?= 1800
+MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
+MPI_PYTEST = python3 -m mpi4py -m pytest -q -x -p no:cacheprovider -m "mpi and not slow" tests
+
+DEMOS := demos/01_impact.py demos/02_sliding_block.py demos/03_ambiesta.py
+DEMO_ARGS ?=
+BENCHMARKS = $(sort $(wildcard benchmarks/*.py))
+
+# ruff is not a Debian package: it comes from PyPI, into the user's cache. mypy comes with
+# Debian's packages, and the same way as ruff where DOLFINx came from elsewhere.
+RUFF_VERSION := 0.17
+MYPY_VERSION := 1.15
+TOOLS = $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/dolfinx_joints/tools
+RUFF = $(RUN) "$(TOOLS)/ruff-$(RUFF_VERSION)/bin/ruff"
+MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/mypy-$(MYPY_VERSION)" python3 -m mypy
+BASH_SCRIPTS := with-dolfinx .ci/run
+
+# $(call install_tool,NAME,MINOR VERSION): into a new directory, then one rename, so that an
+# interrupted call leaves nothing that is taken for whole.
+define install_tool
+[ -d "$(TOOLS)/$(1)-$(2)" ] || { \
+	mkdir -p "$(TOOLS)"; new=$$(mktemp -d "$(TOOLS)/new-XXXXXX"); \
+	trap 'rm -rf "$$new"' EXIT; \
+	echo "installing $(1) $(2) from PyPI in $(TOOLS)"; \
+	$(PYTHON) -m pip install -q --disable-pip-version-check --root-user-action=ignore \
+		--no-warn-script-location --target "$$new/whole" "$(1)==$(2).*"; \
+	mv -T "$$new/whole" "$(TOOLS)/$(1)-$(2)" || [ -d "$(TOOLS)/$(1)-$(2)" ]; }
+endef
+
+.PHONY: help demo test verify bench lint clean
+.DEFAULT_GOAL := help
+
+help: ## Show this list
+	@echo 'Each target sets up what it needs by itself; the first may take minutes for that.'
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' Makefile
+
+demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to them
+	@for script in $(DEMOS); do echo "== $$script"; $(PYTHON) "$$script" $(DEMO_ARGS); done
+
+test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
+	$(PYTHON) -m pytest -q -m "not slow" tests
+	$(MPIRUN) -n 2 $(MPI_PYTEST)
+	$(MPIRUN) -n 3 $(MPI_PYTEST)
+
+verify: ## Run the slow verification problems, and the demos on 2 ranks
+	$(PYTHON) -m pytest -q -m slow tests
+	$(MPIRUN) -n 2 python3 -m mpi4py demos/01_impact.py
+	$(MPIRUN) -n 2 python3 -m mpi4py demos/02_sliding_block.py
+	$(MPIRUN) -n 2 python3 -m mpi4py demos/03_ambiesta.py --steps 50
+
+bench: ## Run the benchmarks
+	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script"; done
+	$(if $(BENCHMARKS),,@echo 'there are no benchmarks yet')
+
+lint: ## Check style and types
+	@$(call install_tool,ruff,$(RUFF_VERSION))
+	@$(PYTHON) -c 'import mypy' 2>/dev/null || $(call install_tool,mypy,$(MYPY_VERSION))
+	$(RUFF) check .
+	$(RUFF) format --check .
+	$(MYPY) dolfinx_joints
+	@if command -v shellcheck >/dev/null; then echo shellcheck; shellcheck -x $(BASH_SCRIPTS); fi
+
+clean: ## Remove what the other targets left in this folder
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

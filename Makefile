@@ -12,7 +12,6 @@ MPI_SECONDS ?= 1800
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
 MPI_PYTEST = python3 -m mpi4py -m pytest -q -x -p no:cacheprovider -m "mpi and not slow" tests
 
-DEMOS := demos/01_impact.py demos/02_sliding_block.py demos/03_ambiesta.py
 DEMO_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/*.py))
 
@@ -44,8 +43,10 @@ help: ## Show this list
 	@echo 'Each target sets up what it needs by itself; the first may take minutes for that.'
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' Makefile
 
-demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to them
-	@for script in $(DEMOS); do echo "== $$script"; $(PYTHON) "$$script" $(DEMO_ARGS); done
+demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the dam
+	$(PYTHON) demos/01_impact.py
+	$(PYTHON) demos/02_sliding_block.py
+	$(PYTHON) demos/03_ambiesta.py $(DEMO_ARGS)
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
 	$(PYTHON) -m pytest -q -m "not slow" tests

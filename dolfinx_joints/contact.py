@@ -67,10 +67,10 @@ class Contact:
         self._laws: list[tuple[Law, NDArray[np.int64]]] = []
         distinct: list[Law] = []
         for law in by_name.values():
-            if law not in distinct:
+            if not any(law is other for other in distinct):
                 distinct.append(law)
         for law in distinct:
-            members = [i for i, name in enumerate(operator.names) if by_name[name] == law]
+            members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
         self._offset = operator.initial_gap.copy()
         for name, gap in (initial_gaps or {}).items():

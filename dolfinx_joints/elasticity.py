@@ -91,6 +91,8 @@ class ElasticBody:
                 fem.Constant(mesh, float(value)) for value in constants
             )
             return
+        if not material:
+            raise ValueError("material names no cell group; give a material, or one per group.")
         space = fem.functionspace(mesh, ("DG", 0))
         fields = [fem.Function(space) for _ in range(3)]
         count = fem.Function(space)

@@ -36,6 +36,9 @@ Floats = NDArray[np.float64]
 # A dense G of this many unknowns takes 0.8 GB on every rank.
 LARGEST_DENSE = 10_000
 
+# What several of them, one per step length, may take together.
+KEPT_BYTES = 2_000_000_000
+
 KINDS = ("auto", "condensed", "monolithic")
 
 
@@ -137,7 +140,8 @@ class InterfaceSolver:
         self._compliances = Cache(
             lambda key: _Compliance(
                 EffectiveMatrix(self.system, key), self._contact, self._operator
-            )
+            ),
+            size=int(min(8, max(2, KEPT_BYTES // (8 * len(self._force) ** 2 or 1)))),
         )
 
     def solve(

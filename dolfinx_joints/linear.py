@@ -82,14 +82,20 @@ class DirectSolver:
             self._factor()
             self._stale = False
         self._ksp.solve(b, x)
-        reason = self._ksp.getConvergedReason()
-        if reason < 0:
+        if self._ksp.getConvergedReason() < 0 or (factored and not self._solves(b, x)):
             self._stale = True
             raise JointsError(
-                "The direct solver failed (the matrix is singular: is every block held by supports "
-                f"or by a closed joint?); PETSc's reason is {reason}."
+                "The matrix is singular to working precision: is every block held by supports, "
+                "springs or a closed joint?"
             )
         return factored
+
+    def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Whether a new factor gives a solution: LU of a singular matrix may end without error."""
+        residual = b.duplicate()
+        self._matrix.mult(x, residual)
+        residual.axpy(-1.0, b)
+        return bool(residual.norm() <= 1e-2 * b.norm())
 
     def _factor(self) -> None:
         try:
@@ -119,6 +125,7 @@ class EffectiveMatrix:
     Attributes:
         full: A.
         held: A with rows and columns of constrained dofs replaced by a diagonal.
+        norm: Infinity norm of A.
     """
 
     def __init__(self, system: MatrixSystem, effective: Effective) -> None:
@@ -134,6 +141,7 @@ class EffectiveMatrix:
         self.held = self.full.copy()
         rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
+        self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self._symmetric = system.symmetric
         self._solver: DirectSolver | None = None
 

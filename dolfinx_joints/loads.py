@@ -45,14 +45,14 @@ class Gravity:
     acceleration: Sequence[float] | None = None
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """The weight of the mass matrix: M g."""
+        """M g with the mass of the body; an extra mass form has no weight."""
         gdim = model.gdim
         vector = np.zeros(gdim)
         if self.acceleration is None:
             vector[-1] = -STANDARD_GRAVITY
         else:
             vector[:] = _vector(self.acceleration, gdim, "acceleration")
-        return [(model.inertia_pattern(vector), always)]
+        return [(model.inertia_pattern(vector, body_only=True), always)]
 
 
 @dataclass(frozen=True, kw_only=True)

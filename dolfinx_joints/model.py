@@ -55,6 +55,7 @@ class Model:
         contact: Joints with their laws, None without joints.
         constraints: Constrained dofs.
         mass: M [kg].
+        body_mass: M without the extra form, what gravity acts on [kg].
         damping: C [N s/m].
         stiffness: K of bulk, springs and extra forms [N/m].
         loads: The loads.
@@ -105,7 +106,10 @@ class Model:
         u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
         bulk = self.body.stiffness_form(u, v)
         springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
-        self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
+        self.body_mass = self._matrix(self.body.mass_form(u, v))
+        self.mass = self.body_mass
+        if extra_mass is not None:
+            self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
         self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
         self.damping = self._damping(bulk, damping or Rayleigh(), extra_damping)
         self._symmetric = symmetric
@@ -139,13 +143,21 @@ class Model:
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return _without_ghosts(vector, self.mass)
 
-    def inertia_pattern(self, acceleration: NDArray[np.float64]) -> PETSc.Vec:
-        """M times a uniform acceleration [m/s^2], [N] (collective)."""
-        uniform = self.mass.createVecRight()
+    def inertia_pattern(
+        self, acceleration: NDArray[np.float64], *, body_only: bool = False
+    ) -> PETSc.Vec:
+        """M times a uniform acceleration [m/s^2], [N] (collective).
+
+        Args:
+            acceleration: Shape (gdim,), [m/s^2].
+            body_only: Leave the extra mass form out.
+        """
+        mass = self.body_mass if body_only else self.mass
+        uniform = mass.createVecRight()
         local = uniform.getLocalSize() // self.gdim
         uniform.setArray(np.tile(acceleration, local))
         force = uniform.duplicate()
-        self.mass.mult(uniform, force)
+        mass.mult(uniform, force)
         return force
 
     def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:

@@ -109,6 +109,8 @@ class ResultsMonitor:
         """Nothing is written before the run starts."""
         if every < 1:
             raise ValueError(f"every is {every}; states are written every 1 or more steps.")
+        if not points:
+            raise ValueError("points is empty; at least one monitor point is needed.")
         self._path, self._points, self._every = Path(path), dict(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
         self._writer: ResultsWriter | None = None

@@ -351,10 +351,12 @@ def declare_states(
 
 
 def _create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
+    if name in group:
+        raise ResultsError(f"{name!r} is declared already, or is the path of another.")
     try:
         return group.create_dataset(name, **options)
     except (OSError, ValueError) as error:
-        raise ResultsError(f"{name!r} is declared already, or is the path of another.") from error
+        raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
 
 
 def _extendable(

@@ -38,7 +38,7 @@ class NewtonOptions:
     """When Newton stops, and what it may do on its way.
 
     Attributes:
-        relative_tolerance: Residual against the largest of the forces in balance.
+        relative_tolerance: Residual against the largest of the forces that change in the step.
         max_iterations: Iterations before the solve is given up.
         max_cuts: Halvings of a Newton correction that the line search may try.
         linear_options: PETSc options of the direct solver of the tangent, without prefix.
@@ -49,7 +49,7 @@ class NewtonOptions:
 
     relative_tolerance: float = 1e-10
     max_iterations: int = 30
-    max_cuts: int = 4
+    max_cuts: int = 10
     linear_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -169,13 +169,11 @@ class NewtonSolver:
         self.system = system
         self.name = "linear" if system.contact is None else "monolithic"
         self.options = options or NewtonOptions()
-        self._free = free_dofs(system)
-        self._force, self._residual, self._correction, self._trial = (
-            self._free.duplicate() for _ in range(4)
-        )
+        self.free = free_dofs(system)
+        self._correction = self.free.duplicate()
         product = None
         if system.contact is not None:
-            product = JointTangent(system.contact.operator, self._free)
+            product = JointTangent(system.contact.operator, self.free)
         self._tangents = Cache(
             lambda key: _Tangent(EffectiveMatrix(self.system, key), product, self.options)
         )
@@ -200,21 +198,8 @@ class NewtonSolver:
         """
         tangent: _Tangent = self._tangents(effective)
         if self.system.contact is None or state is None:
-            return solve_without_joints(tangent.effective, b, u, self._free)
+            return solve_without_joints(tangent.effective, b, u, self.free)
         return self._iterate(self.system.contact, tangent, b, u, state)
-
-    def _evaluate(
-        self, contact: Contact, matrix: PETSc.Mat, b: PETSc.Vec, u: PETSc.Vec, state: JointState
-    ) -> tuple[Response, float, float]:
-        """Response at ``u``, norm of the residual (kept) at the free dofs, and force scale."""
-        response = contact.trial(u, state)
-        matrix.mult(u, self._residual)
-        contact.operator.force(response.traction, self._force)
-        scale = max(self._residual.norm(), self._force.norm(), b.norm())
-        self._residual.axpy(1.0, self._force)
-        self._residual.axpy(-1.0, b)
-        self._force.pointwiseMult(self._residual, self._free)
-        return response, float(self._force.norm()), float(scale)
 
     def _iterate(
         self,
@@ -224,48 +209,93 @@ class NewtonSolver:
         u: PETSc.Vec,
         state: JointState,
     ) -> tuple[Response, PETSc.Vec, SolveReport]:
-        options, full = self.options, tangent.effective.full
-        response, norm, scale = self._evaluate(contact, full, b, u, state)
+        options, balance = self.options, _Balance(self, tangent.effective, contact, b, u, state)
+        response, norm = balance.evaluate(balance.change)
         factorizations, iteration = 0, 0
-        while norm > options.relative_tolerance * scale:
+        while norm > balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
-                residual = norm / scale
+                residual = norm / balance.scale
                 raise joint_failure(contact, response, state, iteration, residual, options)
             direct = tangent.update(response.tangent)
-            self._force.pointwiseMult(self._residual, self._free)
-            factorizations += direct.solve(self._force, self._correction)
-            response, norm, scale = self._search(contact, full, b, u, state, norm)
+            factorizations += direct.solve(balance.at_free, self._correction)
+            response, norm = self._search(balance, norm)
             iteration += 1
+        balance.trial.copy(u)
         report = SolveReport(
             iterations=iteration,
             factorizations=factorizations,
-            residual=norm / (scale or 1.0),
+            residual=norm / (balance.scale or 1.0),
             counts=contact.counts(response.status),
         )
-        return response, split_residual(self._residual, self._free)[1], report
+        return response, split_residual(balance.residual, self.free)[1], report
 
-    def _search(
+    def _search(self, balance: _Balance, norm: float) -> tuple[Response, float]:
+        """Take the correction, halved while it does not make the residual smaller."""
+        start, tried = balance.change.copy(), []
+        for cut in range(self.options.max_cuts + 1):
+            balance.change.waxpy(-(0.5**cut), self._correction, start)
+            answer = balance.evaluate(balance.change)
+            tried.append((answer[1], 0.5**cut))
+            if answer[1] < norm:
+                return answer
+        balance.change.waxpy(-min(tried)[1], self._correction, start)
+        return balance.evaluate(balance.change)
+
+
+class _Balance:
+    """The residual A d + B^T (w t(B (u0 + d))) - (b - A u0) of a solve that starts at u0.
+
+    Written for the change d, it is not blurred by rounding of the large products of A with a
+    displacement that hardly changes.
+    """
+
+    def __init__(
         self,
+        solver: NewtonSolver,
+        matrix: EffectiveMatrix,
         contact: Contact,
-        matrix: PETSc.Mat,
         b: PETSc.Vec,
         u: PETSc.Vec,
         state: JointState,
-        norm: float,
-    ) -> tuple[Response, float, float]:
-        """Take the correction, halved while it does not make the residual smaller."""
-        tried: list[tuple[float, float]] = []
-        for cut in range(self.options.max_cuts + 1):
-            self._trial.waxpy(-(0.5**cut), self._correction, u)
-            answer = self._evaluate(contact, matrix, b, self._trial, state)
-            tried.append((answer[1], 0.5**cut))
-            if answer[1] < norm:
-                break
-        else:
-            self._trial.waxpy(-min(tried)[1], self._correction, u)
-            answer = self._evaluate(contact, matrix, b, self._trial, state)
-        self._trial.copy(u)
-        return answer
+    ) -> None:
+        self._matrix, self._contact, self._state = matrix, contact, state
+        self._free, self._start = solver.free, u.copy()
+        self._relative = solver.options.relative_tolerance
+        self._right, self._force = b.duplicate(), b.duplicate()
+        matrix.full.mult(u, self._right)
+        self._right.aypx(-1.0, b)
+        self.change, self.trial = b.duplicate(), b.duplicate()
+        self.change.set(0.0)
+        self.residual, self.at_free = b.duplicate(), b.duplicate()
+        self.scale, self._rounding = 0.0, 0.0
+
+    def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
+        """Response at u0 + change, and the norm of the residual at the free dofs."""
+        self.trial.waxpy(1.0, change, self._start)
+        response = self._contact.trial(self.trial, self._state)
+        self._contact.operator.force(response.traction, self._force)
+        self._matrix.full.mult(change, self.residual)
+        norms = (v.norm() for v in (self.residual, self._force, self._right))
+        self.scale = max(self.scale, *(float(norm) for norm in norms))
+        self._rounding = self._rounding_error(response, change)
+        self.residual.axpy(1.0, self._force)
+        self.residual.axpy(-1.0, self._right)
+        self.at_free.pointwiseMult(self.residual, self._free)
+        return response, float(self.at_free.norm())
+
+    def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
+        """What rounding may leave of A d, and of joint forces that follow from B u."""
+        operator = self._contact.operator
+        largest = float(self.trial.norm(PETSc.NormType.NORM_INFINITY))
+        stiffness = operator.areas * np.abs(response.tangent).max(axis=(1, 2), initial=0.0)
+        squares = sum(operator.comm.allgather(float(stiffness @ stiffness)))
+        bulk = self._matrix.norm * float(change.norm())
+        return 4.0 * float(np.finfo(float).eps) * (bulk + largest * squares**0.5)
+
+    @property
+    def tolerance(self) -> float:
+        """Largest residual accepted: relative to the forces met so far, or what rounding leaves."""
+        return max(self._relative * self.scale, self._rounding)
 
 
 def solve_without_joints(

@@ -388,9 +388,10 @@ def orient_pairs(
     flip = np.ones(len(joint), dtype=np.int64)
     for root in np.unique(part, return_index=True)[1]:
         order, previous = breadth_first_order(graph, root, directed=False)
-        relation = np.sign(graph[previous[order[1:]], order[1:]]).ravel()
-        for facet, agrees in zip(order[1:], relation, strict=True):
-            flip[facet] = flip[previous[facet]] * agrees
+        for facet in order[1:]:
+            row = slice(*graph.indptr[previous[facet] : previous[facet] + 2])
+            agrees = graph.data[row][graph.indices[row] == facet][0]
+            flip[facet] = flip[previous[facet]] * np.sign(agrees)
         normals = (flip[order] * sign[order])[:, None] * normal[order]
         flip[order] *= _part_sign(x[cycle[order]].mean(axis=1), normals)
     return flip < 0

@@ -98,6 +98,9 @@ Support = Fixed | Prescribed | Spring
 class Constraints:
     """Constrained dofs of a space and their values in time.
 
+    Where supports share a dof, a prescribed value goes before a fixed one, and of two prescribed
+    ones the later in the list counts.
+
     Args:
         jointed: The mesh with its facet groups.
         V: The displacement space.
@@ -108,7 +111,7 @@ class Constraints:
         groups: Names of the groups with constrained dofs.
 
     Raises:
-        ValueError: A component is unknown or prescribed twice with different supports.
+        ValueError: A component is unknown.
         MeshError: A facet group does not exist.
     """
 

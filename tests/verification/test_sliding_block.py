@@ -1,0 +1,194 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""An elastic block that slides on a frictional base: at the limit of an incline, and shaken.
+
+Incline: the plane stays level and gravity is turned. With weight W, coefficient mu, slope theta and
+springs K that hold the block along the plane, equilibrium is W sin(theta) = mu W cos(theta) + K s
+once every point slides.
+
+Newmark's block: a rectangular pulse A = 4 m/s^2 of 0.5 s, yield acceleration mu g = 2 m/s^2. The
+block gains 2 m/s^2 for 0.5 s and loses as much for as long: slip 0.25 + 0.25 = 0.5 m, stop at 1 s.
+"""
+
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    Simulation,
+    Spring,
+    read_msh,
+)
+from dolfinx_joints.exact import SlidingBlock
+from dolfinx_joints.parallel import on_root
+from geometry.two_blocks import two_blocks
+
+pytestmark = pytest.mark.mpi
+
+COMM = MPI.COMM_WORLD
+LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]
+CONCRETE = Elastic(young=30e9, poisson=0.2, density=2400.0)
+MASS = CONCRETE.density * LENGTH * WIDTH * HEIGHT
+K_N, K_S = 1e10, 4e9  # Pa/m
+EXACT = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
+LEVEL_GRAVITY = 10.0  # m/s^2, so that mu is 0.2
+LEVEL_MU = EXACT.yield_acceleration / LEVEL_GRAVITY
+
+
+def blocks(cell):
+    """The mesh; rank 0 alone writes and reads the file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "blocks.msh"
+        sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell}
+        on_root(COMM, lambda: two_blocks(path, **sizes, lower_height=0.1, upper_height=HEIGHT))
+        return read_msh(path, COMM)
+
+
+def model(cell, mu, gravity, springs=0.0):
+    """The block under gravity (3,) [m/s^2], with springs along its top face [N/m]."""
+    along = Spring(
+        group="top", normal_stiffness=0.0, tangential_stiffness=springs / (LENGTH * WIDTH)
+    )
+    return Model(
+        blocks(cell),
+        material=CONCRETE,
+        joints=FrictionNoTension(
+            normal_stiffness=K_N,
+            shear_stiffness=K_S,
+            friction_angle_deg=math.degrees(math.atan(mu)),
+        ),
+        supports=[Fixed(group="base"), *([along] if springs else [])],
+        loads=[Gravity(acceleration=gravity)],
+    )
+
+
+def mean_slip(block, joints):
+    """Mean tangential gap (s1, s2) = (x, y), [m] (collective)."""
+    slip = joints.state.gap[:, 1:]
+    area = block.contact.integral(np.ones(len(slip)))
+    return np.array([block.contact.integral(slip[:, axis]) for axis in (0, 1)]) / area
+
+
+def incline(cell, share, direction_deg=0.0):
+    """Slip down the slope and across it [m], and the points by status."""
+    mu, beyond = math.tan(math.radians(30.0)), 0.01
+    limit = math.atan(1.01 * mu)
+    springs = MASS * 9.81 * (math.sin(limit) - mu * math.cos(limit)) / beyond
+    theta, direction = math.atan(share * mu), math.radians(direction_deg)
+    down = np.array([math.cos(direction), math.sin(direction)])
+    block = model(cell, mu, 9.81 * np.array([*(math.sin(theta) * down), -math.cos(theta)]), springs)
+    joints = Simulation(block).statics().joints
+    slip = mean_slip(block, joints)
+    counts = block.contact.counts(joints.status)
+    return slip @ down, slip @ [-down[1], down[0]], counts
+
+
+class History:
+    """Collects time [s], mean slip [m] and friction work [J]."""
+
+    def start(self, model, stage, steps, first):
+        self.model, self.rows = model, []
+        self.record(first)
+
+    def record(self, record):
+        slip = mean_slip(self.model, record.joints)
+        self.rows.append((record.time, *slip, record.energy.friction))
+
+    def finish(self, status, summary):
+        self.time, self.slip, self.across, self.friction = np.array(self.rows).T
+
+
+def ground(time):
+    """Towards -x; the mean value where the pulse ends, so that its impulse is right."""
+    left = EXACT.duration - time
+    return -EXACT.pulse * (0.5 if abs(left) < 1e-9 else float(left > 0.0)), 0.0, 0.0
+
+
+def shake(cell, dt, solver="auto"):
+    """Self weight, then the pulse."""
+    history = History()
+    block = model(cell, LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY))
+    simulation = Simulation(block, monitors=[history], solver=solver)
+    simulation.statics()
+    return history, simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
+
+
+def expected_error(dt):
+    """Of the final slip [m]: friction is not there yet when the pulse sets in.
+
+    The mean friction of the first step is half of what it should be. The block slides faster by
+    a_y dt / 2 ever after, that is farther by this times the time to the stop.
+    """
+    return 0.5 * EXACT.yield_acceleration * dt * EXACT.stop_time
+
+
+def test_exact_solution():
+    assert EXACT.final_slip == pytest.approx(0.5)
+    assert EXACT.stop_time == pytest.approx(1.0)
+    assert EXACT.slip([0.5, 1.0, 2.0]) == pytest.approx([0.25, 0.5, 0.5])
+    t = np.linspace(0.0, 1.5, 1501)
+    velocity = EXACT.velocity(t)
+    travelled = np.cumsum(0.5 * (velocity[1:] + velocity[:-1])) * 1e-3
+    assert travelled == pytest.approx(EXACT.slip(t[1:]), abs=1e-9)
+    held = SlidingBlock(pulse=1.9, yield_acceleration=2.0, duration=0.5)
+    assert held.final_slip == held.stop_time == 0.0
+    assert not held.slip(t).any()
+
+
+@pytest.mark.parametrize("direction", [0.0, 35.0])
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_incline_above_the_limit(cell, direction):
+    """10 mm at 101 % of the limit by the choice of the springs; the block is 1e-5 of them soft."""
+    down, across, counts = incline(cell, 1.01, direction)
+    assert counts.slip == counts.total
+    assert down == pytest.approx(0.01, rel=1e-4)
+    assert abs(across) < 1e-4 * down
+
+
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_incline_below_the_limit(cell):
+    """Elastic slip of the joint: tau / k_s = 0.59e-6 m with the mean tau, 2350 Pa at 99 %."""
+    down, across, counts = incline(cell, 0.99)
+    assert counts.stick > 0
+    assert counts.open == 0
+    assert 0.5e-6 < down < 1e-6
+    assert abs(across) < 1e-8
+
+
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_newmark_block(cell):
+    dt = 0.01
+    history, outcome = shake(cell, dt)
+    error = history.slip[-1] - EXACT.final_slip
+    assert error == pytest.approx(expected_error(dt), rel=0.05)
+    assert np.abs(history.slip - EXACT.slip(history.time)).max() < 1.1 * expected_error(dt)
+    assert np.abs(history.across).max() < 1e-4 * EXACT.final_slip
+    rest = history.slip[history.time > EXACT.stop_time + 3 * dt]
+    assert np.ptp(rest) < 1e-3 * EXACT.final_slip
+    work = LEVEL_MU * MASS * LEVEL_GRAVITY * history.slip[-1]  # mu N slip
+    assert history.friction[-1] == pytest.approx(work, rel=1e-3)
+    assert outcome.energy_error < 1e-6
+
+
+def test_error_of_the_slip_falls_with_the_step():
+    """First order: within 1 % of the slip below dt = 5 ms."""
+    errors = [shake("hex", dt)[0].slip[-1] / EXACT.final_slip - 1.0 for dt in (0.02, 0.01, 0.005)]
+    assert abs(errors[-1]) < 0.01
+    assert errors[0] / errors[2] == pytest.approx(4.0, rel=0.1)
+
+
+def test_both_solvers_agree():
+    condensed, monolithic = (shake("hex", 0.02, solver=s)[0] for s in ("condensed", "monolithic"))
+    assert np.abs(condensed.slip - monolithic.slip).max() < 1e-5 * EXACT.final_slip

@@ -10,7 +10,7 @@ PYTHON := $(RUN) python3
 # ranks when one ends with an error, and timeout ends what hangs nevertheless.
 MPI_SECONDS ?= 1800
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
-MPI_PYTEST = python3 -m mpi4py -m pytest -q -x -p no:cacheprovider -m "mpi and not slow" tests
+MPI_PYTEST = python3 -m mpi4py -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
 
 DEMO_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/*.py))

@@ -148,8 +148,7 @@ class InterfaceSolver:
         self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
     ) -> tuple[Response | None, PETSc.Vec, SolveReport]:
         """Solve for ``u`` in place; see `NewtonSolver.solve` (collective)."""
-        if state is None:
-            state = self._contact.at_rest(u)
+        state = state or self._contact.at_rest(u)
         compliance: _Compliance = self._compliances(effective)
         matrix = compliance.effective
         factored = matrix.solve_linear(b, u, self._free)

@@ -187,7 +187,7 @@ class NewtonSolver:
             effective: Coefficients of A.
             b: Right-hand side [N].
             u: Start of the iteration, with the constrained dofs at their values already.
-            state: Joint state at the start of the step, None without joints.
+            state: Joint state at the start of the step, at rest at ``u`` unless given.
 
         Returns:
             The joints' response, the reactions (zero at free dofs) [N], and the report.
@@ -197,9 +197,10 @@ class NewtonSolver:
             JointsError: A factorization failed.
         """
         tangent: _Tangent = self._tangents(effective)
-        if self.system.contact is None or state is None:
+        contact = self.system.contact
+        if contact is None:
             return solve_without_joints(tangent.effective, b, u, self.free)
-        return self._iterate(self.system.contact, tangent, b, u, state)
+        return self._iterate(contact, tangent, b, u, state or contact.at_rest(u))
 
     def _iterate(
         self,
@@ -295,7 +296,7 @@ class _Balance:
     @property
     def tolerance(self) -> float:
         """Largest residual accepted: relative to the forces met so far, or what rounding leaves."""
-        return max(self._relative * self.scale, self._rounding)
+        return max(self._relative * self.scale, min(self._rounding, 1e-6 * self.scale))
 
 
 def solve_without_joints(

@@ -1,0 +1,153 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes shared by the tests and by all ranks."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+try:
+    from mpi4py import MPI
+except ImportError:  # records, spectra, results and plots are tested without MPI as well
+    MPI = None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip on several ranks what is written for one."""
+    if MPI is None or MPI.COMM_WORLD.size == 1:
+        return
+    for item in items:
+        if item.get_closest_marker("mpi") is None:
+            item.add_marker(pytest.mark.skip(reason="holds on one rank only"))
+
+
+@pytest.fixture(scope="session")
+def comm() -> Any:
+    """The communicator of all ranks that run the tests."""
+    return pytest.importorskip("mpi4py.MPI").COMM_WORLD
+
+
+@pytest.fixture(scope="session")
+def new_path(comm: Any, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Paths in one folder that all ranks see, a new one for each call (collective)."""
+    made = str(tmp_path_factory.mktemp("shared")) if comm.rank == 0 else None
+    folder = Path(comm.bcast(made, root=0))
+    count = itertools.count()
+    return lambda name: folder / f"{next(count)}_{name}"
+
+
+@pytest.fixture(scope="session")
+def mesh_file(comm: Any, new_path: Callable[[str], Path]) -> Callable[..., Path]:
+    """``mesh_file(script, **parameters)``: its .msh file, written once by rank 0 (collective)."""
+    pytest.importorskip("gmsh")
+    known: dict[tuple[Any, ...], Path] = {}
+
+    def make(script: Callable[..., Any], **parameters: Any) -> Path:
+        key = (script.__name__, *sorted(parameters.items()))
+        if key not in known:
+            known[key] = new_path(f"{script.__name__}.msh")
+            failure = None
+            if comm.rank == 0:
+                try:
+                    script(known[key], **parameters)
+                except Exception as exc:
+                    failure = exc
+            failure = comm.bcast(failure, root=0)
+            if failure is not None:
+                raise failure
+        return known[key]
+
+    return make
+
+
+def _two_rectangles(
+    out: Path, *, cell: str = "quad", order: int = 1, angle: float = 20.0, divisions: int = 3
+) -> None:
+    """Mesh [0, 1] x [0, 2] with a joint through (1/2, 1), ``angle`` degrees from the horizontal.
+
+    Groups as in ``two_blocks``: surfaces ``lower``, ``upper``; lines ``base``, ``top``, ``sides``
+    and ``joint_1``.
+    """
+    import math
+
+    import gmsh
+
+    rise = 0.5 * math.tan(math.radians(angle))
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo = gmsh.model.geo
+        corners = [(0, 0), (1, 0), (1, 1 + rise), (0, 1 - rise), (1, 2), (0, 2)]
+        p = [geo.addPoint(x, y, 0) for x, y in corners]
+        ends = [(0, 1), (1, 2), (2, 3), (3, 0), (2, 4), (4, 5), (5, 3)]
+        base, right, joint, left, up_right, top, up_left = (
+            geo.addLine(p[a], p[b]) for a, b in ends
+        )
+        lower = geo.addPlaneSurface([geo.addCurveLoop([base, right, joint, left])])
+        upper = geo.addPlaneSurface([geo.addCurveLoop([-joint, up_right, top, up_left])])
+        for line in (base, right, joint, left, up_right, top, up_left):
+            geo.mesh.setTransfiniteCurve(line, divisions + 1)
+        for surface in (lower, upper):
+            geo.mesh.setTransfiniteSurface(surface)
+            if cell == "quad":
+                geo.mesh.setRecombine(2, surface)
+        geo.synchronize()
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        for name, dim, tags in (
+            ("lower", 2, [lower]),
+            ("upper", 2, [upper]),
+            ("base", 1, [base]),
+            ("top", 1, [top]),
+            ("sides", 1, [right, left, up_right, up_left]),
+            ("joint_1", 1, [joint]),
+        ):
+            gmsh.model.addPhysicalGroup(dim, tags, name=name)
+        gmsh.write(str(out))
+    finally:
+        gmsh.finalize()
+
+
+@pytest.fixture(scope="session")
+def two_rectangles_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
+    """``two_rectangles_file(cell=, order=, angle=)``: the plane twin of ``two_blocks``."""
+    return lambda **parameters: mesh_file(_two_rectangles, **parameters)
+
+
+@pytest.fixture(scope="session")
+def blocks_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
+    """``blocks_file(**parameters)``: two blocks, coarse, inclined by 20 degrees unless told."""
+    from geometry.two_blocks import two_blocks
+
+    return lambda **parameters: mesh_file(two_blocks, **{"size": 0.5, "angle": 20.0, **parameters})
+
+
+@pytest.fixture(scope="session")
+def wall_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
+    """``wall_file(**parameters)``: a jointed wall of 4 x 1 x 3 cells unless told."""
+    from geometry.jointed_wall import jointed_wall
+
+    return lambda **parameters: mesh_file(jointed_wall, **{"divisions": (4, 1, 3), **parameters})
+
+
+@pytest.fixture(scope="session")
+def read(comm: Any) -> Callable[..., Any]:
+    """``read(path)``: the mesh on all ranks, or on ``comm=``; read once (collective)."""
+    from dolfinx_joints import read_msh
+
+    known: dict[tuple[Any, ...], Any] = {}
+
+    def load(path: Path, on: Any = None, joints: list[str] | None = None) -> Any:
+        on = comm if on is None else on
+        key = (str(path), on.size, None if joints is None else tuple(joints))
+        if key not in known:
+            known[key] = read_msh(path, on, joints=joints)
+        return known[key]
+
+    return load

@@ -1,0 +1,345 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newmark's method on small systems, steps that halve themselves, the initial balance."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("petsc4py")
+
+from dolfinx_joints import (
+    ConvergenceError,
+    FrictionNoTension,
+    JointsError,
+    MatrixSystem,
+    Newmark,
+    NewtonOptions,
+    StepControl,
+)
+from dolfinx_joints.integrators import (
+    DynamicState,
+    StepReport,
+    advance_halving,
+    check_step,
+    initial_state,
+    located,
+)
+from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver import SolveReport
+
+SOLVERS = ["condensed", "monolithic"]
+
+
+def vector(system, values):
+    v = system.mass.createVecRight()
+    v.setArray(np.atleast_1d(np.asarray(values, float)))
+    return v
+
+
+def march(system, dt, steps, *, scheme=None, kind="auto", newton=None, u0=None, v0=None):
+    """All states of a run with equal steps."""
+    solver = make_solver(system, newton, kind)
+    states = [
+        initial_state(
+            solver,
+            displacement=None if u0 is None else vector(system, u0),
+            velocity=None if v0 is None else vector(system, v0),
+        )
+    ]
+    for _ in range(steps):
+        states.append((scheme or Newmark()).advance(solver, states[-1], dt)[0])
+    return states
+
+
+def history(states, name="displacement"):
+    return np.array([getattr(state, name).getArray(readonly=True) for state in states])
+
+
+OMEGA, RATIO = 2 * np.pi, 0.05
+
+
+def damped(t, u0=1.0, v0=0.5):
+    """Free vibration of m u'' + c u' + k u = 0 with period 1 s and 5 % of critical damping."""
+    w = OMEGA * np.sqrt(1 - RATIO**2)
+    b = (v0 + RATIO * OMEGA * u0) / w
+    return np.exp(-RATIO * OMEGA * t) * (u0 * np.cos(w * t) + b * np.sin(w * t))
+
+
+@pytest.mark.parametrize(
+    ("beta", "gamma", "order"), [(0.25, 0.5, 2), (1 / 6, 0.5, 2), (0.3025, 0.6, 1)]
+)
+def test_order_of_newmark(beta, gamma, order):
+    # Closed form of the damped oscillator; halving dt divides the error at t = 1.3 s by 2^order.
+    system = MatrixSystem.from_arrays(
+        mass=3.0, stiffness=3 * OMEGA**2, damping=3 * 2 * RATIO * OMEGA
+    )
+    errors = []
+    for steps in (130, 260, 520):
+        states = march(
+            system, 1.3 / steps, steps, scheme=Newmark(beta=beta, gamma=gamma), u0=1.0, v0=0.5
+        )
+        errors.append(abs(history(states)[-1, 0] - damped(1.3)))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(rates, order, atol=0.15)
+
+
+def test_forced_vibration():
+    # Undamped, F = F0 sin(W t) from rest: u = F0/k / (1 - r^2) (sin W t - r sin w t), r = W/w.
+    w, drive = OMEGA, 0.7 * OMEGA
+    system = MatrixSystem.from_arrays(
+        mass=2.0, stiffness=2 * w**2, load=lambda t: 10 * np.sin(drive * t)
+    )
+    dt, steps = 1e-3, 1500
+    found = history(march(system, dt, steps))[:, 0]
+    t = dt * np.arange(steps + 1)
+    r = drive / w
+    exact = 10 / (2 * w**2) / (1 - r**2) * (np.sin(drive * t) - r * np.sin(w * t))
+    assert np.abs(found - exact).max() <= 2e-5 * np.abs(exact).max()
+
+
+def random_system(seed=0, size=4, damping=0.0):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2, size, size))
+    m, k = a @ a.T + size * np.eye(size), 1e3 * (b @ b.T + np.eye(size))
+    return m, k, MatrixSystem.from_arrays(mass=m, stiffness=k, damping=damping * k)
+
+
+def energies(m, k, states):
+    u, v = history(states), history(states, "velocity")
+    return 0.5 * np.einsum("ti,ij,tj->t", v, m, v) + 0.5 * np.einsum("ti,ij,tj->t", u, k, u)
+
+
+def test_average_acceleration_keeps_the_energy():
+    # An identity of the scheme for linear undamped systems, at any dt (here from well resolved to
+    # several periods per step).
+    m, k, system = random_system()
+    for dt in (1e-3, 0.1, 10.0):
+        energy = energies(m, k, march(system, dt, 300, u0=[1, -1, 2, 0.5], v0=[0, 5, 0, -3]))
+        assert np.ptp(energy) <= 1e-10 * energy[0]  # round-off of 4 u / dt^2 over 300 steps
+
+
+def test_larger_gamma_loses_energy():
+    m, k, system = random_system()
+    scheme = Newmark(beta=0.3025, gamma=0.6)
+    energy = energies(m, k, march(system, 0.1, 200, scheme=scheme, u0=[1, -1, 2, 0.5]))
+    assert energy[-1] < 0.01 * energy[0]
+
+
+REFUSED = [
+    ({"beta": 0.0}, "Newmark beta is 0.0; it must be above 0 and at most 1/2."),
+    ({"beta": 0.6}, "Newmark beta is 0.6; it must be above 0 and at most 1/2."),
+    ({"beta": float("nan")}, "Newmark beta is nan; it must be above 0 and at most 1/2."),
+    ({"gamma": 0.49}, "Newmark gamma is 0.49; it must be at least 1/2 (unstable below)"),
+    ({"gamma": 1.1}, "Newmark gamma is 1.1; it must be at least 1/2"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), REFUSED)
+def test_parameters_refused(options, text):
+    with pytest.raises(ValueError, match=re.escape(text)):
+        Newmark(**options)
+
+
+def test_other_refusals():
+    with pytest.raises(ValueError, match="max_halvings is -1; it must be zero or more."):
+        StepControl(max_halvings=-1)
+    for dt in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"dt is {dt} s; the time step must be positive"):
+            check_step(dt)
+    with pytest.raises(ValueError, match="they must be square and alike"):
+        MatrixSystem.from_arrays(mass=np.eye(2), stiffness=1.0)
+    with pytest.raises(ValueError, match="it needs 1 columns, three rows per joint point"):
+        MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0]], law=STOP)
+    with pytest.raises(ValueError, match="solver is 'magic'; it must be one of auto, condensed"):
+        make_solver(random_system()[2], kind="magic")
+
+
+# The initial state.
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+def test_initial_state_balances(kind):
+    # M a + C v + K u + B^T w t = F with t by hand: gap -1e-3 m, k_n 1e6 Pa/m, area 2 m^2: 2 kN
+    # of compression, which pushes the first dof with - B^T w t.
+    rng = np.random.default_rng(3)
+    m, k, _ = random_system(seed=3)
+    c = 0.01 * k
+    b = np.zeros((3, 4))
+    b[0, 0], b[1, 1], b[2, 2] = 1.0, 1.0, 1.0
+    system = MatrixSystem.from_arrays(
+        mass=m,
+        stiffness=k,
+        damping=c,
+        load=lambda t: np.array([1.0, 2.0, 3.0, 4.0]) * (1 + t),
+        gap=b,
+        law=STOP,
+        areas=[2.0],
+    )
+    u, v = rng.normal(size=4), rng.normal(size=4)
+    u[0] = -1e-3
+    state = initial_state(
+        make_solver(system, kind=kind),
+        time=0.5,
+        displacement=vector(system, u),
+        velocity=vector(system, v),
+    )
+    force = 1.5 * np.array([1.0, 2.0, 3.0, 4.0]) - c @ v - k @ u
+    force[0] += 2.0 * 1e6 * 1e-3
+    np.testing.assert_allclose(m @ state.acceleration.getArray(), force, rtol=1e-10, atol=1e-8)
+    assert state.time == 0.5
+    np.testing.assert_array_equal(state.reaction.getArray(), 0.0)
+    np.testing.assert_allclose(state.joints.traction[0], [-1e3, 0, 0], rtol=1e-12)
+
+
+def test_initial_state_of_a_singular_mass():
+    system = MatrixSystem.from_arrays(
+        mass=np.diag([1.0, 0.0]), stiffness=np.eye(2), load=lambda t: [0.0, 1.0]
+    )
+    with pytest.raises(JointsError):
+        initial_state(make_solver(system))
+
+
+# Impact.
+
+STOP = FrictionNoTension(normal_stiffness=1e6, shear_stiffness=0.0, friction_angle_deg=0.0)
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+@pytest.mark.parametrize(
+    ("gap", "duration", "force"), [(0.0, 0.031260, 9950.37), (0.03, 0.030637, 9199.67)]
+)
+def test_mass_that_strikes_a_stop(kind, gap, duration, force):
+    # m 100 kg, k 1e4 N/m, stop 1e6 N/m, v0 1 m/s. Two harmonics: in contact the circular
+    # frequency is sqrt((k + k_stop) / m); numbers from that closed form.
+    system = MatrixSystem.from_arrays(
+        mass=100.0, stiffness=1e4, gap=[[-1.0], [0.0], [0.0]], law=STOP, initial_gap=gap
+    )
+    dt = 5e-5
+    states = march(system, dt, round((0.066 if gap else 0.033) / dt), kind=kind, v0=1.0)
+    push = np.array([-state.joints.traction[0, 0] for state in states])
+    assert push.max() == pytest.approx(force, rel=2e-3)
+    assert dt * np.count_nonzero(push > 0) == pytest.approx(duration, abs=3 * dt)
+
+
+def test_both_solvers_walk_alike():
+    # A body on a frictional joint, pushed to and fro: the same states from either solver.
+    law = FrictionNoTension(normal_stiffness=1e6, shear_stiffness=5e5, friction_angle_deg=30.0)
+    m, k, _ = random_system(seed=5)
+    b = np.random.default_rng(6).normal(size=(6, 4))
+    system = MatrixSystem.from_arrays(
+        mass=m,
+        stiffness=k,
+        load=lambda t: 300 * np.sin([30 * t, 20 * t, 25 * t, 40 * t]),
+        gap=b,
+        law=law,
+        areas=[1.0, 0.5],
+    )
+    # A tight tolerance: what Newton leaves over grows where points start and cease to slide.
+    newton = NewtonOptions(relative_tolerance=1e-13)
+    one, two = (march(system, 2e-3, 200, kind=kind, newton=newton) for kind in SOLVERS)
+    seen = {int(s) for state in one for s in state.joints.status}
+    assert seen == {0, 1, 2}  # open, sticking and sliding
+    size = np.abs(history(one)).max()
+    np.testing.assert_allclose(history(one), history(two), rtol=0, atol=1e-7 * size)
+
+
+# Halving.
+
+
+class Reluctant:
+    """A scheme that refuses steps longer than ``limit(time)`` and keeps count."""
+
+    def __init__(self, limit, error=None):
+        self.limit, self.taken = limit, []
+        self.error = ConvergenceError(iteration=3, residual=1.0) if error is None else error
+
+    def advance(self, solver: Any, state: DynamicState, dt: float):
+        if dt > self.limit(state.time) * (1 + 1e-12):
+            raise self.error
+        self.taken.append((state.time, dt))
+        report = SolveReport(iterations=1, factorizations=0, residual=0.0, counts=None)
+        after = replace(state, time=state.time + dt)
+        return after, StepReport(dt=dt, solve=report, local_error=0.0)
+
+
+def still(time=0.0):
+    return DynamicState(
+        time=time,
+        displacement=None,
+        velocity=None,
+        acceleration=None,
+        load=None,
+        reaction=None,
+        joints=None,
+    )
+
+
+@pytest.mark.parametrize(("limit", "count"), [(1.0, 1), (0.1, 1), (0.06, 2), (0.02, 8)])
+def test_halving_carries_through_and_ends_on_time(limit, count):
+    scheme = Reluctant(lambda time: limit)
+    steps = list(advance_halving(scheme, None, still(0.3), 0.1, StepControl()))
+    assert len(steps) == count
+    assert steps[-1][0].time == 0.3 + 0.1  # to the last bit, however it was divided
+    levels = np.log2(0.1 / np.array([dt for _, dt in scheme.taken]))
+    np.testing.assert_allclose(levels, np.round(levels), atol=1e-9)
+    assert sum(dt for _, dt in scheme.taken) == pytest.approx(0.1, rel=1e-12)
+
+
+def test_halving_grows_back():
+    # Short steps are needed in the first eighth only; afterwards the pieces double again:
+    # 1/8, 1/8, 1/4, 1/2.
+    scheme = Reluctant(lambda time: 0.125 if time < 0.1 else 1.0)
+    list(advance_halving(scheme, None, still(), 1.0, StepControl(max_halvings=3)))
+    assert [dt for _, dt in scheme.taken] == [0.125, 0.125, 0.25, 0.5]
+
+
+def test_many_steps_keep_the_clock():
+    scheme = Reluctant(lambda time: 0.003)
+    state = still()
+    for _ in range(100):
+        *_, (state, _) = advance_halving(scheme, None, state, 0.01, StepControl())
+    assert state.time == pytest.approx(1.0, rel=1e-13)
+
+
+def test_exhausted_halving_says_when():
+    scheme = Reluctant(lambda time: 1e-9 if time > 0.49 else 1.0)
+    with pytest.raises(ConvergenceError) as failure:
+        list(advance_halving(scheme, None, still(0.5), 0.1, StepControl(max_halvings=2)))
+    assert failure.value.time == pytest.approx(0.525)  # the end of the shortest step
+    assert failure.value.iteration == 3
+    whole = located(failure.value, stage="dynamic", step=7)
+    assert (whole.stage, whole.step, whole.time) == ("dynamic", 7, failure.value.time)
+    assert str(whole).startswith("The dynamic stage, step 7, at t = 0.525 s did not converge in 3")
+    assert len(scheme.taken) == 0
+
+
+def test_other_failures_of_a_solve_are_halved_too_and_then_raised():
+    scheme = Reluctant(lambda time: 0.05, error=JointsError("The direct solver failed."))
+    assert len(list(advance_halving(scheme, None, still(), 0.1, StepControl()))) == 2
+    scheme = Reluctant(lambda time: 0.0, error=JointsError("The direct solver failed."))
+    with pytest.raises(JointsError, match="The direct solver failed."):
+        list(advance_halving(scheme, None, still(), 0.1, StepControl(max_halvings=1)))
+
+
+def test_programming_errors_are_not_halved():
+    scheme = Reluctant(lambda time: 0.0, error=ZeroDivisionError("oops"))
+    with pytest.raises(ZeroDivisionError):
+        list(advance_halving(scheme, None, still(), 0.1, StepControl()))
+
+
+def test_a_step_does_not_change_its_state():
+    system = random_system()[2]
+    solver = make_solver(system)
+    state = initial_state(solver, displacement=vector(system, [1, -1, 2, 0.5]))
+    before = [getattr(state, n).getArray().copy() for n in ("displacement", "velocity", "load")]
+    first, _ = Newmark().advance(solver, state, 1e-2)
+    again, _ = Newmark().advance(solver, state, 1e-2)
+    for name, kept in zip(("displacement", "velocity", "load"), before, strict=True):
+        np.testing.assert_array_equal(getattr(state, name).getArray(), kept)
+    np.testing.assert_array_equal(first.displacement.getArray(), again.displacement.getArray())

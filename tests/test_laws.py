@@ -1,0 +1,372 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Friction law without tension: paths by hand, tangent, admissibility, energies, refusals."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.laws import FrictionNoTension, JointState, Status
+
+# k_n 1e12, k_s 2e12 Pa/m, mu 0.5: a gap of -1 um carries -1 MPa, and slides beyond 0.5 MPa,
+# that is beyond an elastic slip of 0.25 um.
+K_N, K_S, MU = 1e12, 2e12, 0.5
+LAW = FrictionNoTension(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=math.degrees(math.atan(MU))
+)
+UM = 1e-6
+MPA = 1e6
+
+
+def rest(n=1):
+    return JointState.at_rest(np.zeros((n, 3)))
+
+
+def follow(law, path, state=None):
+    """Responses along a path of gaps of one point."""
+    state = rest() if state is None else state
+    answers = []
+    for gap in np.atleast_2d(path):
+        answers.append(law.end_point(gap[None], state))
+        state = answers[-1].state
+    return answers
+
+
+def tractions(law, path, state=None):
+    return np.array([answer.traction[0] for answer in follow(law, path, state)])
+
+
+def statuses(law, path):
+    return [Status(int(answer.status[0])) for answer in follow(law, path)]
+
+
+def test_normal_is_linear_in_compression_and_zero_in_tension():
+    path = UM * np.array([[-1.0, 0, 0], [-2.0, 0, 0], [3.0, 0, 0], [-0.5, 0, 0]])
+    t = tractions(LAW, path)
+    np.testing.assert_allclose(t[:, 0], MPA * np.array([-1, -2, 0, -0.5]), rtol=1e-14, atol=0)
+    assert statuses(LAW, path) == [Status.STICK, Status.STICK, Status.OPEN, Status.STICK]
+
+
+def test_gap_of_zero_is_closed_and_stiff():
+    answer = LAW.end_point(np.zeros((1, 3)), rest())
+    assert answer.status[0] == Status.STICK
+    np.testing.assert_array_equal(answer.traction, 0.0)
+    np.testing.assert_allclose(answer.tangent[0], np.diag([K_N, K_S, K_S]), rtol=1e-15)
+
+
+def test_load_slide_unload_reverse():
+    # Under -1 MPa: elastic to 0.2 um (0.4 MPa); sliding at 1 um (0.5 MPa, elastic slip 0.25 um);
+    # back to 0.8 um: elastic slip 0.05 um, 0.1 MPa; back to 0: -0.75 um of trial, slides at -0.5.
+    path = UM * np.array([[-1, 0.2, 0], [-1, 1.0, 0], [-1, 0.8, 0], [-1, 0.0, 0]])
+    t = tractions(LAW, path)
+    np.testing.assert_allclose(t[:, 1], MPA * np.array([0.4, 0.5, 0.1, -0.5]), rtol=1e-12)
+    np.testing.assert_array_equal(t[:, 2], 0.0)
+    slip, stick = Status.SLIP, Status.STICK
+    assert statuses(LAW, path) == [stick, slip, stick, slip]
+    elastic = [answer.state.elastic_slip[0, 0] / UM for answer in follow(LAW, path)]
+    np.testing.assert_allclose(elastic, [0.2, 0.25, 0.05, -0.25], rtol=1e-12)
+
+
+def test_unloading_the_normal_slides():
+    # Elastic slip 0.2 um (0.4 MPa) under -1 MPa; under -0.6 MPa the limit is 0.3 MPa.
+    t = tractions(LAW, UM * np.array([[-1, 0.2, 0], [-0.6, 0.2, 0]]))
+    np.testing.assert_allclose(t[1], MPA * np.array([-0.6, 0.3, 0.0]), rtol=1e-12)
+
+
+def test_direction_turns_with_the_slip():
+    # From 0.25 um of elastic slip along s1, slip by 0.6 um along s2: the trial (0.25, 0.6) um has
+    # the length 0.65 um, so the traction is 0.5 MPa along (5, 12)/13.
+    t = tractions(LAW, UM * np.array([[-1, 1.0, 0.0], [-1, 1.0, 0.6]]))
+    np.testing.assert_allclose(t[1, 1:], 0.5 * MPA * np.array([5, 12]) / 13, rtol=1e-12)
+
+
+def test_same_answer_in_a_turned_frame():
+    # Isotropy in the joint plane: turning the path turns the traction.
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.normal(size=(60, 3)), axis=0) * [0.2, 0.3, 0.3] * UM - [UM, 0, 0]
+    angle = 0.7
+    turn = np.eye(3)
+    turn[1:, 1:] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    np.testing.assert_allclose(
+        tractions(LAW, path @ turn.T), tractions(LAW, path) @ turn.T, rtol=0, atol=1e-9 * MPA
+    )
+
+
+def test_opening_makes_the_elastic_slip_zero():
+    # Sheared to 0.4 MPa, opened: no traction and nothing stored. Closed again at the tangential
+    # gap where it opened: no shear; 0.1 um further: 0.2 MPa.
+    path = UM * np.array([[-1, 0.2, 0], [0.5, 0.7, 0], [-1, 0.7, 0], [-1, 0.8, 0]])
+    answers = follow(LAW, path)
+    assert answers[1].status[0] == Status.OPEN
+    np.testing.assert_array_equal(answers[1].traction, 0.0)
+    np.testing.assert_array_equal(answers[1].tangent, 0.0)
+    np.testing.assert_array_equal(answers[1].state.elastic_slip, 0.0)
+    assert LAW.stored_energy(answers[1].state)[0] == 0.0
+    np.testing.assert_allclose(answers[2].traction[0], [-MPA, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(answers[3].traction[0], [-MPA, 0.2 * MPA, 0], rtol=1e-12)
+
+
+def test_reclosing_within_a_step_counts_the_slip_of_the_step():
+    # Open at (0.5, 0, 0) um, closed at (-1, 0.1, 0) um a step later: trial 0.1 um, 0.2 MPa.
+    t = tractions(LAW, UM * np.array([[0.5, 0, 0], [-1, 0.1, 0]]))
+    np.testing.assert_allclose(t[1], [-MPA, 0.2 * MPA, 0], rtol=1e-12)
+
+
+def random_states(law, n, seed):
+    """Gaps and states: open, sticking and sliding, at kinks with probability zero."""
+    rng = np.random.default_rng(seed)
+    gap = UM * rng.normal(size=(n, 3)) * [1.0, 0.3, 0.3] - [0.5 * UM, 0, 0]
+    state = JointState(
+        gap=UM * rng.normal(size=(n, 3)) * [1.0, 0.3, 0.3],
+        elastic_slip=UM * 0.1 * rng.normal(size=(n, 2)),
+    )
+    return gap, state
+
+
+@pytest.mark.parametrize("angle", [0.0, 15.0, 30.0, 60.0, 89.0])
+def test_tangent_against_central_differences(angle):
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=angle)
+    gap, state = random_states(law, 10_000, seed=1)
+    step = 1e-5 * UM
+    answer = law.end_point(gap, state)
+    ends, kinked = np.empty((2, 3, *gap.shape)), np.zeros(len(gap), dtype=bool)
+    for sign in range(2):
+        for k in range(3):
+            moved = gap.copy()
+            moved[:, k] += (1 - 2 * sign) * step
+            there = law.end_point(moved, state)
+            ends[sign, k] = there.traction
+            kinked |= there.status != answer.status
+    difference = np.moveaxis((ends[0] - ends[1]) / (2 * step), 0, 2)
+    smooth = ~kinked
+    assert smooth.sum() > 9900
+    if angle > 0:
+        assert all(np.any(answer.status[smooth] == s) for s in Status)
+    # Second derivatives grow where the trial is short: leave out what is nearly a kink.
+    trial = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+    smooth &= np.linalg.norm(trial, axis=1) > 1e-2 * UM
+    error = np.abs(answer.tangent - difference)[smooth].max()
+    assert error <= 1e-7 * max(K_N * max(1.0, law.friction_coefficient), K_S)
+
+
+def test_tangent_of_sliding_by_hand():
+    # Trial (0.3, 0.4) um under -1 MPa: direction m = (0.6, 0.8), |trial| = 1 MPa, limit 0.5 MPa:
+    # d t_s/d n = -mu k_n m, d t_s/d s = mu |t_n| k_s / |trial| (I - m m^T) (design of the law).
+    tangent = LAW.end_point(UM * np.array([[-1, 0.3, 0.4]]), rest()).tangent[0]
+    m = np.array([0.6, 0.8])
+    expected = np.zeros((3, 3))
+    expected[0, 0] = K_N
+    expected[1:, 0] = -MU * K_N * m
+    expected[1:, 1:] = 0.5 * K_S * (np.eye(2) - np.outer(m, m))
+    np.testing.assert_allclose(tangent, expected, rtol=1e-12, atol=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 89.9])
+def test_tractions_are_admissible(angle):
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=angle)
+    gap, state = random_states(law, 10_000, seed=2)
+    answer = law.end_point(gap, state)
+    t_n, size = answer.traction[:, 0], np.linalg.norm(answer.traction[:, 1:], axis=1)
+    assert np.all(t_n <= 0)
+    assert np.all(size <= law.friction_coefficient * np.abs(t_n) * (1 + 1e-12))
+    opened = gap[:, 0] > 0
+    np.testing.assert_array_equal(answer.traction[opened], 0.0)
+    np.testing.assert_array_equal(answer.status == Status.OPEN, opened)
+    np.testing.assert_array_equal(answer.state.gap, gap)
+    # k_s e is the shear traction, in every state.
+    np.testing.assert_allclose(
+        K_S * answer.state.elastic_slip, answer.traction[:, 1:], rtol=1e-12, atol=1e-6
+    )
+
+
+def test_friction_never_gains_energy():
+    # A step dissipates (t0 + t1)/2 . (plastic slip); with backward Euler that is not negative
+    # for steps that start and end closed.
+    gap, state = random_states(LAW, 10_000, seed=3)
+    start = LAW.end_point(state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip))
+    closed = (gap[:, 0] <= 0) & (state.gap[:, 0] <= 0)
+    # From an admissible start, at constant normal gap.
+    gap[:, 0] = state.gap[:, 0]
+    answer = LAW.end_point(gap, start.state)
+    assert np.min(answer.dissipation[closed]) >= -1e-12 * np.max(answer.dissipation)
+
+
+def test_trial_leaves_its_state_alone():
+    gap, state = random_states(LAW, 1000, seed=4)
+    before = (state.gap.copy(), state.elastic_slip.copy(), gap.copy())
+    one = LAW.end_point(gap, state)
+    one.state.gap[:] = np.nan
+    one.state.elastic_slip[:] = np.nan
+    two = LAW.end_point(gap, state)
+    for kept, now in zip(before, (state.gap, state.elastic_slip, gap), strict=True):
+        np.testing.assert_array_equal(kept, now)
+    np.testing.assert_array_equal(one.traction, two.traction)
+    at_rest = JointState.at_rest(gap)
+    at_rest.gap[:] = 0.0
+    np.testing.assert_array_equal(gap, before[2])
+
+
+def test_without_friction():
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=0.0)
+    answer = law.end_point(UM * np.array([[-1, 0.2, 0.1], [-1, 0.0, 0.0]]), rest(2))
+    np.testing.assert_allclose(answer.traction, [[-MPA, 0, 0], [-MPA, 0, 0]], rtol=1e-14)
+    assert answer.status.tolist() == [Status.SLIP, Status.STICK]
+    assert np.all(np.isfinite(answer.tangent))
+    np.testing.assert_array_equal(answer.dissipation, 0.0)
+
+
+def test_without_shear_stiffness():
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=30.0)
+    gap = random_states(law, 100, seed=5)[0]
+    answer = law.end_point(gap, rest(100))
+    np.testing.assert_array_equal(answer.traction[:, 1:], 0.0)
+    np.testing.assert_array_equal(answer.tangent[:, 1:, 1:], 0.0)
+    np.testing.assert_array_equal(answer.state.elastic_slip, 0.0)
+    assert np.all(np.isfinite(answer.tangent))
+    assert not np.any(answer.status == Status.SLIP)
+    assert np.all(np.isfinite(law.stored_energy(answer.state)))
+
+
+def test_friction_angle_near_ninety_degrees_holds():
+    # tan(89.999 deg) = 57295.8: a slip of 1 mm under -1 MPa stays elastic up to 57 GPa.
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=89.999)
+    answer = law.end_point(np.array([[-UM, 1e-3, 0.0]]), rest())
+    assert answer.status[0] == Status.STICK
+    assert answer.traction[0, 1] == pytest.approx(K_S * 1e-3)
+
+
+def test_stored_energy_by_hand():
+    # k_n g^2 / 2 = 0.5 J/m^2 at -1 um; k_s |e|^2 / 2 with e = (0.06, 0.08) um is 0.01 J/m^2.
+    state = JointState(
+        gap=UM * np.array([[-1, 5, 5], [2, 5, 5.0]]),
+        elastic_slip=UM * np.array([[0.06, 0.08], [0.0, 0.0]]),
+    )
+    np.testing.assert_allclose(LAW.stored_energy(state), [0.51, 0.0], rtol=1e-12)
+
+
+def balance(law, path):
+    """Trapezoidal work of the tractions, change of stored energy and dissipation of a path."""
+    state = law.end_point(path[:1], rest()).state
+    start, last = state, law.end_point(path[:1], state).traction
+    work = dissipation = 0.0
+    for gap in path[1:]:
+        answer = law.end_point(gap[None], state)
+        work += 0.5 * float(np.sum((last + answer.traction) * (gap - state.gap)))
+        dissipation += float(answer.dissipation[0])
+        state, last = answer.state, answer.traction
+    return work, float((law.stored_energy(state) - law.stored_energy(start))[0]), dissipation
+
+
+def test_work_is_stored_or_dissipated():
+    # While the joint stays closed the trapezoidal work of a step is exactly the change of stored
+    # energy plus the mean shear times the plastic slip.
+    rng = np.random.default_rng(6)
+    path = UM * np.cumsum(rng.normal(size=(500, 3)), axis=0) * [0.0, 0.2, 0.2]
+    path[:, 0] = UM * (-1 + 0.8 * np.sin(np.arange(500) / 7))
+    path[0, 1:] = 0.0
+    work, stored, dissipation = balance(LAW, path)
+    assert dissipation > 0
+    assert work == pytest.approx(stored + dissipation, rel=1e-11)
+
+
+def test_dissipation_of_a_cycle():
+    # Slip between +-1 um under -1 MPa: the loop of +-0.5 MPa has corners 0.25 um from its ends on
+    # either side: area 4 x 0.5 MPa x (1 - 0.25) um = 1.5 J/m^2 per cycle.
+    s = np.concatenate([np.linspace(0, 1, 101), np.linspace(1, -1, 201), np.linspace(-1, 1, 201)])
+    path = UM * np.column_stack([-np.ones_like(s), s, np.zeros_like(s)])
+    answers = follow(LAW, path)
+    cycle = sum(float(a.dissipation[0]) for a in answers[101:])
+    assert cycle == pytest.approx(1.5, rel=1e-2)
+    # A closed cycle in the steady state stores nothing: the dissipation is the work.
+    t = np.array([a.traction[0, 1] for a in answers])
+    work = float(np.sum(0.5 * (t[101:] + t[100:-1]) * np.diff(UM * s)[100:]))
+    assert cycle == pytest.approx(work, rel=1e-12)
+
+
+def test_energy_of_an_impact_comes_back():
+    # Closing and opening without slip: the trapezoidal work of a full cycle vanishes where the
+    # path passes through the gap of zero.
+    gap = UM * np.concatenate([np.linspace(1, -1, 21), np.linspace(-1, 1, 21)[1:]])
+    path = np.column_stack([gap, np.zeros((41, 2))])
+    work, stored, dissipation = balance(LAW, path)
+    assert abs(work) <= 1e-12
+    assert abs(stored) <= 1e-12
+    assert dissipation == 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+@pytest.mark.parametrize("k_s", [0.0, K_S])
+def test_local_solve_meets_the_law_on_the_gap_it_leads_to(angle, k_s):
+    # Its definition: t = end_point(free_gap - compliance t).
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=k_s, friction_angle_deg=angle)
+    free, state = random_states(law, 5000, seed=8)
+    rng = np.random.default_rng(9)
+    compliance = 10.0 ** rng.uniform(-14, -9, (5000, 1)) * np.ones((1, 2))
+    compliance[:, 1] *= rng.uniform(0.3, 3.0, 5000)
+    traction, tangent, status = law.local_solve(free, compliance, state)
+    gap = (
+        free - np.column_stack([compliance[:, :1], compliance[:, 1:], compliance[:, 1:]]) * traction
+    )
+    answer = law.end_point(gap, state)
+    size = np.maximum(np.abs(traction).max(axis=1, keepdims=True), 1.0)
+    np.testing.assert_allclose(answer.traction / size, traction / size, atol=1e-6)
+    far = np.abs(gap[:, 0]) > 1e-3 * UM
+    np.testing.assert_array_equal((answer.status == Status.OPEN)[far], (status == Status.OPEN)[far])
+    step = 1e-5 * UM
+    for k in range(3):
+        ends = []
+        for sign in (1, -1):
+            moved = free.copy()
+            moved[:, k] += sign * step
+            ends.append(law.local_solve(moved, compliance, state))
+        smooth = (ends[0][2] == status) & (ends[1][2] == status)
+        difference = (ends[0][0] - ends[1][0]) / (2 * step)
+        error = np.abs(difference - tangent[:, :, k])[smooth]
+        trial = np.linalg.norm(state.elastic_slip + free[:, 1:] - state.gap[:, 1:], axis=1)
+        assert error[trial[smooth] > 1e-2 * UM].max() <= 1e-6 * K_S
+
+
+REFUSED = [
+    ("normal_stiffness", 0.0, "normal_stiffness is 0.0 Pa/m; it must be positive and finite."),
+    ("normal_stiffness", -1.0, "normal_stiffness is -1.0 Pa/m; it must be positive and finite."),
+    ("normal_stiffness", math.inf, "normal_stiffness is inf Pa/m; it must be positive and finite."),
+    ("normal_stiffness", math.nan, "normal_stiffness is nan Pa/m; it must be positive and finite."),
+    ("shear_stiffness", -1.0, "shear_stiffness is -1.0 Pa/m; it must be zero or more and finite."),
+    (
+        "shear_stiffness",
+        math.nan,
+        "shear_stiffness is nan Pa/m; it must be zero or more and finite.",
+    ),
+    ("friction_angle_deg", 90.0, "must be at least 0 and below 90 degrees."),
+    ("friction_angle_deg", -1.0, "must be at least 0 and below 90 degrees."),
+    ("friction_angle_deg", math.nan, "must be at least 0 and below 90 degrees."),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "text"), REFUSED)
+def test_parameters_out_of_range(name, value, text):
+    good = {"normal_stiffness": K_N, "shear_stiffness": K_S, "friction_angle_deg": 30.0}
+    with pytest.raises(ValueError, match=f"^{name} is {re.escape(str(value))}") as failure:
+        FrictionNoTension(**{**good, name: value})
+    assert str(failure.value).endswith(text)
+
+
+def test_law_cannot_be_changed_and_takes_keywords_only():
+    with pytest.raises(AttributeError):
+        LAW.normal_stiffness = 1.0
+    with pytest.raises(TypeError):
+        FrictionNoTension(1e11, 1e11, 30.0)
+    assert pytest.approx(math.tan(math.atan(MU))) == LAW.friction_coefficient
+    assert LAW.closed_stiffness() == (K_N, K_S)
+
+
+def test_no_points():
+    # A rank may hold no joint point at all.
+    answer = LAW.end_point(np.zeros((0, 3)), rest(0))
+    assert answer.traction.shape == (0, 3)
+    assert answer.tangent.shape == (0, 3, 3)
+    assert LAW.stored_energy(answer.state).shape == (0,)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh
 from dolfinx_joints.parallel import raised_together
-from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 if TYPE_CHECKING:
     import dolfinx.mesh

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
+from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh import JointPairs
 from dolfinx_joints.quadrature import facet_cell_type, facet_rule, is_nodal
-from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 """The joint operator: gap = B u, force = B^T (w t), tangent = B^T (w D) B; it knows no friction.
 
 Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
-- to the + side, so gap_n > 0 is open and compression is t_n < 0; `splitting.orient_pairs` chooses
+- to the + side, so gap_n > 0 is open and compression is t_n < 0; `orientation.orient_pairs` chooses
 the sides and `jointpoints` the tangential axes.
 """
 
@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.jointpoints import JointPoints, joint_points
 from dolfinx_joints.mesh import JointedMesh, local_cells
 from dolfinx_joints.quadrature import facet_cell_type
-from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 
 class GapOperator:

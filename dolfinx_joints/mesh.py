@@ -19,18 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
+from dolfinx_joints.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh, load_msh
+from dolfinx_joints.orientation import facet_normals
 from dolfinx_joints.parallel import on_root
-from dolfinx_joints.splitting import (
-    CellShape,
-    Floats,
-    Ints,
-    facet_normals,
-    find_facets,
-    pair_coincident,
-    split_cells,
-)
+from dolfinx_joints.splitting import pair_coincident, split_cells
 
 if TYPE_CHECKING:
     import dolfinx.mesh

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
+from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.errors import MeshError
-from dolfinx_joints.splitting import CellShape, Floats, Ints
 
 # Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
 _CELLS = {

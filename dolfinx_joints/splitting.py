@@ -15,88 +15,13 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dolfinx_joints.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.errors import MeshError
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellShape:
-    """Reference cell and its Lagrange node layout (basix numbering).
-
-    Attributes:
-        name: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
-        degree: Polynomial degree of the geometry, 1 or 2.
-    """
-
-    name: str
-    degree: int
-
-    @property
-    def type(self) -> basix.CellType:
-        """The basix cell type."""
-        return getattr(basix.CellType, self.name)
-
-    @property
-    def dim(self) -> int:
-        """Topological dimension."""
-        return len(basix.topology(self.type)) - 1
-
-    @property
-    def facet_vertices(self) -> Ints:
-        """Local vertices of each local facet, shape (facets, vertices per facet)."""
-        return np.array(basix.topology(self.type)[self.dim - 1], dtype=np.int64)
-
-    @property
-    def facet_cycle(self) -> Ints:
-        """Positions of a facet's vertices in cyclic order."""
-        count = self.facet_vertices.shape[1]
-        return np.array([0, 1, 3, 2] if count == 4 else range(count), dtype=np.int64)
-
-    def element(self) -> basix.finite_element.FiniteElement:
-        """The scalar Lagrange element whose dofs are the geometry nodes."""
-        return basix.create_element(
-            basix.ElementFamily.P, self.type, self.degree, basix.LagrangeVariant.gll_warped
-        )
-
-    @property
-    def facet_nodes(self) -> Ints:
-        """Local nodes of each local facet in the order of the facet's own Lagrange element.
-
-        Shape (facets, nodes per facet).
-        """
-        element = self.element()
-        topology = basix.topology(self.type)
-        rows = []
-        for facet, vertices in enumerate(topology[self.dim - 1]):
-            row = list(vertices)
-            if self.degree == 2:
-                row += _inner_facet_nodes(element, topology, vertices, self.dim, facet)
-            rows.append(row)
-        return np.array(rows, dtype=np.int64)
-
-
-def _inner_facet_nodes(
-    element: basix.finite_element.FiniteElement,
-    topology: list[list[list[int]]],
-    vertices: list[int],
-    dim: int,
-    facet: int,
-) -> list[int]:
-    """Edge and interior nodes of one facet in the facet's own basix order (degree 2)."""
-    if dim == 2:
-        return list(element.entity_dofs[1][facet])
-    facet_type = basix.CellType.triangle if len(vertices) == 3 else basix.CellType.quadrilateral
-    edges = {frozenset(edge): number for number, edge in enumerate(topology[1])}
-    nodes: list[int] = []
-    for a, b in basix.topology(facet_type)[1]:
-        nodes += element.entity_dofs[1][edges[frozenset((vertices[a], vertices[b]))]]
-    return nodes + list(element.entity_dofs[2][facet])
+from dolfinx_joints.orientation import orient_pairs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,40 +47,6 @@ class SplitMesh:
     plus: Ints
     match: Ints
     bonded: Ints
-
-
-def find_facets(
-    shape: CellShape, cells: Ints, facets: Ints
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find the cells at given facets.
-
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes, shape (num_cells, nodes per cell).
-        facets: Vertices of the facets in any order, shape (n, vertices per facet).
-
-    Returns:
-        ``owner`` of shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 where
-        there is none; ``count`` of shape (n,): number of cells at each facet.
-    """
-    local = shape.facet_vertices
-    all_facets = np.sort(cells[:, local], axis=2).reshape(-1, local.shape[1])
-    wanted = np.sort(facets, axis=1)
-    stacked = np.vstack([wanted, all_facets])
-    _, inverse = np.unique(stacked, axis=0, return_inverse=True)
-    inverse = inverse.ravel()
-    key_of_wanted, key_of_all = inverse[: len(wanted)], inverse[len(wanted) :]
-    order = np.argsort(key_of_all, kind="stable")
-    sorted_keys = key_of_all[order]
-    first = np.searchsorted(sorted_keys, key_of_wanted, side="left")
-    count = np.searchsorted(sorted_keys, key_of_wanted, side="right") - first
-    owner = np.full((len(wanted), 2, 2), -1, dtype=np.int64)
-    for side in range(2):
-        there = count > side
-        slot = order[first[there] + side]
-        owner[there, side, 0] = slot // len(local)
-        owner[there, side, 1] = slot % len(local)
-    return owner, count
 
 
 def _interior_pairs(shape: CellShape, cells: Ints) -> tuple[Ints, Ints]:
@@ -194,26 +85,25 @@ def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nod
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(size, size))
     _, label = connected_components(graph, directed=False)
     node = corner[near].ravel()
-    return _renumber(corner, near, node, label, on_joint[node], num_nodes)
+    slots = np.flatnonzero(on_joint[node])
+    node[slots] = _number_groups(np.stack([node[slots], label[slots]], axis=1), num_nodes)
+    corner[near] = node.reshape(len(near), -1)
+    return corner
 
 
-def _renumber(
-    corner: Ints, near: Ints, node: Ints, label: Ints, active: NDArray[np.bool_], num_nodes: int
-) -> Ints:
-    """Give every connected group of slots but the first at each joint node a new number."""
-    slots = np.flatnonzero(active)
-    pairs = np.stack([node[slots], label[slots]], axis=1)
-    groups, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+def _number_groups(table: Ints, next_number: int) -> Ints:
+    """A number for each row (node, key...): equal rows share one, shape (num_rows,).
+
+    The first group of rows of a node keeps the node's number, every other group gets a new one.
+    """
+    groups, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
     order = np.lexsort((first, groups[:, 0]))
     leads = np.ones(len(order), dtype=bool)
     leads[1:] = groups[order[1:], 0] != groups[order[:-1], 0]
     number = np.empty(len(order), dtype=np.int64)
     number[order[leads]] = groups[order[leads], 0]
-    number[order[~leads]] = num_nodes + np.arange(np.count_nonzero(~leads))
-    flat = node.copy()
-    flat[slots] = number[inverse.ravel()]
-    corner[near] = flat.reshape(len(near), -1)
-    return corner
+    number[order[~leads]] = next_number + np.arange(np.count_nonzero(~leads))
+    return number[inverse.ravel()]
 
 
 def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
@@ -224,17 +114,12 @@ def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
     return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])
 
 
-def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> tuple[Ints, Ints]:
-    """Number the nodes inside edges and facets by their entity's new vertices.
-
-    Returns the new cells, and for each node (by key order) its parent.
-    """
+def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
+    """Number the nodes inside edges and facets by their entity's new vertices."""
     element = shape.element()
     topology = basix.topology(shape.type)
     new = cells.copy()
     new[:, : corner.shape[1]] = corner
-    next_node = int(max(corner.max(), cells.max())) + 1
-    parents: list[Ints] = []
     for dim in range(1, shape.dim):
         dofs = element.entity_dofs[dim]
         if not any(dofs):
@@ -243,19 +128,9 @@ def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> tuple[Int
         vertices = np.array(topology[dim], dtype=np.int64)
         node = cells[:, inner].ravel()
         keys = np.sort(corner[:, vertices], axis=2).reshape(len(node), -1)
-        table = np.column_stack([node, keys])
-        groups, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
-        order = np.lexsort((first, groups[:, 0]))
-        leads = np.ones(len(order), dtype=bool)
-        leads[1:] = groups[order[1:], 0] != groups[order[:-1], 0]
-        number = np.empty(len(order), dtype=np.int64)
-        number[order[leads]] = groups[order[leads], 0]
-        extra = order[~leads]
-        number[extra] = next_node + np.arange(len(extra))
-        next_node += len(extra)
-        parents.append(groups[extra, 0])
-        new[:, inner] = number[inverse.ravel()].reshape(len(cells), -1)
-    return new, np.concatenate(parents) if parents else np.empty(0, dtype=np.int64)
+        number = _number_groups(np.column_stack([node, keys]), int(new.max()) + 1)
+        new[:, inner] = number.reshape(len(cells), -1)
+    return new
 
 
 def _parents(cells: Ints, new: Ints, num_nodes: int) -> Ints:
@@ -286,7 +161,7 @@ def split_cells(
     owner, count = find_facets(shape, cells, facets)
     _check_sides(names, facets, number, count, x)
     corner = _split_vertices(shape, cells, facets, len(x))
-    new, _ = _split_inner_nodes(shape, cells, corner) if shape.degree > 1 else (corner, None)
+    new = _split_inner_nodes(shape, cells, corner) if shape.degree > 1 else corner
     one, two = owner[:, 0], owner[:, 1]
     local = shape.facet_vertices
     apart = np.any(
@@ -336,102 +211,6 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     if len(twice):
         one, two = names[number[first[inverse.ravel()[twice[0]]]]], names[number[twice[0]]]
         raise MeshError(f"{len(twice)} facets stand twice in the joints {one!r} and {two!r}.")
-
-
-def facet_normals(x: Floats) -> Floats:
-    """Area-weighted normals of plane facets given by their vertices in cyclic order.
-
-    Args:
-        x: Vertex coordinates, shape (n, vertices per facet, gdim), [m].
-
-    Returns:
-        Normals times area (length in 2-D), shape (n, gdim), [m^2] or [m].
-    """
-    if x.shape[2] == 2:
-        edge = x[:, 1] - x[:, 0]
-        return np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-    if x.shape[1] == 3:
-        return 0.5 * np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-    return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
-
-
-def orient_pairs(
-    shape: CellShape, cells: Ints, x: Floats, joint: Ints, one: Ints, two: Ints
-) -> NDArray[np.bool_]:
-    """Decide which side of each joint facet is the - side.
-
-    Within a connected part of a joint all normals (from - to +) agree; the part as a whole is
-    turned so that the largest component of its mean normal is positive (x before y before z where
-    they are equal), or outward where the part is closed and has no mean normal. The choice depends
-    on the geometry alone, not on the order of cells or on the partition.
-
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes before splitting, shape (num_cells, nodes per cell).
-        x: Node coordinates, shape (num_nodes, gdim), [m].
-        joint: Joint number of each facet, shape (n,).
-        one: (cell, local facet) on one side, shape (n, 2).
-        two: (cell, local facet) on the other side, shape (n, 2).
-
-    Returns:
-        True where ``two`` is the - side, shape (n,).
-    """
-    cycle = cells[one[:, :1], shape.facet_vertices[one[:, 1]][:, shape.facet_cycle]]
-    normal = facet_normals(x[cycle])
-    corners = int(shape.facet_vertices.max()) + 1
-    towards = x[cells[two[:, 0], :corners]].mean(axis=1) - x[cells[one[:, 0], :corners]].mean(
-        axis=1
-    )
-    sign = np.where(np.einsum("ij,ij->i", normal, towards) < 0, -1, 1)
-    graph = _agreement(cycle, sign, joint)
-    _, part = connected_components(graph, directed=False)
-    flip = np.ones(len(joint), dtype=np.int64)
-    for root in np.unique(part, return_index=True)[1]:
-        order, previous = breadth_first_order(graph, root, directed=False)
-        for facet in order[1:]:
-            row = slice(*graph.indptr[previous[facet] : previous[facet] + 2])
-            agrees = graph.data[row][graph.indices[row] == facet][0]
-            flip[facet] = flip[previous[facet]] * np.sign(agrees)
-        normals = (flip[order] * sign[order])[:, None] * normal[order]
-        flip[order] *= _part_sign(x[cycle[order]].mean(axis=1), normals)
-    return flip < 0
-
-
-def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
-    """Graph of facets that share a ridge: 1 where their sides agree, -1 where they do not."""
-    count, size = cycle.shape
-    if size == 2:
-        start, end = cycle[:, 0], cycle[:, 1]
-        ridge = np.concatenate([start, end])[:, None]
-        direction = np.concatenate([sign, -sign])
-        facet = np.tile(np.arange(count), 2)
-    else:
-        a = cycle.ravel()
-        b = np.roll(cycle, -1, axis=1).ravel()
-        ridge = np.stack([np.minimum(a, b), np.maximum(a, b)], axis=1)
-        facet = np.repeat(np.arange(count), size)
-        direction = np.where(a < b, 1, -1) * sign[facet]
-    keys = np.column_stack([joint[facet], ridge])
-    _, inverse, multiplicity = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    inverse = inverse.ravel()
-    order = np.argsort(inverse, kind="stable")
-    order = order[multiplicity[inverse[order]] == 2]
-    one, two = order[0::2], order[1::2]
-    relation = np.where(direction[one] == direction[two], -1, 1)
-    half = coo_array((relation, (facet[one], facet[two])), shape=(count, count)).tocsr()
-    return half + half.T
-
-
-def _part_sign(centres: Floats, normals: Floats) -> int:
-    """Sign that turns a connected part of a joint to the side the convention asks for."""
-    mean = normals.sum(axis=0)
-    area = np.linalg.norm(normals, axis=1).sum()
-    size = np.abs(mean)
-    if size.max() > 1e-6 * area:
-        largest = int(np.flatnonzero(size >= size.max() * (1 - 1e-6))[0])
-        return 1 if mean[largest] > 0 else -1
-    flux = np.einsum("ij,ij->", centres - centres.mean(axis=0), normals)
-    return 1 if flux > 0 else -1
 
 
 def pair_coincident(

@@ -27,6 +27,8 @@ LEVELS = {
     "results_writer": 0.2,
     "joint_surface": 0.2,
     "spectra": 0.2,
+    "cells": 0.1,
+    "orientation": 0.2,
     "splitting": 1.0,
     "msh": 1.1,
     "plots": 1.1,

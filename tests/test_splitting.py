@@ -14,8 +14,9 @@ pytest.importorskip("basix")
 
 import basix
 
+from dolfinx_joints.cells import CellShape, find_facets
 from dolfinx_joints.errors import MeshError
-from dolfinx_joints.splitting import CellShape, find_facets, pair_coincident, split_cells
+from dolfinx_joints.splitting import pair_coincident, split_cells
 
 SHAPES = [
     CellShape(name=name, degree=degree)

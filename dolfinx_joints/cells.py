@@ -1,0 +1,122 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Reference cells, their facets and node layout, and where given facets lie in a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellShape:
+    """Reference cell and its Lagrange node layout (basix numbering).
+
+    Attributes:
+        name: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+        degree: Polynomial degree of the geometry, 1 or 2.
+    """
+
+    name: str
+    degree: int
+
+    @property
+    def type(self) -> basix.CellType:
+        """The basix cell type."""
+        return getattr(basix.CellType, self.name)
+
+    @property
+    def dim(self) -> int:
+        """Topological dimension."""
+        return len(basix.topology(self.type)) - 1
+
+    @property
+    def facet_vertices(self) -> Ints:
+        """Local vertices of each local facet, shape (facets, vertices per facet)."""
+        return np.array(basix.topology(self.type)[self.dim - 1], dtype=np.int64)
+
+    @property
+    def facet_cycle(self) -> Ints:
+        """Positions of a facet's vertices in cyclic order."""
+        count = self.facet_vertices.shape[1]
+        return np.array([0, 1, 3, 2] if count == 4 else range(count), dtype=np.int64)
+
+    def element(self) -> basix.finite_element.FiniteElement:
+        """The scalar Lagrange element whose dofs are the geometry nodes."""
+        return basix.create_element(
+            basix.ElementFamily.P, self.type, self.degree, basix.LagrangeVariant.gll_warped
+        )
+
+    @property
+    def facet_nodes(self) -> Ints:
+        """Local nodes of each local facet in the order of the facet's own Lagrange element.
+
+        Shape (facets, nodes per facet).
+        """
+        element = self.element()
+        topology = basix.topology(self.type)
+        rows = []
+        for facet, vertices in enumerate(topology[self.dim - 1]):
+            row = list(vertices)
+            if self.degree == 2:
+                row += _inner_facet_nodes(element, topology, vertices, self.dim, facet)
+            rows.append(row)
+        return np.array(rows, dtype=np.int64)
+
+
+def _inner_facet_nodes(
+    element: basix.finite_element.FiniteElement,
+    topology: list[list[list[int]]],
+    vertices: list[int],
+    dim: int,
+    facet: int,
+) -> list[int]:
+    """Edge and interior nodes of one facet in the facet's own basix order (degree 2)."""
+    if dim == 2:
+        return list(element.entity_dofs[1][facet])
+    facet_type = basix.CellType.triangle if len(vertices) == 3 else basix.CellType.quadrilateral
+    edges = {frozenset(edge): number for number, edge in enumerate(topology[1])}
+    nodes: list[int] = []
+    for a, b in basix.topology(facet_type)[1]:
+        nodes += element.entity_dofs[1][edges[frozenset((vertices[a], vertices[b]))]]
+    return nodes + list(element.entity_dofs[2][facet])
+
+
+def find_facets(
+    shape: CellShape, cells: Ints, facets: Ints
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find the cells at given facets.
+
+    Args:
+        shape: The reference cell.
+        cells: Cell nodes, shape (num_cells, nodes per cell).
+        facets: Vertices of the facets in any order, shape (n, vertices per facet).
+
+    Returns:
+        ``owner`` of shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 where
+        there is none; ``count`` of shape (n,): number of cells at each facet.
+    """
+    local = shape.facet_vertices
+    all_facets = np.sort(cells[:, local], axis=2).reshape(-1, local.shape[1])
+    wanted = np.sort(facets, axis=1)
+    stacked = np.vstack([wanted, all_facets])
+    _, inverse = np.unique(stacked, axis=0, return_inverse=True)
+    inverse = inverse.ravel()
+    key_of_wanted, key_of_all = inverse[: len(wanted)], inverse[len(wanted) :]
+    order = np.argsort(key_of_all, kind="stable")
+    sorted_keys = key_of_all[order]
+    first = np.searchsorted(sorted_keys, key_of_wanted, side="left")
+    count = np.searchsorted(sorted_keys, key_of_wanted, side="right") - first
+    owner = np.full((len(wanted), 2, 2), -1, dtype=np.int64)
+    for side in range(2):
+        there = count > side
+        slot = order[first[there] + side]
+        owner[there, side, 0] = slot // len(local)
+        owner[there, side, 1] = slot % len(local)
+    return owner, count

@@ -128,7 +128,6 @@ def test_refresh_shows_rows_added_since(tmp_path: Path) -> None:
         results.close()
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a kill signal")
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys; sys.path.insert(0, sys.argv[2]); import test_results as t\n"
@@ -146,7 +145,6 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(results.series("run", "count"), np.arange(128))
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a kill signal")
 def test_a_run_killed_before_its_start_is_told(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys; from dolfinx_joints.results_writer import ResultsWriter\n"

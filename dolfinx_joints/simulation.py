@@ -35,7 +35,7 @@ from dolfinx_joints.laws import Response
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
-from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport
+from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
 
 # The paper's energy error stayed below 4 % with joints.
 LARGE_ENERGY_ERROR = 0.05
@@ -228,6 +228,7 @@ class Simulation:
         scheme: Scheme | None = None,
         control: StepControl | None = None,
         velocity: PETSc.Vec | None = None,
+        start: DynamicState | None = None,
     ) -> Outcome:
         """March from the static state (or from zero) with the model's loads kept (collective).
 
@@ -239,29 +240,24 @@ class Simulation:
             scheme: Time scheme, Newmark's average acceleration unless given.
             control: What to do where Newton fails.
             velocity: Initial velocity [m/s], zero unless given.
+            start: State to go on from instead, such as ``state`` of an earlier outcome.
 
         Raises:
-            ValueError: ``dt`` or ``steps`` is not positive.
+            ValueError: ``dt`` or ``steps`` is not positive, or both ``velocity`` and ``start`` are
+                given.
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
         check_step(dt)
         if steps < 1:
             raise ValueError(f"steps is {steps}; at least one time step is needed.")
+        if velocity is not None and start is not None:
+            raise ValueError("velocity and start are both given; start holds a velocity already.")
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind)
-            start = self.static
-            state = initial_state(
-                solver,
-                displacement=start.displacement if start else None,
-                velocity=velocity,
-                joints=start.joints.state if start and start.joints else None,
-            )
-            if start and start.joints:
-                # A point that slid sits on the limit: asked again, round-off would decide.
-                state = replace(state, joints=start.joints)
+            state = self._first_state(solver, velocity, start)
             run = _Run(self, EnergyLedger(system), state, steps, solver.name)
         with run.watched():
             for step in range(1, steps + 1):
@@ -283,6 +279,23 @@ class Simulation:
                 stacklevel=2,
             )
         return outcome
+
+    def _first_state(
+        self, solver: StepSolver, velocity: PETSc.Vec | None, start: DynamicState | None
+    ) -> DynamicState:
+        """The state a dynamic stage begins with, its acceleration in balance with its loads."""
+        origin = start or self.static
+        if origin is None:
+            return initial_state(solver, velocity=velocity)
+        state = initial_state(
+            solver,
+            time=start.time if start else 0.0,
+            displacement=origin.displacement,
+            velocity=start.velocity if start else velocity,
+            joints=origin.joints.state if origin.joints else None,
+        )
+        # A point that slid sits on the friction limit: asked again, round-off would decide.
+        return replace(state, joints=origin.joints)
 
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""

@@ -1,0 +1,86 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Stages: one run in two parts, and the monolithic path against the condensed one."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    NewtonOptions,
+    Simulation,
+    stiffness_proportional,
+)
+
+pytestmark = pytest.mark.mpi
+DT = 0.005
+
+
+def shaking(time):
+    """A motion that opens and slides the joints of the wall, [m/s^2]."""
+    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """A wall of two joints on a clamped base, under its own weight."""
+    return Model(
+        read(wall_file(divisions=(6, 2, 3), joints=2)),
+        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=FrictionNoTension(
+            normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
+        ),
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+    )
+
+
+def difference(one, two):
+    """Largest difference of the displacements relative to the largest displacement."""
+    change = one.displacement.copy()
+    change.axpy(-1.0, two.displacement)
+    return change.norm(3) / two.displacement.norm(3)
+
+
+def test_a_run_in_two_parts_is_the_run(wall):
+    # The second part begins with the state that the first ended with: nothing differs but the
+    # rounding of the balance from which its first acceleration follows.
+    whole = Simulation(wall)
+    whole.statics()
+    end = whole.dynamics(dt=DT, steps=24, motion=shaking)
+    parts = Simulation(wall)
+    parts.statics()
+    middle = parts.dynamics(dt=DT, steps=11, motion=shaking)
+    last = parts.dynamics(dt=DT, steps=13, motion=shaking, start=middle.state)
+    assert last.state.time == pytest.approx(24 * DT, rel=1e-12)
+    assert end.state.joints.status.tolist() == last.state.joints.status.tolist()
+    assert difference(last.state, end.state) < 1e-8
+
+
+def test_both_solvers_march_alike(wall):
+    # The same equations, solved for all dofs and for the joint forces alone.
+    ends = []
+    for solver in ("condensed", "monolithic"):
+        simulation = Simulation(wall, solver=solver, newton=NewtonOptions(relative_tolerance=1e-12))
+        simulation.statics()
+        outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
+        assert outcome.solver == solver
+        counts = wall.contact.counts(outcome.state.joints.status)
+        ends.append((outcome.state, counts))
+    assert ends[0][1] == ends[1][1]
+    assert ends[0][1].open > 0
+    assert difference(ends[0][0], ends[1][0]) < 1e-8
+
+
+def test_start_and_velocity_exclude_each_other(wall):
+    simulation = Simulation(wall)
+    outcome = simulation.dynamics(dt=DT, steps=1)
+    with pytest.raises(ValueError, match="velocity and start are both given"):
+        simulation.dynamics(dt=DT, steps=1, start=outcome.state, velocity=outcome.state.velocity)

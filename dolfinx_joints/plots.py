@@ -90,7 +90,7 @@ def history(
     ax.set_title(f"{_point_name(results, point)}: displacement {component}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
-        _legend(ax, above=True)
+        _legend(ax, "above")
     return ax
 
 
@@ -232,7 +232,7 @@ def traction_profile(
     unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
     _decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
     ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
-    _legend(ax)
+    _legend(ax, "below")
     return ax
 
 
@@ -277,13 +277,15 @@ def deformed(
     space.add_collection3d(faces)
     low, high = moved[surface].min(axis=(0, 1)), moved[surface].max(axis=(0, 1))
     space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    space.set_box_aspect(high - low, zoom=1.0)  # one scale for all axes
+    size = high - low
+    room = float(np.clip(1.1 - 0.4 * size[2] / max(size[:2]), 0.6, 1.0))  # tall bodies: smaller
+    space.set_box_aspect(size, zoom=room)  # one scale for all axes
     space.view_init(elev=elevation_deg, azim=azimuth_deg)
     space.set_xlabel("x [m]")
     space.set_ylabel("y [m]", labelpad=9)
     space.set_zlabel("z [m]")
-    for axis, length in zip((space.xaxis, space.yaxis, space.zaxis), high - low, strict=True):
-        axis.set_major_locator(MaxNLocator(max(1, round(6 * length / max(high - low)))))
+    for axis, length in zip((space.xaxis, space.yaxis, space.zaxis), size, strict=True):
+        axis.set_major_locator(MaxNLocator(max(1, round(6 * length / max(size)))))
         axis.set_tick_params(labelsize="small")
     moment = results.time("states")[number]
     title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
@@ -326,7 +328,7 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     ax.set_title("state of the joints", loc="left")
     ax.set_ylim(bottom=0.0)
     ax.margins(x=0.0)
-    _legend(ax, above=True)
+    _legend(ax, "above")
     return ax
 
 
@@ -437,13 +439,19 @@ def _decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
         ax.set_axisbelow(True)
 
 
-def _legend(ax: Axes, *, above: bool = False) -> None:
-    if above:
-        ax.legend(
-            frameon=False, fontsize="small", ncols=2, loc="lower right", bbox_to_anchor=(1, 1)
-        )
-    else:
-        ax.legend(fontsize="small", framealpha=0.85, edgecolor="none")
+def _legend(ax: Axes, where: str = "inside") -> None:
+    """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
+    places: dict[str, dict[str, Any]] = {
+        "inside": {"framealpha": 0.85, "edgecolor": "none"},
+        "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
+        "below": {
+            "frameon": False,
+            "ncols": 2,
+            "loc": "upper left",
+            "bbox_to_anchor": (0.0, -0.12),
+        },
+    }
+    ax.legend(fontsize="small", **places[where])
 
 
 def _open_legend(ax: Axes, share: float) -> None:

@@ -17,13 +17,13 @@ except ImportError:  # records, spectra, results and plots are tested without MP
     MPI = None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip on several ranks what is written for one."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out on several ranks what is written for one."""
     if MPI is None or MPI.COMM_WORLD.size == 1:
         return
-    for item in items:
-        if item.get_closest_marker("mpi") is None:
-            item.add_marker(pytest.mark.skip(reason="holds on one rank only"))
+    single = [item for item in items if item.get_closest_marker("mpi") is None]
+    config.hook.pytest_deselected(items=single)
+    items[:] = [item for item in items if item not in single]
 
 
 @pytest.fixture(scope="session")

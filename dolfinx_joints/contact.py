@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
+from dolfinx_joints.parallel import raised_together
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -89,6 +90,11 @@ class Contact:
     def trial(self, u: Any, state: JointState) -> Response:
         """Answer of the laws at the displacement ``u``, from ``state`` (collective)."""
         gap = self.gap(u)
+        with raised_together(self.operator.comm):
+            return self._end_point(gap, state)
+
+    def _end_point(self, gap: Floats, state: JointState) -> Response:
+        """Answer of the laws of the local points."""
         if len(self._laws) == 1:
             return self._laws[0][0].end_point(gap, state)
         answer = _empty_response(len(gap))
@@ -118,6 +124,13 @@ class Contact:
             compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
             state: State at the start of the step.
         """
+        with raised_together(self.operator.comm):
+            return self._local_solve(free_gap, compliance, state)
+
+    def _local_solve(
+        self, free_gap: Floats, compliance: Floats, state: JointState
+    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
+        """What `local_solve` gives, without waiting for other ranks."""
         if len(self._laws) == 1:
             return self._laws[0][0].local_solve(  # type: ignore[attr-defined]
                 free_gap, compliance, state

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.model import Model
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.parallel import on_root, raised_together
 from dolfinx_joints.results import ENERGY_TERMS
 from dolfinx_joints.results_writer import (
     ResultsWriter,
@@ -165,12 +165,17 @@ class ResultsMonitor:
         history["iterations"] = iterations
         for group in self._supports:
             history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
-        if self._writer is not None:
-            self._writer.append("histories", record.time, history)
-            energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
-            self._writer.append("energy", record.time, energies)
+        energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
+        self._append("histories", record.time, history)
+        self._append("energy", record.time, energies)
         if record.step % self._every == 0:
             self._append_state(record)
+
+    def _append(self, stream: str, time: float, values: dict[str, Any]) -> None:
+        """Write on rank 0; what goes wrong there stops every rank."""
+        with raised_together(self._comm):
+            if self._writer is not None:
+                self._writer.append(stream, time, values)
 
     def _append_state(self, record: Record) -> None:
         values = {"displacement": self._nodes.gather(record.displacement)}
@@ -182,8 +187,7 @@ class ResultsMonitor:
                 for name, (points, _) in _facet_points(operator).items():
                     values[f"joints/{name}/gap"] = gap[points]
                     values[f"joints/{name}/traction"] = traction[points]
-        if self._writer is not None:
-            self._writer.append("states", record.time, values)
+        self._append("states", record.time, values)
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Close the file."""

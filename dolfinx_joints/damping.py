@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from dolfinx_joints.checks import check_number
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rayleigh:
@@ -28,9 +30,7 @@ class Rayleigh:
     def __post_init__(self) -> None:
         """Check the factors."""
         for name in ("mass_factor", "stiffness_factor"):
-            value = getattr(self, name)
-            if not (value >= 0 and math.isfinite(value)):
-                raise ValueError(f"{name} is {value}; it must be zero or more and finite.")
+            check_number(name, getattr(self, name), lambda v: v >= 0, "zero or more and finite")
 
     def ratio(self, frequency: float) -> float:
         """Damping ratio of a mode of the given frequency [Hz]."""
@@ -39,11 +39,9 @@ class Rayleigh:
 
 
 def _checked(ratio: float, *frequencies: float) -> list[float]:
-    if not 0 <= ratio < 1:
-        raise ValueError(f"The damping ratio is {ratio}; it must be at least 0 and below 1.")
-    for frequency in frequencies:
-        if not (frequency > 0 and math.isfinite(frequency)):
-            raise ValueError(f"The frequency is {frequency} Hz; it must be positive and finite.")
+    check_number("The damping ratio", ratio, lambda v: 0 <= v < 1, "at least 0 and below 1")
+    for value in frequencies:
+        check_number("The frequency", value, lambda v: v > 0, "positive and finite", unit="Hz")
     return [2.0 * math.pi * frequency for frequency in frequencies]
 
 

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import ufl
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.mesh import JointedMesh
 
 
@@ -33,14 +33,11 @@ class Elastic:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if not (self.young > 0 and math.isfinite(self.young)):
-            raise ValueError(f"young is {self.young} Pa; it must be positive and finite.")
-        if not -1 < self.poisson < 0.5:
-            raise ValueError(f"poisson is {self.poisson}; it must be above -1 and below 0.5.")
-        if not (self.density >= 0 and math.isfinite(self.density)):
-            raise ValueError(
-                f"density is {self.density} kg/m^3; it must be zero or more and finite."
-            )
+        check_number("young", self.young, lambda v: v > 0, "positive and finite", unit="Pa")
+        check_number("poisson", self.poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
+        check_number(
+            "density", self.density, lambda v: v >= 0, "zero or more and finite", unit="kg/m^3"
+        )
 
     @property
     def shear_modulus(self) -> float:
@@ -85,6 +82,10 @@ class ElasticBody:
             raise ValueError(f"plane is {plane!r}; it must be 'strain' or 'stress'.")
         mesh = jointed.mesh
         plane = plane if mesh.topology.dim == 2 else "strain"
+        if not isinstance(material, Elastic | Mapping):
+            raise ValueError(
+                f"material is {material!r}; it must be an Elastic, or one per named cell group."
+            )
         if isinstance(material, Elastic):
             constants = (material.first_lame(plane), material.shear_modulus, material.density)
             self.first_lame, self.shear_modulus, self.density = (

@@ -42,6 +42,16 @@ KEPT_BYTES = 2_000_000_000
 KINDS = ("auto", "condensed", "monolithic")
 
 
+def check_kind(kind: str) -> None:
+    """Refuse a kind of solver that does not exist.
+
+    Raises:
+        ValueError: It is not one of `KINDS`.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
+
+
 def make_solver(
     system: MatrixSystem, options: NewtonOptions | None = None, kind: str = "auto"
 ) -> StepSolver:
@@ -57,8 +67,7 @@ def make_solver(
         ValueError: The kind is unknown.
         JointsError: ``condensed`` was asked for and a law cannot be solved locally.
     """
-    if kind not in KINDS:
-        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
+    check_kind(kind)
     contact = system.contact
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
@@ -162,7 +171,7 @@ class InterfaceSolver:
         work = b.duplicate()
         balance.axpy(1.0, self._contact.operator.force(response.traction, work))
         _, reaction = split_residual(balance, self._free)
-        if residual > self.options.relative_tolerance:
+        if not residual <= self.options.relative_tolerance:
             raise joint_failure(self._contact, response, state, iterations, residual, self.options)
         self._force = force
         report = SolveReport(
@@ -252,5 +261,8 @@ def _correction(split: Floats, residual: Floats, tangent: Floats) -> Floats:
     block = coupled[:, rows].reshape(len(active), 3, -1)
     matrix = (tangent[active] @ block).reshape(len(rows), -1)
     matrix[np.diag_indices(len(rows))] += 1.0
-    step[rows] = np.linalg.solve(matrix, right)
+    try:
+        step[rows] = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        step[:] = np.nan  # the iteration ends as not converged
     return step

@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.jointpoints import JointPoints, joint_points
 from dolfinx_joints.mesh import JointedMesh, local_cells
+from dolfinx_joints.parallel import lasting
 from dolfinx_joints.quadrature import facet_cell_type
 
 
@@ -176,7 +177,7 @@ def _assemble_operator(
     on_facet = np.array(element.entity_closure_dofs[shape.dim - 1], dtype=np.int64)
     entries = 2 * bs * on_facet.shape[1]
     matrix = PETSc.Mat().createAIJ(
-        ((local_rows, None), columns), nnz=(entries, entries), comm=mesh.comm
+        ((local_rows, None), columns), nnz=(entries, entries), comm=lasting(mesh.comm)
     )
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)

@@ -18,6 +18,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_number
+
 Floats = NDArray[np.float64]
 
 
@@ -110,20 +112,26 @@ class FrictionNoTension:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        if not (self.normal_stiffness > 0 and math.isfinite(self.normal_stiffness)):
-            raise ValueError(
-                f"normal_stiffness is {self.normal_stiffness} Pa/m; it must be positive and finite."
-            )
-        if not (self.shear_stiffness >= 0 and math.isfinite(self.shear_stiffness)):
-            raise ValueError(
-                f"shear_stiffness is {self.shear_stiffness} Pa/m; it must be zero or more and "
-                "finite."
-            )
-        if not 0 <= self.friction_angle_deg < 90:
-            raise ValueError(
-                f"friction_angle_deg is {self.friction_angle_deg}; it must be at least 0 and below "
-                "90 degrees."
-            )
+        check_number(
+            "normal_stiffness",
+            self.normal_stiffness,
+            lambda v: v > 0,
+            "positive and finite",
+            unit="Pa/m",
+        )
+        check_number(
+            "shear_stiffness",
+            self.shear_stiffness,
+            lambda v: v >= 0,
+            "zero or more and finite",
+            unit="Pa/m",
+        )
+        check_number(
+            "friction_angle_deg",
+            self.friction_angle_deg,
+            lambda v: 0 <= v < 90,
+            "at least 0 and below 90 degrees",
+        )
 
     @property
     def friction_coefficient(self) -> float:

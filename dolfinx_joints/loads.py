@@ -12,6 +12,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ class Pressure:
         """Its consistent nodal forces."""
         from dolfinx import fem
 
+        check_number(f"Pressure on {self.group!r}: value", self.value, lambda _: True, "finite")
         v = ufl.TestFunction(model.V)
         n = ufl.FacetNormal(model.jointed.mesh)
         constant = fem.Constant(model.jointed.mesh, float(-self.value))
@@ -147,7 +149,10 @@ class BaseMotion:
 
 
 def _vector(value: Sequence[float], gdim: int, name: str) -> NDArray[np.float64]:
-    vector = np.asarray(value, dtype=np.float64)
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(1, np.nan)
     if vector.shape != (gdim,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"{name} is {value}; it must hold {gdim} finite numbers.")
     return vector

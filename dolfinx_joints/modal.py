@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.system import MatrixSystem
@@ -45,8 +46,7 @@ def modes(system: MatrixSystem, count: int, *, gdim: int = 3) -> Modes:
     """
     from slepc4py import SLEPc
 
-    if count < 1:
-        raise ValueError(f"count is {count}; at least one mode must be asked for.")
+    check_count("count", count, 1, "at least one mode must be asked for")
     stiffness, mass = system.stiffness.copy(), system.mass.copy()
     if system.contact is not None:
         free = stiffness.createVecRight()

@@ -22,6 +22,7 @@ from dolfinx_joints.joints import JointOperator
 from dolfinx_joints.laws import Law
 from dolfinx_joints.loads import Load
 from dolfinx_joints.mesh import JointedMesh
+from dolfinx_joints.parallel import lasting
 from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
 
@@ -120,8 +121,20 @@ class Model:
             form = form + extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
         for term in more:
             form = form + term
-        matrix = fem_petsc.assemble_matrix(fem.form(form))
+        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        return self._kept(fem_petsc.assemble_matrix(fem.form(form)))
+
+    def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
+        """The matrix on a communicator that outlives the mesh, which frees its own."""
+        assembled.assemble()
+        matrix = PETSc.Mat().createAIJ(
+            assembled.getSizes(),
+            bsize=self.gdim,
+            csr=assembled.getValuesCSR(),
+            comm=lasting(self.jointed.mesh.comm),
+        )
         matrix.assemble()
+        assembled.destroy()
         return matrix
 
     def _damping(self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None) -> PETSc.Mat:
@@ -139,6 +152,7 @@ class Model:
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
+        _check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return _without_ghosts(vector, self.mass)
@@ -172,7 +186,6 @@ class Model:
             constrained=self.constraints.dofs,
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
-            owner=self.jointed,
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
@@ -210,6 +223,12 @@ class Model:
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _check_form(form: Any, arguments: int, what: str) -> None:
+    count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if count != arguments:
+        raise ValueError(f"{what}; this one has {count} arguments: {str(form)[:80]}.")
 
 
 def _without_ghosts(vector: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Vec:

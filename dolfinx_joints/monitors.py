@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
@@ -107,8 +108,7 @@ class ResultsMonitor:
         overwrite: bool = False,
     ) -> None:
         """Nothing is written before the run starts."""
-        if every < 1:
-            raise ValueError(f"every is {every}; states are written every 1 or more steps.")
+        check_count("every", every, 1, "states are written every 1 or more steps")
         if not points:
             raise ValueError("points is empty; at least one monitor point is needed.")
         self._path, self._points, self._every = Path(path), dict(points), every
@@ -322,8 +322,7 @@ class FieldMonitor:
 
     def __init__(self, path: str | Path, *, every: int = 10) -> None:
         """Nothing is written before the run starts."""
-        if every < 1:
-            raise ValueError(f"every is {every}; fields are written every 1 or more steps.")
+        check_count("every", every, 1, "fields are written every 1 or more steps")
         self._path, self._every = Path(path), every
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:

@@ -11,6 +11,52 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
+def abort_on_error(comm: Any) -> None:
+    """Let an error that only one rank raises end all ranks instead of leaving the others waiting.
+
+    For the start of a program that runs under ``mpirun``; a library does not call it.
+    """
+    if comm.size == 1:
+        return
+    import sys
+
+    def end(*error: Any) -> None:
+        sys.__excepthook__(*error)
+        sys.stderr.flush()
+        comm.Abort(1)
+
+    sys.excepthook = end
+
+
+def free_petsc_garbage(comm: Any) -> None:
+    """Free the PETSc objects that Python has dropped (collective).
+
+    On several ranks petsc4py cannot free them by itself, since that is collective.
+    """
+    if comm.size > 1:
+        from petsc4py import PETSc
+
+        PETSc.garbage_cleanup(lasting(comm))
+
+
+_LASTING: list[Any] = []
+
+
+def lasting(comm: Any) -> Any:
+    """A communicator of the same ranks that is never freed (collective).
+
+    A DOLFINx mesh frees its communicator when it goes; what PETSc still holds on it would then
+    crash. One is kept for each group of ranks.
+    """
+    from mpi4py import MPI
+
+    for kept in _LASTING:
+        if MPI.Comm.Compare(kept, comm) in (MPI.IDENT, MPI.CONGRUENT):
+            return kept
+    _LASTING.append(comm.Dup())
+    return _LASTING[-1]
+
+
 def on_root(comm: Any, work: Callable[[], T]) -> T:
     """Run ``work`` on rank 0 and give its result, or its exception, to every rank (collective).
 

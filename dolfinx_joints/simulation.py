@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_count, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.integrators import (
@@ -30,12 +31,16 @@ from dolfinx_joints.integrators import (
     initial_state,
     located,
 )
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.interface import check_kind, make_solver
 from dolfinx_joints.laws import Response
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
+from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
+
+# Steps between two collections of what petsc4py keeps on several ranks.
+GARBAGE_INTERVAL = 10
 
 # The paper's energy error stayed below 4 % with joints.
 LARGE_ENERGY_ERROR = 0.05
@@ -154,6 +159,7 @@ class Simulation:
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
         self._newton, self._kind = newton or NewtonOptions(), solver
+        check_kind(solver)
 
     def statics(self, *, steps: int = 1) -> StaticState:
         """Apply the model's loads in equal steps from zero, joints active (collective).
@@ -170,8 +176,7 @@ class Simulation:
             ValueError: ``steps`` is not positive.
             ConvergenceError: A load step did not converge.
         """
-        if steps < 1:
-            raise ValueError(f"steps is {steps}; at least one load step is needed.")
+        check_count("steps", steps, 1, "at least one load step is needed")
         factors = np.arange(1, steps + 1) / steps
         return self._statics([(None, float(f)) for f in factors])
 
@@ -185,9 +190,14 @@ class Simulation:
             times: Times [s] of the load steps.
 
         Raises:
+            ValueError: There is no time, or one is not finite.
             ConvergenceError: A load step did not converge.
         """
-        return self._statics([(float(t), 1.0) for t in times], resume=True)
+        path = list(times)
+        check_count("The number of times", len(path), 1, "at least one is needed")
+        for time in path:
+            check_number("A time", time, lambda _: True, "finite", unit="s")
+        return self._statics([(float(t), 1.0) for t in path], resume=True)
 
     def _statics(
         self, path: list[tuple[float | None, float]], *, resume: bool = False
@@ -249,8 +259,7 @@ class Simulation:
                 computed is with the monitors.
         """
         check_step(dt)
-        if steps < 1:
-            raise ValueError(f"steps is {steps}; at least one time step is needed.")
+        check_count("steps", steps, 1, "at least one time step is needed")
         if velocity is not None and start is not None:
             raise ValueError("velocity and start are both given; start holds a velocity already.")
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
@@ -260,6 +269,7 @@ class Simulation:
             state = self._first_state(solver, velocity, start)
             run = _Run(self, EnergyLedger(system), state, steps, solver.name)
         with run.watched():
+            run.start()
             for step in range(1, steps + 1):
                 with self._phase("time steps"):
                     substeps = advance_halving(
@@ -271,6 +281,8 @@ class Simulation:
                         raise located(failure, stage="dynamic", step=step) from None
                 with self._phase("monitors"):
                     run.show(step, report)
+                if step % GARBAGE_INTERVAL == 0:
+                    free_petsc_garbage(self.model.jointed.mesh.comm)
         outcome = run.outcome()
         if outcome.energy_error > LARGE_ENERGY_ERROR and self.model.jointed.mesh.comm.rank == 0:
             warnings.warn(
@@ -335,10 +347,15 @@ class _Run:
         self._local_error = self._largest = 0.0
         self._origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
-        row = ledger.start(state)
-        first = self._record(0, None, row, 0)
-        for monitor in simulation.monitors:
-            monitor.start(simulation.model, "dynamic", steps, first)
+        ledger.start(state)
+        self._started: list[Monitor] = []
+
+    def start(self) -> None:
+        """Start the monitors."""
+        first = self._record(0, None, self.ledger.row, 0)
+        for monitor in self.simulation.monitors:
+            monitor.start(self.simulation.model, "dynamic", self.steps, first)
+            self._started.append(monitor)
 
     def take(self, substeps: Iterator[tuple[DynamicState, StepReport]]) -> StepReport:
         """Account for every substep of a step."""
@@ -398,7 +415,7 @@ class _Run:
             "seconds": dict(self.simulation.seconds),
             **extra,
         }
-        for monitor in self.simulation.monitors:
+        for monitor in self._started:
             monitor.finish(status, summary)
 
     def outcome(self) -> Outcome:

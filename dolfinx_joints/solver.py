@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_count, check_number
 from dolfinx_joints.contact import Contact, StatusCounts
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.joints import JointTangent
@@ -54,15 +55,14 @@ class NewtonOptions:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not 0 < self.relative_tolerance < 1:
-            raise ValueError(
-                f"relative_tolerance is {self.relative_tolerance}; it must lie between 0 and 1."
-            )
-        if self.max_iterations < 1 or self.max_cuts < 0:
-            raise ValueError(
-                f"max_iterations is {self.max_iterations} and max_cuts {self.max_cuts}; they must "
-                "be at least 1 and 0."
-            )
+        check_number(
+            "relative_tolerance",
+            self.relative_tolerance,
+            lambda v: 0 < v < 1,
+            "above 0 and below 1",
+        )
+        check_count("max_iterations", self.max_iterations, 1, "it must be a number of at least 1")
+        check_count("max_cuts", self.max_cuts, 0, "it must be a number of at least 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,14 +212,16 @@ class NewtonSolver:
     ) -> tuple[Response, PETSc.Vec, SolveReport]:
         options, balance = self.options, _Balance(self, tangent.effective, contact, b, u, state)
         response, norm = balance.evaluate(balance.change)
+        balance.accept()
         factorizations, iteration = 0, 0
-        while norm > balance.tolerance:
+        while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
                 raise joint_failure(contact, response, state, iteration, residual, options)
             direct = tangent.update(response.tangent)
             factorizations += direct.solve(balance.at_free, self._correction)
             response, norm = self._search(balance, norm)
+            balance.accept()
             iteration += 1
         balance.trial.copy(u)
         report = SolveReport(
@@ -268,7 +270,8 @@ class _Balance:
         self.change, self.trial = b.duplicate(), b.duplicate()
         self.change.set(0.0)
         self.residual, self.at_free = b.duplicate(), b.duplicate()
-        self.scale, self._rounding = 0.0, 0.0
+        self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
+        self._rounding = 0.0
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response at u0 + change, and the norm of the residual at the free dofs."""
@@ -277,12 +280,17 @@ class _Balance:
         self._contact.operator.force(response.traction, self._force)
         self._matrix.full.mult(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))
-        self.scale = max(self.scale, *(float(norm) for norm in norms))
+        self._trial_scale = max(float(norm) for norm in norms)
         self._rounding = self._rounding_error(response, change)
         self.residual.axpy(1.0, self._force)
         self.residual.axpy(-1.0, self._right)
         self.at_free.pointwiseMult(self.residual, self._free)
         return response, float(self.at_free.norm())
+
+    def accept(self) -> None:
+        """Measure from here on against the forces at the start and at this change."""
+        self._first_scale = self._first_scale or self._trial_scale
+        self.scale = max(self._first_scale, self._trial_scale)
 
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
         """What rounding may leave of A d, and of joint forces that follow from B u."""
@@ -295,7 +303,7 @@ class _Balance:
 
     @property
     def tolerance(self) -> float:
-        """Largest residual accepted: relative to the forces met so far, or what rounding leaves."""
+        """Largest residual accepted: relative to the forces, or what rounding leaves."""
         return max(self._relative * self.scale, min(self._rounding, 1e-6 * self.scale))
 
 
@@ -308,6 +316,8 @@ def solve_without_joints(
     matrix.full.mult(u, residual)
     residual.axpy(-1.0, b)
     norm, reaction = split_residual(residual, free)
+    if not np.isfinite(norm):
+        raise ConvergenceError(iteration=1, residual=norm)
     report = SolveReport(
         iterations=1,
         factorizations=int(factored),

@@ -12,6 +12,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.mesh import JointedMesh
 
 _AXES = {"x": 0, "y": 1, "z": 2}
@@ -47,11 +48,24 @@ class Prescribed:
         group: Name of the facet group.
         component: ``x``, ``y`` or ``z``.
         value: Displacement [m] at a time [s].
+
+    Raises:
+        ValueError: The component is unknown or the value is no function.
     """
 
     group: str
     component: str
     value: Callable[[float], float]
+
+    def __post_init__(self) -> None:
+        """Check component and value."""
+        if self.component not in _AXES:
+            raise ValueError(f"component is {self.component!r}; it must be 'x', 'y' or 'z'.")
+        if not callable(self.value):
+            raise ValueError(
+                f"value of the motion prescribed on {self.group!r} is {self.value!r}; it must be a "
+                "function of time."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,11 +90,13 @@ class Spring:
     def __post_init__(self) -> None:
         """Check the stiffnesses."""
         for name in ("normal_stiffness", "tangential_stiffness"):
-            if not (getattr(self, name) >= 0 and np.isfinite(getattr(self, name))):
-                raise ValueError(
-                    f"{name} of the springs on {self.group!r} is {getattr(self, name)} Pa/m; it "
-                    "must be zero or more and finite."
-                )
+            check_number(
+                f"{name} of the springs on {self.group!r}",
+                getattr(self, name),
+                lambda v: v >= 0,
+                "zero or more and finite",
+                unit="Pa/m",
+            )
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
         """The bilinear form of the springs."""
@@ -124,12 +140,18 @@ class Constraints:
         fixed: list[NDArray[np.int64]] = []
         self._prescribed: list[tuple[NDArray[np.int64], Prescribed]] = []
         for support in supports:
+            if not isinstance(support, Support):
+                raise ValueError(
+                    f"{support!r} is no support; supports are Fixed, Prescribed and Spring."
+                )
             if isinstance(support, Spring):
                 continue
             named = (
                 support.component
                 if isinstance(support, Prescribed)
-                else support.components or "xyz"[:gdim]
+                else "xyz"[:gdim]
+                if support.components is None
+                else support.components
             )
             components = _components(named, gdim)
             facets = jointed.facets(support.group)
@@ -154,5 +176,8 @@ class Constraints:
         """Prescribed displacements of `dofs` at a time [s], shape (n,), [m]."""
         values = np.zeros(len(self.dofs))
         for dofs, support in self._prescribed:
-            values[np.searchsorted(self.dofs, dofs)] = support.value(time)
+            value = support.value(time)
+            name = f"The displacement {support.component} prescribed on {support.group!r}"
+            check_number(f"{name} at t = {time:g} s", value, lambda _: True, "finite", unit="m")
+            values[np.searchsorted(self.dofs, dofs)] = value
         return values

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,8 +40,6 @@ class MatrixSystem:
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
         symmetric: Whether K and C are symmetric.
-        owner: What must live as long as the matrices: a DOLFINx mesh frees the communicator that
-            its matrices use.
     """
 
     mass: PETSc.Mat
@@ -51,7 +50,6 @@ class MatrixSystem:
     constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
-    owner: Any = None
 
     @classmethod
     def from_arrays(
@@ -120,6 +118,8 @@ class MatrixSystem:
         out.set(0.0)
         for vector, factor in self.patterns:
             value = scale * factor(time)
+            if not math.isfinite(value):
+                raise ValueError(f"The factor of a load is {value} at t = {time:g} s.")
             if value:
                 out.axpy(value, vector)
         return out

@@ -16,6 +16,7 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__i
 
 # A module imports only from levels below its own; tenths order the modules of one level.
 LEVELS = {
+    "checks": 0.0,
     "errors": 0.0,
     "parallel": 0.1,
     "_compat": 0.1,

@@ -581,4 +581,4 @@ def test_steps_out_of_range(comm, bar):
         text = error_on_all_ranks(
             comm, ValueError, lambda dt=dt: simulation.dynamics(dt=dt, steps=1)
         )
-        assert text == f"dt is {dt} s; the time step must be positive and finite."
+        assert text == f"dt is {dt} s; it must be positive and finite."

@@ -77,7 +77,8 @@ class Contact:
         for name, gap in (initial_gaps or {}).items():
             here = operator.joint == operator.names.index(name)
             places = getattr(operator, "points", np.zeros((len(here), 3)))[here]
-            self._offset[here, 0] += gap(places) if callable(gap) else gap
+            with raised_together(operator.comm):
+                self._offset[here, 0] += _checked_gap(name, gap, places)
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
@@ -188,6 +189,19 @@ class Contact:
         sums = np.bincount(self.operator.joint, change, minlength=len(self.operator.names))
         total = np.sum(self.operator.comm.allgather(sums), axis=0)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
+
+
+def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
+    """Values of an initial gap at the points of a joint."""
+    values = np.asarray(gap(places) if callable(gap) else gap)
+    if values.dtype.kind not in "if" or not np.all(np.isfinite(values)):
+        raise ValueError(f"The initial gap of {name!r} must be finite, in m; it is {gap!r}.")
+    if values.shape not in ((), (len(places),)):
+        raise ValueError(
+            f"The initial gap of {name!r} has shape {values.shape}; for {len(places)} points it "
+            f"must be a number or have shape ({len(places)},)."
+        )
+    return np.broadcast_to(values, len(places)).astype(np.float64)
 
 
 def _empty_response(count: int) -> Response:

@@ -33,6 +33,9 @@ def gather_mesh(
     """
     comm, tdim = mesh.comm, mesh.topology.dim
     shape = _shape(mesh)
+    _check_tags(mesh, facet_tags, tdim - 1, "facet_tags")
+    if cell_tags is not None:
+        _check_tags(mesh, cell_tags, tdim, "cell_tags")
     owned = mesh.topology.index_map(tdim).size_local
     original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
@@ -55,8 +58,25 @@ def gather_mesh(
     return _assemble(shape, cells, points, facets, values, groups, cell_groups)
 
 
+def _check_tags(mesh: dolfinx.mesh.Mesh, tags: Any, dim: int, name: str) -> None:
+    """Refuse tags of other entities or of another mesh (collective)."""
+    with raised_together(mesh.comm):
+        found = getattr(tags, "dim", None)
+        if found != dim:
+            raise MeshError(f"{name} holds tags of dimension {found}; {dim} is needed.")
+        mesh.topology.create_entities(dim)
+        index_map = mesh.topology.index_map(dim)
+        if tags.indices.max(initial=-1) >= index_map.size_local + index_map.num_ghosts:
+            raise MeshError(f"{name} belongs to another mesh: it names entities that are not here.")
+
+
 def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
     name, degree = mesh.topology.cell_name(), mesh.geometry.cmap.degree
+    if mesh.geometry.dim != mesh.topology.dim:
+        raise MeshError(
+            f"A mesh of dimension {mesh.topology.dim} in {mesh.geometry.dim}-D space cannot be "
+            "split; solids, or plane meshes in 2-D, can."
+        )
     known = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
     if name not in known or degree not in (1, 2):
         raise MeshError(

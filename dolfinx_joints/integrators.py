@@ -18,6 +18,9 @@ from dolfinx_joints.linear import Effective
 from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.system import MatrixSystem
 
+# Spacing of the differences that give the first velocity and acceleration of moving supports [s].
+SPACING = 1e-4
+
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicState:
@@ -112,6 +115,12 @@ class Newmark:
         u_start.axpy(dt**2 * (0.5 - beta), state.acceleration)
         v_start = state.velocity.copy()
         v_start.axpy(dt * (1.0 - gamma), state.acceleration)
+        held, rates = system.constrained, system.prescribed_rates(time, 0.5 * dt)
+        if rates is not None:
+            # So that the rule below gives these dofs the motion prescribed: inferred from their
+            # displacements alone, their accelerations would swing for ever undamped.
+            u_start.getArray()[held] = system.prescribed(time) - rates[1] / mass_factor
+            v_start.getArray()[held] = rates[0] - dt * gamma * rates[1]
         load = system.load(time, state.load.duplicate())
         known = u_start.copy()
         known.scale(mass_factor)
@@ -123,7 +132,7 @@ class Newmark:
         system.damping.multAdd(known, b, b)
         u = u_start.copy()
         u.axpy(dt**2 * beta, state.acceleration)
-        u.getArray()[system.constrained] = system.prescribed(time)
+        u.getArray()[held] = system.prescribed(time)
         start = None if state.joints is None else state.joints.state
         effective = Effective(mass=mass_factor, damping=damping_factor, stiffness=1.0)
         joints, reaction, report = solver.solve(effective, b, u, start)
@@ -176,10 +185,17 @@ def initial_state(
         u.set(0.0)
     if velocity is None:
         v.set(0.0)
+    moving = u.duplicate()
+    moving.set(0.0)
+    rates = system.prescribed_rates(time, -SPACING)
+    if rates is not None:
+        v.getArray()[system.constrained] = rates[0]
+        moving.getArray()[system.constrained] = rates[1]
     load = system.load(time, u.duplicate())
     force = load.copy()
     work = u.duplicate()
-    for matrix, vector in ((system.stiffness, u), (system.damping, v)):
+    terms = ((system.stiffness, u), (system.damping, v), (system.mass, moving))
+    for matrix, vector in terms:
         matrix.mult(vector, work)
         force.axpy(-1.0, work)
     response = None
@@ -191,6 +207,7 @@ def initial_state(
     reaction = force.duplicate()
     system.mass.mult(a, reaction)
     reaction.axpy(-1.0, force)
+    a.axpy(1.0, moving)
     held = np.zeros(reaction.getLocalSize())
     held[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
     reaction.setArray(held)

@@ -178,6 +178,11 @@ def split_mesh(
     """
     from dolfinx_joints.gathering import gather_mesh
 
+    both = sorted(set(joints) & set(groups))
+    shared = sorted(set(joints.values()) & set(groups.values()))
+    if both or shared:
+        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
+        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
     raw = gather_mesh(mesh, facet_tags, {**groups, **joints}, cell_tags, cell_groups or {})
     return _distribute(mesh.comm, lambda: _prepare(raw, list(joints)))
 
@@ -199,6 +204,8 @@ class _Prepared:
 
 def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
     """Split a mesh held by rank 0 and tag its groups."""
+    if isinstance(joints, str):
+        raise MeshError(f"joints is {joints!r}; it must be a list of names.")
     names, duplicated = _joint_names(raw, joints)
     slots: dict[str, Ints] = {}
     for name, vertices in raw.facet_groups.items():

@@ -32,13 +32,12 @@ class Modes:
     participation: NDArray[np.float64]
 
 
-def modes(system: MatrixSystem, count: int, *, gdim: int = 3) -> Modes:
+def modes(system: MatrixSystem, count: int) -> Modes:
     """The lowest modes with all joints closed and sticking (collective).
 
     Args:
         system: The system; its joints enter with their elastic stiffness k_n, k_s.
         count: Number of modes.
-        gdim: Displacement components per node.
 
     Raises:
         ValueError: ``count`` is not positive.
@@ -72,10 +71,10 @@ def modes(system: MatrixSystem, count: int, *, gdim: int = 3) -> Modes:
     solver.solve()
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
-    return _collect(solver, system, count, gdim)
+    return _collect(solver, system, count)
 
 
-def _collect(solver: object, system: MatrixSystem, count: int, gdim: int) -> Modes:
+def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:
     """Frequencies, normalised shapes and participation factors."""
     frequencies, shapes, factors = [], [], []
     work = system.mass.createVecRight()
@@ -88,6 +87,6 @@ def _collect(solver: object, system: MatrixSystem, count: int, gdim: int) -> Mod
         work.scale(1.0 / norm)
         frequencies.append(math.sqrt(max(value.real, 0.0)) / (2.0 * math.pi))
         shapes.append(shape)
-        local = work.getArray(readonly=True).reshape(-1, gdim).sum(axis=0)
+        local = work.getArray(readonly=True).reshape(-1, system.components).sum(axis=0)
         factors.append(np.sum(work.comm.tompi4py().allgather(local), axis=0))
     return Modes(frequencies=np.array(frequencies), shapes=shapes, participation=np.array(factors))

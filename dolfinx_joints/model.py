@@ -186,6 +186,7 @@ class Model:
             constrained=self.constraints.dofs,
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
+            components=self.gdim,
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count
-from dolfinx_joints.errors import MeshError
+from dolfinx_joints.errors import MeshError, ResultsError
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
 from dolfinx_joints.results import ENERGY_TERMS
@@ -52,7 +52,9 @@ class PointProbe:
         owned = model.V.dofmap.index_map.size_local
         x = model.V.tabulate_dof_coordinates()[:owned]
         self._mine: list[tuple[int, int]] = []
-        extent = max(self._comm.allgather(float(np.abs(x).max(initial=0.0))))
+        boxes = self._comm.allgather((x.min(axis=0), x.max(axis=0)) if owned else None)
+        lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
+        extent = float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
         positions = []
         for row, point in enumerate(points):
             wanted = np.zeros(3)
@@ -64,7 +66,7 @@ class PointProbe:
                 found = (float(distance[near]), int(nodes.number[near]), near, tuple(x[near]))
             ranked = self._comm.allgather(found)
             owner = min(range(len(ranked)), key=lambda rank: ranked[rank][:2])
-            if ranked[owner][0] > 0.1 * extent:
+            if not ranked[owner][0] <= 0.1 * extent:
                 raise MeshError(
                     f"Monitor point {tuple(point)} lies {ranked[owner][0]:.3g} m from the nearest "
                     "node."
@@ -329,9 +331,17 @@ class FieldMonitor:
         """Create the folder and write the first time (collective)."""
         from dolfinx.io import VTXWriter
 
+        on_root(model.jointed.mesh.comm, self._check_writable)
         self._u = model.function(first.displacement)
         self._writer = VTXWriter(model.jointed.mesh.comm, self._path, [self._u])
         self.record(first)
+
+    def _check_writable(self) -> None:
+        """Find out on one rank what would leave the others waiting in the writer."""
+        try:
+            self._path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ResultsError(f"{self._path} cannot be written: {error}.") from None
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""

@@ -62,6 +62,8 @@ def load_msh(path: Path) -> RawMesh:
     started = not gmsh.isInitialized()
     if started:
         gmsh.initialize(interruptible=False)
+    terminal, current = gmsh.option.getNumber("General.Terminal"), gmsh.model.getCurrent()
+    models = len(gmsh.model.list())
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         try:
@@ -73,7 +75,10 @@ def load_msh(path: Path) -> RawMesh:
         if started:
             gmsh.finalize()
         else:
-            gmsh.clear()
+            if len(gmsh.model.list()) > models:
+                gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+            gmsh.option.setNumber("General.Terminal", terminal)
 
 
 def _read_model(model: Any, source: str) -> RawMesh:
@@ -104,11 +109,12 @@ def _read_model(model: Any, source: str) -> RawMesh:
     nodes = nodes.reshape(-1, blocks[0].shape[1])
     order = np.argsort(tags)
     x = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    number = {"used": used}
     facets = {
-        name: _facets(model, dim, entities, name, number["used"])
+        name: _facets(model, dim, entities, name, used)
         for name, entities in groups[dim - 1].items()
     }
+    if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
+        raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
     cells = nodes[:, _permutation(shape, nodes.shape[1])]
     return RawMesh(
         shape=shape, cells=cells, x=x[:, :dim].copy(), cell_groups=cell_groups, facet_groups=facets

@@ -241,6 +241,7 @@ def _open(path: Path) -> h5py.File:
         raise ResultsError(f"There is no results file {path}.")
     if not h5py.is_hdf5(path):
         raise ResultsError(f"{path} is not an HDF5 file.")
+    _refuse_truncated(path)
     try:
         file = _open_shared(path)
     except OSError as error:
@@ -259,6 +260,22 @@ def _open(path: Path) -> h5py.File:
             f"{path} has version {version} of the layout, this program reads up to {VERSION}."
         )
     raise ResultsError(f"{path} was left incomplete before its run started.")
+
+
+def _refuse_truncated(path: Path) -> None:
+    """Refuse a closed file that is shorter than its superblock says.
+
+    HDF5 does so itself, but not in SWMR mode, where reading such a file may never end. A file
+    that a writer has open, or had when it was killed, is marked and may be of any length.
+    """
+    with path.open("rb") as file:
+        superblock = file.read(36)
+    version, open_flags = superblock[8], superblock[11]
+    if version not in (2, 3) or open_flags:
+        return
+    end = int.from_bytes(superblock[28:36], "little")
+    if path.stat().st_size < end:
+        raise ResultsError(f"{path} is truncated: it has {path.stat().st_size} of {end} bytes.")
 
 
 def _open_shared(path: Path) -> h5py.File:

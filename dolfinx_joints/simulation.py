@@ -38,6 +38,7 @@ from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
+from dolfinx_joints.system import MatrixSystem
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
@@ -299,6 +300,8 @@ class Simulation:
         origin = start or self.static
         if origin is None:
             return initial_state(solver, velocity=velocity)
+        if start is None:
+            self._check_prescribed(solver.system, origin.displacement)
         state = initial_state(
             solver,
             time=start.time if start else 0.0,
@@ -308,6 +311,17 @@ class Simulation:
         )
         # A point that slid sits on the friction limit: asked again, round-off would decide.
         return replace(state, joints=origin.joints)
+
+    def _check_prescribed(self, system: MatrixSystem, u: PETSc.Vec) -> None:
+        """Refuse prescribed displacements that jump from the static state to time zero."""
+        at_zero = system.prescribed(0.0)
+        held = u.getArray(readonly=True)[system.constrained]
+        jump = float(np.abs(at_zero - held).max(initial=0.0))
+        if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * max(u.norm(), 1e-12):
+            raise ValueError(
+                "The displacements prescribed at t = 0 differ from those of the static state that "
+                "the dynamic stage starts from; let their functions agree there."
+            )
 
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""

@@ -40,6 +40,7 @@ class MatrixSystem:
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
         symmetric: Whether K and C are symmetric.
+        components: Displacement components per node.
     """
 
     mass: PETSc.Mat
@@ -50,6 +51,7 @@ class MatrixSystem:
     constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
+    components: int = 1
 
     @classmethod
     def from_arrays(
@@ -123,6 +125,20 @@ class MatrixSystem:
             if value:
                 out.axpy(value, vector)
         return out
+
+    def prescribed_rates(
+        self, time: float, spacing: float
+    ) -> tuple[NDArray[Any], NDArray[Any]] | None:
+        """Velocities [m/s] and accelerations [m/s^2] of the constrained dofs, None if they rest.
+
+        From differences of their displacements at ``time`` and one and two spacings [s] before it
+        (after it where the spacing is negative), exact for quadratic motions.
+        """
+        if self.values is None:
+            return None
+        now, before, earlier = (self.values(time - k * spacing) for k in range(3))
+        velocity = (3.0 * now - 4.0 * before + earlier) / (2.0 * spacing)
+        return velocity, (now - 2.0 * before + earlier) / spacing**2
 
     def prescribed(self, time: float, *, scale: float = 1.0) -> Floats:
         """Displacements of the constrained dofs at a time [s], times ``scale``, [m]."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from dataclasses import replace
 from typing import Any
@@ -158,6 +159,25 @@ def test_other_refusals():
         MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0]], law=STOP)
     with pytest.raises(ValueError, match="solver is 'magic'; it must be one of auto, condensed"):
         make_solver(random_system()[2], kind="magic")
+
+
+def test_a_moving_support_moves_as_told():
+    # Two masses on a spring, the first moved by 5 t^2 m: the relative motion r of the second obeys
+    # r'' + w^2 r = -10, so r = -10 (1 - cos w t) / w^2, and the support pushes with m1 10 - k r.
+    m1, m2, k = 3.0, 2.0, 800.0
+    plain = MatrixSystem.from_arrays(mass=np.diag([m1, m2]), stiffness=[[k, -k], [-k, k]])
+    system = dataclasses.replace(
+        plain, constrained=np.array([0]), values=lambda t: np.array([5.0 * t**2])
+    )
+    solver, w, dt = make_solver(system), np.sqrt(k / m2), 1e-3
+    state = initial_state(solver)
+    assert state.acceleration.getArray() == pytest.approx([10.0, 0.0], rel=1e-6)
+    assert state.reaction.getArray() == pytest.approx([10.0 * m1, 0.0], rel=1e-6)
+    for step in range(1, 501):
+        state, _ = Newmark().advance(solver, state, dt)
+        r = -10.0 * (1.0 - np.cos(w * step * dt)) / w**2
+        assert state.velocity.getArray()[0] == pytest.approx(10.0 * step * dt, rel=1e-8)
+        assert state.reaction.getArray()[0] == pytest.approx(10.0 * m1 - k * r, abs=0.1)
 
 
 # The initial state.

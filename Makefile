@@ -6,11 +6,11 @@ SHELL := /bin/bash
 
 RUN := ./with-dolfinx
 PYTHON := $(RUN) python3
-# A rank that waits for one that has failed would wait for ever: mpi4py's runner aborts all
-# ranks when one ends with an error, and timeout ends what hangs nevertheless.
-MPI_SECONDS ?= 1800
+# A rank that waits for one that has failed would wait for ever: tests and demos abort all ranks
+# when an error hits only one, and timeout ends what hangs nevertheless.
+MPI_SECONDS ?= 900
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
-MPI_PYTEST = python3 -m mpi4py -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
+MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
 
 DEMO_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/*.py))
@@ -55,9 +55,9 @@ test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count
 
 verify: ## Run the slow verification problems, and the demos on 2 ranks
 	$(PYTHON) -m pytest -q -m slow tests
-	$(MPIRUN) -n 2 python3 -m mpi4py demos/01_impact.py
-	$(MPIRUN) -n 2 python3 -m mpi4py demos/02_sliding_block.py
-	$(MPIRUN) -n 2 python3 -m mpi4py demos/03_ambiesta.py --steps 50
+	$(MPIRUN) -n 2 python3 demos/01_impact.py
+	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
+	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
 
 bench: ## Run the benchmarks
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script"; done

@@ -60,7 +60,7 @@ from dolfinx_joints import (
 from dolfinx_joints.contact import StatusCounts
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.laws import Response
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.parallel import abort_on_error, on_root
 from dolfinx_joints.simulation import Outcome, Record
 from geometry.two_blocks import two_blocks
 
@@ -70,6 +70,7 @@ MASS = CONCRETE.density * LENGTH * WIDTH * HEIGHT
 K_N, K_S = 1e10, 4e9  # of the joint [Pa/m]
 
 comm = MPI.COMM_WORLD
+abort_on_error(comm)
 
 
 def blocks(cell: str = "hex") -> JointedMesh:

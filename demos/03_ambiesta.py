@@ -375,6 +375,7 @@ def verify(
 
 
 if __name__ == "__main__":
+    dj.abort_on_error(MPI.COMM_WORLD)
     try:
         main()
     except (dj.JointsError, ValueError) as error:

@@ -43,6 +43,7 @@ _HOME = {
     "Spring": "supports",
     "StepControl": "integrators",
     "Traction": "loads",
+    "abort_on_error": "parallel",
     "mass_proportional": "damping",
     "modes": "modal",
     "rayleigh": "damping",

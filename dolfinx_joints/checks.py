@@ -32,6 +32,16 @@ def check_number(
         raise ValueError(f"{name} is {shown}; it must be {allowed}.")
 
 
+def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
+    """Refuse a value that is not what it should be.
+
+    Raises:
+        ValueError: ``good`` is false.
+    """
+    if not good:
+        raise ValueError(f"{name} is {value!r}; it must be {wanted}.")
+
+
 def check_count(name: str, value: Any, least: int, allowed: str) -> None:
     """Refuse what is no whole number of at least ``least``.
 

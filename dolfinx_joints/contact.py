@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
@@ -62,6 +63,8 @@ class Contact:
             if name not in operator.names:
                 known = ", ".join(operator.names) or "none"
                 raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
+        for law in by_name.values():
+            check_kind_of("A joint law", law, hasattr(law, "end_point"), "a law")
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")

@@ -14,6 +14,7 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.contact import Contact, InitialGap
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.elasticity import Elastic, ElasticBody
@@ -38,7 +39,7 @@ class Model:
         joints: One law for all joints, or one per joint name; not needed without joints.
         supports: Fixed and prescribed components, springs.
         loads: Loads that act in every stage (self weight, tractions, ...).
-        damping: Rayleigh damping of the bulk; none unless given.
+        damping: Rayleigh damping, its stiffness part of the bulk alone; none unless given.
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
         degree: Degree of the displacement, that of the mesh unless given.
         quadrature: Rule on the joints: ``auto``, ``nodal`` or ``gauss``.
@@ -85,6 +86,12 @@ class Model:
         symmetric: bool = True,
     ) -> None:
         """Assemble everything that does not change (collective)."""
+        for name, values in (("supports", supports), ("loads", loads)):
+            check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
+        for load in loads:
+            check_kind_of("A load", load, hasattr(load, "patterns"), "Gravity, Traction or such")
+        rayleigh = damping or Rayleigh()
+        check_kind_of("damping", rayleigh, isinstance(rayleigh, Rayleigh), "a Rayleigh damping")
         self.jointed, self.loads = jointed, list(loads)
         self.gdim = jointed.mesh.geometry.dim
         degree = jointed.shape.degree if degree is None else degree
@@ -112,7 +119,7 @@ class Model:
         if extra_mass is not None:
             self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
         self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
-        self.damping = self._damping(bulk, damping or Rayleigh(), extra_damping)
+        self.damping = self._damping(bulk, rayleigh, extra_damping)
         self._symmetric = symmetric
 
     def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:

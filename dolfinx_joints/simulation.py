@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_count, check_number
+from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.integrators import (
@@ -52,14 +52,14 @@ class Record:
     """What a monitor sees of a step.
 
     Attributes:
-        stage: ``static`` or ``dynamic``.
+        stage: ``dynamic``; static stages are not monitored.
         step: Number of the step, 0 for the start of the stage.
-        time: Time [s], or the load factor in a static stage.
+        time: Time [s].
         displacement: u [m].
         reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
         joints: Response of the joints, None without joints.
         solve: How the solve went, None at step 0 of a dynamic stage.
-        energy: Energies, None in a static stage.
+        energy: Energies.
         halvings: Steps that Newton's failure added within this step.
     """
 
@@ -70,7 +70,7 @@ class Record:
     reaction: PETSc.Vec
     joints: Response | None
     solve: SolveReport | None
-    energy: EnergyRow | None
+    energy: EnergyRow
     halvings: int
 
 
@@ -263,6 +263,11 @@ class Simulation:
         check_count("steps", steps, 1, "at least one time step is needed")
         if velocity is not None and start is not None:
             raise ValueError("velocity and start are both given; start holds a velocity already.")
+        scheme, control = scheme or Newmark(), control or StepControl()
+        check_kind_of("scheme", scheme, hasattr(scheme, "advance"), "a time scheme")
+        check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+        if motion is not None:
+            _check_motion(motion, self.model.gdim)
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
@@ -273,9 +278,7 @@ class Simulation:
             run.start()
             for step in range(1, steps + 1):
                 with self._phase("time steps"):
-                    substeps = advance_halving(
-                        scheme or Newmark(), solver, run.state, dt, control or StepControl()
-                    )
+                    substeps = advance_halving(scheme, solver, run.state, dt, control)
                     try:
                         report = run.take(substeps)
                     except ConvergenceError as failure:
@@ -342,6 +345,15 @@ class Simulation:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
+
+
+def _check_motion(motion: Any, gdim: int) -> None:
+    """Refuse a ground motion that gives no acceleration vector."""
+    wanted = f"a function of time that gives at least {gdim} numbers"
+    check_kind_of("motion", motion, callable(motion), wanted)
+    first = np.asarray(motion(0.0))
+    good = first.ndim == 1 and len(first) >= gdim and first.dtype.kind in "if"
+    check_kind_of("motion(0)", first.tolist(), good, f"at least {gdim} numbers")
 
 
 class _Run:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     single = [item for item in items if item.get_closest_marker("mpi") is None]
     config.hook.pytest_deselected(items=single)
     items[:] = [item for item in items if item not in single]
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End every rank where the tests of one failed, which may have left the others waiting."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    failed = reporter is not None and any(reporter.stats.get(k) for k in ("failed", "error"))
+    if MPI is not None and MPI.COMM_WORLD.size > 1 and failed:
+        sys.stdout.flush()
+        MPI.COMM_WORLD.Abort(1)
 
 
 @pytest.fixture(scope="session")

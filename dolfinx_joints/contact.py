@@ -58,8 +58,10 @@ class Contact:
     ) -> None:
         """Sort the points by law."""
         self.operator = operator
+        gaps = initial_gaps or {}
+        check_kind_of("initial_gaps", gaps, isinstance(gaps, Mapping), "a gap per joint name")
         by_name = laws if isinstance(laws, Mapping) else dict.fromkeys(operator.names, laws)
-        for name in (*by_name, *(initial_gaps or {})):
+        for name in (*by_name, *gaps):
             if name not in operator.names:
                 known = ", ".join(operator.names) or "none"
                 raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
@@ -77,7 +79,7 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
         self._offset = operator.initial_gap.copy()
-        for name, gap in (initial_gaps or {}).items():
+        for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
             places = getattr(operator, "points", np.zeros((len(here), 3)))[here]
             with raised_together(operator.comm):

@@ -50,6 +50,8 @@ class DirectSolver:
             "pc_type": "cholesky" if symmetric else "lu",
             "pc_factor_mat_solver_type": package,
         }
+        if package == "cholmod":
+            chosen["mat_cholmod_print"] = 0  # its failures are raised, not printed
         if package == "mumps":
             chosen["mat_mumps_icntl_14"] = 60
         self._apply(chosen | dict(options or {}))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count
-from dolfinx_joints.errors import ConvergenceError
+from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.system import MatrixSystem
 
@@ -68,7 +68,13 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     ksp.setType("preonly")
     ksp.getPC().setType("cholesky")
     ksp.getPC().setFactorSolverType("mumps")
-    solver.solve()
+    try:
+        solver.solve()
+    except PETSc.Error as exc:
+        raise JointsError(
+            "The modes could not be computed: the stiffness cannot be factored, or the body has no "
+            f"mass; SLEPc's error code is {exc.ierr}."
+        ) from None
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
     return _collect(solver, system, count)

@@ -90,6 +90,9 @@ class Model:
             check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
         for load in loads:
             check_kind_of("A load", load, hasattr(load, "patterns"), "Gravity, Traction or such")
+            if hasattr(load, "group"):
+                jointed.facets(load.group)
+            check_kind_of("factor", *_factor(load), "a function of time")
         rayleigh = damping or Rayleigh()
         check_kind_of("damping", rayleigh, isinstance(rayleigh, Rayleigh), "a Rayleigh damping")
         self.jointed, self.loads = jointed, list(loads)
@@ -125,10 +128,11 @@ class Model:
     def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
         """Assembled matrix of a form and what is added to it."""
         if extra is not None:
-            form = form + extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
+            added = extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
+            _check_form(added, 2, "An extra form must be a bilinear UFL form of (u, v)")
+            form = form + added
         for term in more:
             form = form + term
-        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
         return self._kept(fem_petsc.assemble_matrix(fem.form(form)))
 
     def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
@@ -231,6 +235,12 @@ class Model:
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _factor(load: Any) -> tuple[Any, bool]:
+    """Factor of a load and whether it is a function, or nothing to complain of."""
+    factor = getattr(load, "factor", None)
+    return factor, factor is None or callable(factor)
 
 
 def _check_form(form: Any, arguments: int, what: str) -> None:

@@ -156,6 +156,10 @@ class Simulation:
         solver: str = "auto",
     ) -> None:
         """Nothing is solved yet."""
+        good = isinstance(monitors, list | tuple) and all(hasattr(m, "record") for m in monitors)
+        check_kind_of("monitors", monitors, good, "a list of monitors")
+        options = isinstance(newton, NewtonOptions | None)
+        check_kind_of("newton", newton, options, "a NewtonOptions")
         self.model, self.monitors = model, list(monitors)
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}

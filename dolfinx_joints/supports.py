@@ -12,13 +12,14 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_kind_of, check_number
 from dolfinx_joints.mesh import JointedMesh
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def _components(components: str, gdim: int) -> list[int]:
+    check_kind_of("components", components, isinstance(components, str), "letters of axes")
     wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
     if wrong or not components or len(set(components)) != len(components):
         raise ValueError(

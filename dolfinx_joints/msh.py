@@ -63,11 +63,11 @@ def load_msh(path: Path) -> RawMesh:
     if started:
         gmsh.initialize(interruptible=False)
     terminal, current = gmsh.option.getNumber("General.Terminal"), gmsh.model.getCurrent()
-    models = len(gmsh.model.list())
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         try:
-            gmsh.open(str(path))
+            gmsh.model.add(f"dolfinx_joints reads {path}")
+            gmsh.merge(str(path))
         except Exception as exc:
             raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
         return _read_model(gmsh.model, str(path))
@@ -75,8 +75,7 @@ def load_msh(path: Path) -> RawMesh:
         if started:
             gmsh.finalize()
         else:
-            if len(gmsh.model.list()) > models:
-                gmsh.model.remove()
+            gmsh.model.remove()
             gmsh.model.setCurrent(current)
             gmsh.option.setNumber("General.Terminal", terminal)
 

@@ -61,10 +61,9 @@ class NewtonOptions:
             lambda v: 0 < v < 1,
             "above 0 and below 1",
         )
-        check_count(
-            "max_iterations", self.max_iterations, 1, "it must be a whole number of at least 1"
-        )
-        check_count("max_cuts", self.max_cuts, 0, "it must be a whole number of at least 0")
+        wanted = "it must be a whole number of at least"
+        check_count("max_iterations", self.max_iterations, 1, f"{wanted} 1")
+        check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,10 +114,16 @@ def joint_axes(gdim):
     return n
 
 
+def report(comm, what, error):
+    """Print a measured number, shown by ``pytest -s``."""
+    if comm.rank == 0:
+        print(f"{what}: {error:.2e} on {comm.size} ranks")
+
+
 @pytest.mark.parametrize(
     ("jointed", "rule"), [((c, o), r) for c, o, r in ALL], indirect=["jointed"], ids=str
 )
-def test_patch(jointed, rule, comm, record_property):
+def test_patch(jointed, rule, comm):
     gdim = jointed.mesh.geometry.dim
     gradient = np.array([2e-5, -1e-5, -2e-4])[[0, 2] if gdim == 2 else [0, 1, 2]]
     model = held_at_base(jointed, rule)
@@ -142,7 +148,7 @@ def test_patch(jointed, rule, comm, record_property):
     )
     u = model.function(static.displacement)
     error = largest(comm, u.x.array - exact.x.array) / largest(comm, exact.x.array)
-    record_property("patch error", error)
+    report(comm, "patch error", error)
     assert error <= 1e-12
 
     # The tractions in the local frame are frame . sigma n, up to the sign of the side convention.
@@ -156,7 +162,7 @@ def test_patch(jointed, rule, comm, record_property):
 @pytest.mark.parametrize(
     ("jointed", "rule"), [((c, o), r) for c, o, r in ALL], indirect=["jointed"], ids=str
 )
-def test_force_is_the_adjoint_of_gap(jointed, rule, comm, record_property):
+def test_force_is_the_adjoint_of_gap(jointed, rule, comm):
     # <w t, B u> = <u, B^T (w t)> by definition, for any u and t.
     model = held_at_base(jointed, rule)
     operator = model.operator
@@ -168,7 +174,7 @@ def test_force_is_the_adjoint_of_gap(jointed, rule, comm, record_property):
     size = np.sqrt(total(comm, np.sum(gap**2)) * total(comm, np.sum(traction**2)))
     size *= largest(comm, operator.areas)
     error = abs(one - u.dot(force)) / size
-    record_property("adjointness error", error)
+    report(comm, "adjointness", error)
     assert error <= 1e-13
 
 
@@ -256,7 +262,7 @@ def test_nodal_rule_refused_on_six_node_triangles(jointed):
 @pytest.mark.parametrize(
     ("jointed", "rule"), [((c, o), r) for c, o, r in ALL], indirect=["jointed"], ids=str
 )
-def test_tangent_against_finite_differences(jointed, rule, comm, record_property):
+def test_tangent_against_finite_differences(jointed, rule, comm):
     # Central differences of B^T (w t(B u)) along a random direction, at a random state with open,
     # sticking and sliding points.
     model = held_at_base(jointed, rule)
@@ -293,7 +299,7 @@ def test_tangent_against_finite_differences(jointed, rule, comm, record_property
     difference.scale(0.5 / step)
     difference.axpy(-1.0, predicted)
     error = difference.norm() / predicted.norm()
-    record_property("tangent error", error)
+    report(comm, "tangent against differences", error)
     assert error <= 1e-7
 
 

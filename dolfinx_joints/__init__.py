@@ -14,6 +14,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "abort_on_error": "parallel",
     "BaseMotion": "loads",
     "Constraints": "supports",
     "ConvergenceError": "errors",
@@ -43,7 +44,6 @@ _HOME = {
     "Spring": "supports",
     "StepControl": "integrators",
     "Traction": "loads",
-    "abort_on_error": "parallel",
     "mass_proportional": "damping",
     "modes": "modal",
     "rayleigh": "damping",

@@ -174,7 +174,7 @@ def initial_state(
     Args:
         solver: Solver of the system.
         time: Start [s].
-        displacement: u [m], zero unless given.
+        displacement: u [m]; zero unless given, but for prescribed dofs.
         velocity: v [m/s], zero unless given.
         joints: State of the joints, at rest at ``displacement`` unless given.
     """
@@ -183,6 +183,7 @@ def initial_state(
     v = u.duplicate() if velocity is None else velocity.copy()
     if displacement is None:
         u.set(0.0)
+        u.getArray()[system.constrained] = system.prescribed(time)
     if velocity is None:
         v.set(0.0)
     moving = u.duplicate()

@@ -128,9 +128,7 @@ class Model:
     def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
         """Assembled matrix of a form and what is added to it."""
         if extra is not None:
-            added = extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
-            _check_form(added, 2, "An extra form must be a bilinear UFL form of (u, v)")
-            form = form + added
+            form = form + self._extra(extra)
         for term in more:
             form = form + term
         return self._kept(fem_petsc.assemble_matrix(fem.form(form)))
@@ -150,16 +148,19 @@ class Model:
 
     def _damping(self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None) -> PETSc.Mat:
         """C = a M + b K of the bulk, and the extra form."""
-        matrix = self._matrix(bulk, extra) if extra else None
-        if matrix is None:
-            matrix = self._matrix(bulk)
-            matrix.scale(rayleigh.stiffness_factor)
-        else:
-            bulk_only = self._matrix(bulk)
-            matrix.axpy(rayleigh.stiffness_factor - 1.0, bulk_only)
+        matrix = self._matrix(bulk)
+        matrix.scale(rayleigh.stiffness_factor)
         if rayleigh.mass_factor:
             matrix.axpy(rayleigh.mass_factor, self.mass)
+        if extra is not None:
+            matrix.axpy(1.0, self._matrix(self._extra(extra)))
         return matrix
+
+    def _extra(self, extra: BilinearForm) -> Any:
+        """A bilinear form of the user's own."""
+        form = extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
+        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        return form
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""

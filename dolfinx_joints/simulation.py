@@ -231,6 +231,7 @@ class Simulation:
             self.static = StaticState(
                 displacement=u.copy(), joints=response, reaction=reaction, reports=reports
             )
+            free_petsc_garbage(self.model.jointed.mesh.comm)
         return self.static
 
     def dynamics(

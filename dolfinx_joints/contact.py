@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,7 @@ class Contact:
         for law in distinct:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
+        self._variables = max((_variables(law) for law in distinct), default=0)
         self._offset = operator.initial_gap.copy()
         for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
@@ -91,7 +92,7 @@ class Contact:
 
     def at_rest(self, u: Any) -> JointState:
         """State without shear traction at the displacement ``u`` (collective)."""
-        return JointState.at_rest(self.gap(u))
+        return JointState.at_rest(self.gap(u), variables=self._variables)
 
     def trial(self, u: Any, state: JointState) -> Response:
         """Answer of the laws at the displacement ``u``, from ``state`` (collective)."""
@@ -103,22 +104,27 @@ class Contact:
         """Answer of the laws of the local points."""
         if len(self._laws) == 1:
             return self._laws[0][0].end_point(gap, state)
-        answer = _empty_response(len(gap))
+        answer = _empty_response(len(gap), self._variables)
         for law, points in self._laws:
-            part = law.end_point(
-                gap[points],
-                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points]),
-            )
+            part = law.end_point(gap[points], _state_of(law, points, state))
             for name in ("traction", "tangent", "dissipation", "status"):
                 getattr(answer, name)[points] = getattr(part, name)
             answer.state.gap[points] = part.state.gap
             answer.state.elastic_slip[points] = part.state.elastic_slip
+            if columns := _variables(law):
+                answer.state.internal[points, :columns] = part.state.internal
         return answer
 
     @property
     def solves_locally(self) -> bool:
         """Whether every law offers ``local_solve``."""
-        return all(hasattr(law, "local_solve") for law, _ in self._laws)
+        return not self.without_local_solve
+
+    @property
+    def without_local_solve(self) -> tuple[str, ...]:
+        """Kinds of the laws that offer no ``local_solve``."""
+        kinds = {type(law).__name__ for law, _ in self._laws if not hasattr(law, "local_solve")}
+        return tuple(sorted(kinds))
 
     def local_solve(
         self, free_gap: Floats, compliance: Floats, state: JointState
@@ -151,7 +157,7 @@ class Contact:
             part = law.local_solve(  # type: ignore[attr-defined]
                 free_gap[points],
                 compliance[points],
-                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points]),
+                _state_of(law, points, state),
             )
             for whole, values in zip(answer, part, strict=True):
                 whole[points] = values
@@ -162,9 +168,7 @@ class Contact:
         """Elastic energy of all joints, [J] (collective)."""
         density = np.empty(len(state.gap))
         for law, points in self._laws:
-            density[points] = law.stored_energy(
-                JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points])
-            )
+            density[points] = law.stored_energy(_state_of(law, points, state))
         return self.integral(density)
 
     def integral(self, density: Floats) -> float:
@@ -209,11 +213,23 @@ def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     return np.broadcast_to(values, len(places)).astype(np.float64)
 
 
-def _empty_response(count: int) -> Response:
+def _variables(law: Law) -> int:
+    """Number of internal variables of a law."""
+    return len(getattr(law, "internal_variables", ()))
+
+
+def _state_of(law: Law, points: NDArray[np.int64], state: JointState) -> JointState:
+    """The state of the points of one law."""
+    part = JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points], dt=state.dt)
+    columns = _variables(law)
+    return replace(part, internal=state.internal[points, :columns]) if columns else part
+
+
+def _empty_response(count: int, variables: int) -> Response:
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=JointState(gap=np.zeros((count, 3)), elastic_slip=np.zeros((count, 2))),
+        state=JointState.at_rest(np.zeros((count, 3)), variables=variables),
         dissipation=np.zeros(count),
         status=np.zeros(count, dtype=np.int8),
     )

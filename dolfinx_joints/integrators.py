@@ -133,7 +133,7 @@ class Newmark:
         u = u_start.copy()
         u.axpy(dt**2 * beta, state.acceleration)
         u.getArray()[held] = system.prescribed(time)
-        start = None if state.joints is None else state.joints.state
+        start = None if state.joints is None else replace(state.joints.state, dt=dt)
         effective = Effective(mass=mass_factor, damping=damping_factor, stiffness=1.0)
         joints, reaction, report = solver.solve(effective, b, u, start)
         acceleration = u.copy()

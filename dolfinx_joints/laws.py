@@ -11,9 +11,9 @@ that the trial returned.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,15 +38,29 @@ class JointState:
     Attributes:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
         elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
+        internal: Further variables of the laws that have some, shape (n, m); zero at first.
+        dt: Length of the step that starts here, infinite in statics [s].
     """
 
     gap: Floats
     elastic_slip: Floats
+    internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    dt: float = math.inf
 
     @classmethod
-    def at_rest(cls, gap: Floats) -> JointState:
-        """State without shear traction at a given gap, shape (n, 3), [m]."""
-        return cls(gap=gap.copy(), elastic_slip=np.zeros((len(gap), 2)))
+    def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:
+        """State without shear traction at a given gap, shape (n, 3), [m].
+
+        Args:
+            gap: The gap, shape (n, 3), [m].
+            variables: Number m of internal variables.
+        """
+        count = len(gap)
+        return cls(
+            gap=gap.copy(),
+            elastic_slip=np.zeros((count, 2)),
+            internal=np.zeros((count, variables)),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +87,9 @@ class Law(Protocol):
     """What a joint needs from a law; implement it to use a law of your own.
 
     A law may also offer ``local_solve(free_gap, compliance, state)``, as `FrictionNoTension` does;
-    without it a model is solved on the monolithic path.
+    without it a model is solved on the monolithic path. A law with a history of its own names it
+    in ``internal_variables``, a tuple of strings: it then finds one column for each in
+    ``state.internal``, zero at first, and returns the new ones in the state of its response.
     """
 
     def end_point(self, gap: Floats, state: JointState) -> Response:
@@ -92,7 +108,9 @@ class FrictionNoTension:
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
     sliding changes t_s along itself only (plastic potential |t_s|), so the tangent is unsymmetric.
-    On opening the elastic slip e becomes zero: what slip there is, is plastic.
+    On opening the elastic slip e becomes zero: what slip there is, is plastic. Where a point closes
+    within a step, only the slip after touching loads it: with the path of a step taken as straight,
+    the fraction gap_n1 / (gap_n1 - gap_n0) of the step's slip.
 
     Departure from the paper: compression is negative here, so its yield function
     |t_s| - t_n tan(alpha) reads |t_s| + t_n tan(alpha).
@@ -106,32 +124,16 @@ class FrictionNoTension:
         ValueError: A parameter is out of its range.
     """
 
+    internal_variables: ClassVar[tuple[str, ...]] = ()
+
     normal_stiffness: float
     shear_stiffness: float
     friction_angle_deg: float
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        check_number(
-            "normal_stiffness",
-            self.normal_stiffness,
-            lambda v: v > 0,
-            "positive and finite",
-            unit="Pa/m",
-        )
-        check_number(
-            "shear_stiffness",
-            self.shear_stiffness,
-            lambda v: v >= 0,
-            "zero or more and finite",
-            unit="Pa/m",
-        )
-        check_number(
-            "friction_angle_deg",
-            self.friction_angle_deg,
-            lambda v: 0 <= v < 90,
-            "at least 0 and below 90 degrees",
-        )
+        check_stiffness(self.normal_stiffness, self.shear_stiffness)
+        check_friction_angle(self.friction_angle_deg)
 
     @property
     def friction_coefficient(self) -> float:
@@ -158,9 +160,7 @@ class FrictionNoTension:
         Returns:
             Tractions, consistent tangent, trial state, friction work and status.
         """
-        k_n = np.full(len(gap), self.normal_stiffness)
-        k_s = np.full(len(gap), self.shear_stiffness)
-        traction, tangent, status = self._project(gap, state, k_n, k_s)
+        traction, tangent, status = self._project(gap, state, np.zeros((1, 2)))
         t_s = traction[:, 1:]
         elastic_slip: NDArray[Any] = np.zeros_like(t_s)
         if self.shear_stiffness > 0.0:
@@ -181,7 +181,7 @@ class FrictionNoTension:
         """Tractions that satisfy the law at gap = free_gap - compliance * t (closed form).
 
         With the compliance c of the structure at the point, the law's stiffness k becomes
-        1 / (c + 1/k); nothing else changes.
+        1 / (c + 1/k), and k_s that of the fraction of the slip that counts; nothing else changes.
 
         Args:
             free_gap: Gap if the point carried no traction, shape (n, 3), [m].
@@ -191,33 +191,90 @@ class FrictionNoTension:
         Returns:
             Tractions (n, 3) [Pa], d traction / d free_gap (n, 3, 3) [Pa/m], and status (n,).
         """
-        k_n: NDArray[Any] = 1.0 / (compliance[:, 0] + 1.0 / self.normal_stiffness)
-        k_s: NDArray[Any] = np.zeros(len(free_gap))
-        if self.shear_stiffness > 0.0:
-            k_s = 1.0 / (compliance[:, 1] + 1.0 / self.shear_stiffness)
-        return self._project(free_gap, state, k_n, k_s)
+        return self._project(free_gap, state, compliance)
 
     def _project(
-        self, gap: Floats, state: JointState, k_n: Floats, k_s: Floats
+        self, gap: Floats, state: JointState, compliance: Floats
     ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """Traction, tangent and status with a stiffness for each point, shape (n,), [Pa/m]."""
-        mu = self.friction_coefficient
+        """Traction, tangent and status on a compliance (normal, shear) of shape (n or 1, 2)."""
+        mu, c_s = self.friction_coefficient, compliance[:, 1]
+        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
         closed = gap[:, 0] <= 0.0
         t_n = np.where(closed, k_n * gap[:, 0], 0.0)
-        limit = -mu * t_n
-        trial = k_s[:, None] * (state.elastic_slip + gap[:, 1:] - state.gap[:, 1:])
-        size = np.hypot(trial[:, 0], trial[:, 1])
+        fraction = contact_fraction(state.gap[:, 0], t_n / self.normal_stiffness)
+        k_s = fraction * self.shear_stiffness / (1.0 + c_s * fraction * self.shear_stiffness)
+        slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+        trial = k_s[:, None] * slip
+        size, limit = np.hypot(trial[:, 0], trial[:, 1]), -mu * t_n
         slides = closed & (size > limit)
-        sticks = closed & ~slides
         safe = np.where(size > 0.0, size, 1.0)
-        direction = trial / safe[:, None]
-        ratio = np.where(sticks, 1.0, np.where(slides, limit / safe, 0.0))
+        ratio = np.where(slides, limit / safe, closed)
         tangent = np.zeros((len(gap), 3, 3))
         tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
-        tangent[:, 1:, 0] = np.where(slides, -mu * k_n, 0.0)[:, None] * direction
-        tangent[:, 1:, 1:] = (ratio * k_s)[:, None, None] * np.eye(2)
-        tangent[:, 1:, 1:] -= np.where(slides, ratio * k_s, 0.0)[:, None, None] * (
-            direction[:, :, None] * direction[:, None, :]
-        )
-        status = np.where(slides, Status.SLIP, np.where(sticks, Status.STICK, Status.OPEN))
+        slope = np.where(slides, -mu * k_n / safe, 0.0)
+        tangent[:, 1:, 0] = slope[:, None] * trial
+        landing = np.flatnonzero(closed & ~slides & (state.gap[:, 0] > 0.0))
+        if len(landing):
+            # k_s depends on the fraction, and this on the normal gap.
+            opening = state.gap[landing, 0]
+            rate = -opening / (opening - t_n[landing] / self.normal_stiffness) ** 2
+            rate *= np.broadcast_to(k_n, len(gap))[landing] / self.normal_stiffness
+            softened = 1.0 + np.broadcast_to(c_s, len(gap))[landing] * (
+                fraction[landing] * self.shear_stiffness
+            )
+            rate *= self.shear_stiffness / softened**2
+            tangent[landing, 1:, 0] = rate[:, None] * slip[landing]
+        stiffness = ratio * k_s
+        across = np.where(slides, stiffness / safe**2, 0.0)
+        tangent[:, 1, 1] = stiffness - across * trial[:, 0] ** 2
+        tangent[:, 2, 2] = stiffness - across * trial[:, 1] ** 2
+        tangent[:, 1, 2] = tangent[:, 2, 1] = -across * trial[:, 0] * trial[:, 1]
+        status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
         return np.column_stack([t_n, ratio[:, None] * trial]), tangent, status.astype(np.int8)
+
+
+def contact_fraction(before: Floats, after: Floats) -> Floats:
+    """Fraction of a step that a point spends in contact before its end, on a straight path.
+
+    1 where it was closed at the start, after / (after - before) where it closes within the step.
+
+    Args:
+        before: Normal gap at the start, shape (n,), [m].
+        after: Normal gap at the end, zero where the point is open, shape (n,), [m].
+    """
+    opening = np.maximum(before, 0.0)
+    if not opening.any():
+        return np.ones(len(before))
+    return np.where(opening > 0.0, -after / np.where(opening > 0.0, opening - after, 1.0), 1.0)
+
+
+def check_stiffness(normal_stiffness: float, shear_stiffness: float) -> None:
+    """Refuse a joint stiffness out of its range.
+
+    Raises:
+        ValueError: k_n is not positive, or k_s negative.
+    """
+    check_number(
+        "normal_stiffness", normal_stiffness, lambda v: v > 0, "positive and finite", unit="Pa/m"
+    )
+    check_number(
+        "shear_stiffness",
+        shear_stiffness,
+        lambda v: v >= 0,
+        "zero or more and finite",
+        unit="Pa/m",
+    )
+
+
+def check_friction_angle(friction_angle_deg: float) -> None:
+    """Refuse a friction angle out of its range.
+
+    Raises:
+        ValueError: It is negative, or not below 90 degrees.
+    """
+    check_number(
+        "friction_angle_deg",
+        friction_angle_deg,
+        lambda v: 0 <= v < 90,
+        "at least 0 and below 90 degrees",
+    )

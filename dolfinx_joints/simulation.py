@@ -339,8 +339,16 @@ class Simulation:
             f"energy error {100 * outcome.energy_error:.3g} % of the largest energy; "
             f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
             f"displacement\n{outcome.steps} steps in {outcome.substeps} substeps, "
-            f"{mean:.2f} Newton iterations per substep, {outcome.solver} solver\n{phases}"
+            f"{mean:.2f} Newton iterations per substep, {self._solver(outcome)}\n{phases}"
         )
+
+    def _solver(self, outcome: Outcome) -> str:
+        """The solver of a run, and which laws left no choice."""
+        contact = self.model.contact
+        if outcome.solver != "monolithic" or contact is None or contact.solves_locally:
+            return f"{outcome.solver} solver"
+        laws = ", ".join(contact.without_local_solve)
+        return f"{outcome.solver} solver (no local_solve in {laws})"
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:

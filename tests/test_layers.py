@@ -22,6 +22,9 @@ LEVELS = {
     "_compat": 0.1,
     "quadrature": 0.1,
     "laws": 0.1,
+    "law_options": 0.2,
+    "mohr_coulomb": 0.2,
+    "stiffness": 0.2,
     "records": 0.1,
     "results": 0.1,
     "exact": 0.1,
@@ -55,7 +58,7 @@ LEVELS = {
 }
 
 # What runs without DOLFINx, PETSc and MPI.
-LIGHT = ["errors", "laws", "exact", "records", "spectra", "results", "results_writer", "plots"]
+LIGHT = ["errors", "laws", "law_options", "mohr_coulomb", "stiffness", "exact", "records", "spectra", "results", "results_writer", "plots"]
 
 
 def imports(module: str, *, all_of_them: bool) -> set[str]:

@@ -1,0 +1,174 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Simpler joints than friction, and a dashpot for any joint: frictionless, keyed, viscous."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.laws import (
+    Floats,
+    FrictionNoTension,
+    JointState,
+    Law,
+    Response,
+    Status,
+    check_stiffness,
+    contact_fraction,
+)
+
+
+def frictionless(*, normal_stiffness: float) -> FrictionNoTension:
+    """A joint that carries pressure only: no tension, no shear.
+
+    Args:
+        normal_stiffness: k_n [Pa/m], positive.
+
+    Raises:
+        ValueError: The stiffness is not positive.
+    """
+    return FrictionNoTension(
+        normal_stiffness=normal_stiffness, shear_stiffness=0.0, friction_angle_deg=0.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyedJoint:
+    """A joint that opens but does not slip: no tension, and shear keys that hold at any opening.
+
+    t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
+
+    Attributes:
+        normal_stiffness: k_n [Pa/m], positive.
+        shear_stiffness: k_s [Pa/m], not negative.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    internal_variables: ClassVar[tuple[str, ...]] = ()
+
+    normal_stiffness: float
+    shear_stiffness: float
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        check_stiffness(self.normal_stiffness, self.shear_stiffness)
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s, [Pa/m]."""
+        return self.normal_stiffness, self.shear_stiffness
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """k_n <-gap_n>^2 / 2 + k_s |gap_s|^2 / 2 of each point, shape (n,), [J/m^2]."""
+        closed = np.minimum(state.gap[:, 0], 0.0)
+        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
+        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
+
+    def end_point(self, gap: Floats, state: JointState) -> Response:
+        """Tractions of a gap of shape (n, 3), [m]; they depend on no history."""
+        traction, tangent, status = self.local_solve(gap, np.zeros((1, 2)), state)
+        elastic_slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+        return Response(
+            traction=traction,
+            tangent=tangent,
+            state=JointState(gap=gap.copy(), elastic_slip=elastic_slip),
+            dissipation=np.zeros(len(gap)),
+            status=status,
+        )
+
+    def local_solve(
+        self, free_gap: Floats, compliance: Floats, state: JointState
+    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
+        """Tractions at gap = free_gap - compliance * t; see `FrictionNoTension.local_solve`."""
+        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
+        k_s = self.shear_stiffness / (1.0 + compliance[:, 1] * self.shear_stiffness)
+        closed = free_gap[:, 0] <= 0.0
+        slip = state.elastic_slip + free_gap[:, 1:] - state.gap[:, 1:]
+        t_n = np.where(closed, k_n * free_gap[:, 0], 0.0)
+        tangent = np.zeros((len(free_gap), 3, 3))
+        tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
+        tangent[:, 1, 1] = tangent[:, 2, 2] = k_s
+        status = np.where(closed, Status.STICK, Status.OPEN).astype(np.int8)
+        return np.column_stack([t_n, k_s[:, None] * slip]), tangent, status
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousJoint:
+    """A joint law with dashpots that act while the joint is closed.
+
+    To the tractions of ``law`` are added, over a step of length dt,
+
+        t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), and no tension in the sum,
+        t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
+
+    where the point is closed at the end of the step; friction does not limit t_s. In statics the
+    dashpots are at rest. There is no ``local_solve``: models take the monolithic path.
+
+    Attributes:
+        law: The law without dashpots.
+        normal_viscosity: eta_n [Pa s/m], not negative.
+        shear_viscosity: eta_s [Pa s/m], not negative.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    law: Law
+    normal_viscosity: float = 0.0
+    shear_viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        check_kind_of("law", self.law, hasattr(self.law, "end_point"), "a joint law")
+        for name in ("normal_viscosity", "shear_viscosity"):
+            value = getattr(self, name)
+            check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa s/m")
+
+    @property
+    def internal_variables(self) -> tuple[str, ...]:
+        """Those of the law."""
+        return getattr(self.law, "internal_variables", ())
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s of the law, [Pa/m]."""
+        return self.law.closed_stiffness()
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy of the law, shape (n,), [J/m^2]."""
+        return self.law.stored_energy(state)
+
+    def end_point(self, gap: Floats, state: JointState) -> Response:
+        """The law's answer with the dashpots' tractions; their work counts as dissipation."""
+        answer = self.law.end_point(gap, state)
+        closed = answer.status != Status.OPEN
+        eta_n, eta_s = self.normal_viscosity / state.dt, self.shear_viscosity / state.dt
+        before, after = state.gap[:, 0], np.minimum(gap[:, 0], 0.0)
+        pressed = after - np.minimum(before, 0.0)
+        # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
+        most = np.maximum(-answer.traction[:, 0], 0.0)
+        dash_n = np.where(closed, np.minimum(eta_n * pressed, most), 0.0)
+        acts = closed & (dash_n == eta_n * pressed)
+        fraction = contact_fraction(before, after)
+        slip = gap[:, 1:] - state.gap[:, 1:]
+        dash_s = np.where(closed, eta_s * fraction, 0.0)[:, None] * slip
+        tangent = answer.tangent.copy()
+        tangent[~acts & closed & (answer.traction[:, 0] <= 0.0), 0] = 0.0
+        tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), eta_n, 0.0)
+        tangent[:, 1, 1] += np.where(closed, eta_s * fraction, 0.0)
+        tangent[:, 2, 2] += np.where(closed, eta_s * fraction, 0.0)
+        landing = closed & (before > 0.0) & (gap[:, 0] <= 0.0)
+        rate = np.where(landing, -before / np.where(landing, before - after, 1.0) ** 2, 0.0)
+        tangent[:, 1:, 0] += (eta_s * rate)[:, None] * slip
+        lost = dash_n * pressed + fraction * np.einsum("ij,ij->i", dash_s, slip)
+        return replace(
+            answer,
+            traction=answer.traction + np.column_stack([dash_n, dash_s]),
+            tangent=tangent,
+            dissipation=answer.dissipation + lost,
+        )

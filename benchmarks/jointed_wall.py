@@ -25,7 +25,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.interface import KINDS
 from dolfinx_joints.parallel import on_root
-from dolfinx_joints.simulation import Record
+from dolfinx_joints.stages import Record
 from geometry.jointed_wall import jointed_wall
 
 TIME_STEP, GRAVITY = 0.00488, 9.81

@@ -61,7 +61,7 @@ from dolfinx_joints.contact import StatusCounts
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.laws import Response
 from dolfinx_joints.parallel import abort_on_error, on_root
-from dolfinx_joints.simulation import Outcome, Record
+from dolfinx_joints.stages import Outcome, Record
 from geometry.two_blocks import two_blocks
 
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]

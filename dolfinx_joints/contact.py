@@ -45,6 +45,7 @@ class Contact:
 
     Attributes:
         operator: The gap operator.
+        initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -79,16 +80,16 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((_variables(law) for law in distinct), default=0)
-        self._offset = operator.initial_gap.copy()
+        self.initial_gap: Floats = operator.initial_gap.copy()
         for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
             places = getattr(operator, "points", np.zeros((len(here), 3)))[here]
             with raised_together(operator.comm):
-                self._offset[here, 0] += _checked_gap(name, gap, places)
+                self.initial_gap[here, 0] += _checked_gap(name, gap, places)
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
-        return self.operator.gap(u) + self._offset
+        return self.operator.gap(u) + self.initial_gap
 
     def at_rest(self, u: Any) -> JointState:
         """State without shear traction at the displacement ``u`` (collective)."""

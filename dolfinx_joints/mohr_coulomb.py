@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_number
 from dolfinx_joints.laws import (
@@ -130,7 +131,7 @@ class MohrCoulombJoint:
             was = np.where(bonded, 0.0, state.gap[:, 0] - state.internal[:, 1])[loose]
             answer = self._slide(gap[loose, 0], slip[loose], was, state.internal[loose, 1])
             traction[loose], tangent[loose], internal[loose, 1], status[loose] = answer
-        elastic_slip: Floats = traction[:, 1:] / (k_s or 1.0)
+        elastic_slip: NDArray[Any] = traction[:, 1:] / (k_s or 1.0)
         after = JointState(gap=gap.copy(), elastic_slip=elastic_slip, internal=internal)
         return Response(
             traction=traction,

@@ -23,7 +23,7 @@ from dolfinx_joints.results_writer import (
     declare_histories,
     declare_states,
 )
-from dolfinx_joints.simulation import Record
+from dolfinx_joints.stages import Record
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import time as clock
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -32,12 +32,13 @@ from dolfinx_joints.integrators import (
     located,
 )
 from dolfinx_joints.interface import check_kind, make_solver
-from dolfinx_joints.laws import Response
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
+from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
+from dolfinx_joints.stages import Monitor, Outcome, Record, StaticState
 from dolfinx_joints.system import MatrixSystem
 
 # Steps between two collections of what petsc4py keeps on several ranks.
@@ -45,89 +46,6 @@ GARBAGE_INTERVAL = 10
 
 # The paper's energy error stayed below 4 % with joints.
 LARGE_ENERGY_ERROR = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class Record:
-    """What a monitor sees of a step.
-
-    Attributes:
-        stage: ``dynamic``; static stages are not monitored.
-        step: Number of the step, 0 for the start of the stage.
-        time: Time [s].
-        displacement: u [m].
-        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
-        joints: Response of the joints, None without joints.
-        solve: How the solve went, None at step 0 of a dynamic stage.
-        energy: Energies.
-        halvings: Steps that Newton's failure added within this step.
-    """
-
-    stage: str
-    step: int
-    time: float
-    displacement: PETSc.Vec
-    reaction: PETSc.Vec
-    joints: Response | None
-    solve: SolveReport | None
-    energy: EnergyRow
-    halvings: int
-
-
-class Monitor(Protocol):
-    """Watches a run; every method is called on all ranks."""
-
-    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Called before the first step of a stage."""
-
-    def record(self, record: Record) -> None:
-        """Called after each step."""
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StaticState:
-    """Equilibrium at the end of a static stage.
-
-    Attributes:
-        displacement: u [m].
-        joints: Response of the joints, None without joints.
-        reaction: Forces of the supports on the body, zero at free dofs [N].
-        reports: How the solves went, one per load step.
-    """
-
-    displacement: PETSc.Vec
-    joints: Response | None
-    reaction: PETSc.Vec
-    reports: list[SolveReport]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """End of a dynamic stage.
-
-    Attributes:
-        state: The last state.
-        energy: The last energies.
-        energy_error: Largest energy error relative to the largest energy, loss or input.
-        local_error: Largest estimated displacement error of a step relative to the largest
-            displacement from the static state, 2-norms over all dofs.
-        steps: Steps asked for.
-        substeps: Steps taken, more than ``steps`` where Newton failed and the step was halved.
-        iterations: Newton iterations of all steps.
-        solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
-    """
-
-    state: DynamicState
-    energy: EnergyRow
-    energy_error: float
-    local_error: float
-    steps: int
-    substeps: int
-    iterations: int
-    solver: str
 
 
 class Simulation:
@@ -164,6 +82,7 @@ class Simulation:
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
         self._newton, self._kind = newton or NewtonOptions(), solver
+        self._watch = SmallDisplacements(model.contact)
         check_kind(solver)
 
     def statics(self, *, steps: int = 1) -> StaticState:
@@ -226,8 +145,11 @@ class Simulation:
                     response, reaction, report = solver.solve(effective, b, u, joints)
                 except ConvergenceError as failure:
                     raise located(failure, stage="static", step=step, time=time) from None
-                joints = response.state if response else None
+                if response:
+                    joints = response.state
+                    self._watch.see(joints.gap)
                 reports.append(report)
+            self._watch.warn("in a static stage")
             self.static = StaticState(
                 displacement=u.copy(), joints=response, reaction=reaction, reports=reports
             )
@@ -292,6 +214,8 @@ class Simulation:
                     run.show(step, report)
                 if step % GARBAGE_INTERVAL == 0:
                     free_petsc_garbage(self.model.jointed.mesh.comm)
+                    self._watch.warn(f"by t = {run.state.time:.4g} s")
+        self._watch.warn(f"by t = {run.state.time:.4g} s")
         outcome = run.outcome()
         if outcome.energy_error > LARGE_ENERGY_ERROR and self.model.jointed.mesh.comm.rank == 0:
             warnings.warn(
@@ -402,6 +326,8 @@ class _Run:
         for after, report in substeps:
             self.ledger.record(self.state, after)
             self.state = after
+            if after.joints is not None:
+                self.simulation._watch.see(after.joints.state.gap)
             self._within += 1
             self.iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)

@@ -41,6 +41,7 @@ LEVELS = {
     "jointpoints": 2.1,
     "joints": 2.2,
     "contact": 3.0,
+    "small_displacements": 3.1,
     "elasticity": 3.0,
     "damping": 3.0,
     "supports": 3.0,
@@ -53,6 +54,7 @@ LEVELS = {
     "modal": 5.0,
     "integrators": 5.0,
     "energy": 6.0,
+    "stages": 6.1,
     "simulation": 7.0,
     "monitors": 8.0,
 }

@@ -1,0 +1,99 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What stages of a run hand on: to monitors at each step, and to the caller at their end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from petsc4py import PETSc
+
+from dolfinx_joints.energy import EnergyRow
+from dolfinx_joints.integrators import DynamicState
+from dolfinx_joints.laws import Response
+from dolfinx_joints.model import Model
+from dolfinx_joints.solver import SolveReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What a monitor sees of a step.
+
+    Attributes:
+        stage: ``dynamic``; static stages are not monitored.
+        step: Number of the step, 0 for the start of the stage.
+        time: Time [s].
+        displacement: u [m].
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
+        joints: Response of the joints, None without joints.
+        solve: How the solve went, None at step 0 of a dynamic stage.
+        energy: Energies.
+        halvings: Steps that Newton's failure added within this step.
+    """
+
+    stage: str
+    step: int
+    time: float
+    displacement: PETSc.Vec
+    reaction: PETSc.Vec
+    joints: Response | None
+    solve: SolveReport | None
+    energy: EnergyRow
+    halvings: int
+
+
+class Monitor(Protocol):
+    """Watches a run; every method is called on all ranks."""
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Called before the first step of a stage."""
+
+    def record(self, record: Record) -> None:
+        """Called after each step."""
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticState:
+    """Equilibrium at the end of a static stage.
+
+    Attributes:
+        displacement: u [m].
+        joints: Response of the joints, None without joints.
+        reaction: Forces of the supports on the body, zero at free dofs [N].
+        reports: How the solves went, one per load step.
+    """
+
+    displacement: PETSc.Vec
+    joints: Response | None
+    reaction: PETSc.Vec
+    reports: list[SolveReport]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """End of a dynamic stage.
+
+    Attributes:
+        state: The last state.
+        energy: The last energies.
+        energy_error: Largest energy error relative to the largest energy, loss or input.
+        local_error: Largest estimated displacement error of a step relative to the largest
+            displacement from the static state, 2-norms over all dofs.
+        steps: Steps asked for.
+        substeps: Steps taken, more than ``steps`` where Newton failed and the step was halved.
+        iterations: Newton iterations of all steps.
+        solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
+    """
+
+    state: DynamicState
+    energy: EnergyRow
+    energy_error: float
+    local_error: float
+    steps: int
+    substeps: int
+    iterations: int
+    solver: str

@@ -39,7 +39,7 @@ from mpi4py import MPI
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import ImpactOscillator
-from dolfinx_joints.integrators import DynamicState, StepReport, initial_state
+from dolfinx_joints.states import DynamicState, StepReport, initial_state
 from dolfinx_joints.solver import NewtonSolver
 
 STEPS_AWAY, STEPS_NEAR = 20, 1500  # per period of the mass on its spring (paper, section 3)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
 from dolfinx_joints.parallel import raised_together
 
 InitialGap = float | Callable[[Floats], Floats]
+
+# How a time scheme asks the laws: at the end of a step, or for the step as a whole.
+Rule = Literal["end_point", "step"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,18 +99,53 @@ class Contact:
         return JointState.at_rest(self.gap(u), variables=self._variables)
 
     def trial(self, u: Any, state: JointState) -> Response:
-        """Answer of the laws at the displacement ``u``, from ``state`` (collective)."""
+        """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
         gap = self.gap(u)
         with raised_together(self.operator.comm):
-            return self._end_point(gap, state)
+            return self._ask("end_point", gap, None, state)
 
-    def _end_point(self, gap: Floats, state: JointState) -> Response:
-        """Answer of the laws of the local points."""
+    def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
+        """Answer of the laws to a change of the displacement since ``state`` (collective).
+
+        Args:
+            change: Displacement less that at ``state``, [m].
+            state: State at the start of the step.
+            rule: Which method of the laws is asked, ``end_point`` or ``step``.
+        """
+        gap = state.gap + self.operator.gap(change)
+        with raised_together(self.operator.comm):
+            return self._ask(rule, gap, None, state)
+
+    def respond_locally(
+        self, free_gap: Floats, compliance: Floats, state: JointState, rule: Rule
+    ) -> Response:
+        """Answer of the laws of the local points, each on its own compliance (collective).
+
+        Args:
+            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+            state: State at the start of the step.
+            rule: Which method of the laws is asked, ``local_solve`` or ``local_step``.
+        """
+        with raised_together(self.operator.comm):
+            return self._ask(rule, free_gap, compliance, state)
+
+    def _ask(
+        self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
+    ) -> Response:
+        """Answer of the laws of the local points, without waiting for other ranks."""
         if len(self._laws) == 1:
-            return self._laws[0][0].end_point(gap, state)
+            law = self._laws[0][0]
+            if compliance is None:
+                return _method(law, rule)(gap, state)
+            return _local_method(law, rule)(gap, compliance, state)
         answer = _empty_response(len(gap), self._variables)
         for law, points in self._laws:
-            part = law.end_point(gap[points], _state_of(law, points, state))
+            before = _state_of(law, points, state)
+            if compliance is None:
+                part = _method(law, rule)(gap[points], before)
+            else:
+                part = _local_method(law, rule)(gap[points], compliance[points], before)
             for name in ("traction", "tangent", "dissipation", "status"):
                 getattr(answer, name)[points] = getattr(part, name)
             answer.state.gap[points] = part.state.gap
@@ -116,61 +154,29 @@ class Contact:
                 answer.state.internal[points, :columns] = part.state.internal
         return answer
 
-    @property
-    def solves_locally(self) -> bool:
-        """Whether every law offers ``local_solve``."""
-        return not self.without_local_solve
-
-    @property
-    def without_local_solve(self) -> tuple[str, ...]:
-        """Kinds of the laws that offer no ``local_solve``."""
-        kinds = {type(law).__name__ for law, _ in self._laws if not hasattr(law, "local_solve")}
+    def without_local(self, rule: Rule) -> tuple[str, ...]:
+        """Kinds of the laws that offer no local solution under a rule."""
+        kinds = {type(law).__name__ for law, _ in self._laws if _local_method(law, rule) is None}
         return tuple(sorted(kinds))
 
-    def local_solve(
-        self, free_gap: Floats, compliance: Floats, state: JointState
-    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """Tractions, tangent and status of the local points, each on its own compliance.
+    @property
+    def without_step(self) -> tuple[str, ...]:
+        """Kinds of the laws that offer no ``step``."""
+        return tuple(sorted({type(law).__name__ for law, _ in self._laws if not _steps(law)}))
 
-        Args:
-            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
-            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
-            state: State at the start of the step.
-        """
-        with raised_together(self.operator.comm):
-            return self._local_solve(free_gap, compliance, state)
-
-    def _local_solve(
-        self, free_gap: Floats, compliance: Floats, state: JointState
-    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """What `local_solve` gives, without waiting for other ranks."""
-        if len(self._laws) == 1:
-            return self._laws[0][0].local_solve(  # type: ignore[attr-defined]
-                free_gap, compliance, state
-            )
-        count = len(free_gap)
-        answer: tuple[NDArray[Any], ...] = (
-            np.zeros((count, 3)),
-            np.zeros((count, 3, 3)),
-            np.zeros(count, dtype=np.int8),
-        )
-        for law, points in self._laws:
-            part = law.local_solve(  # type: ignore[attr-defined]
-                free_gap[points],
-                compliance[points],
-                _state_of(law, points, state),
-            )
-            for whole, values in zip(answer, part, strict=True):
-                whole[points] = values
-        traction, tangent, status = answer
-        return traction, tangent, status
-
-    def stored_energy(self, state: JointState) -> float:
-        """Elastic energy of all joints, [J] (collective)."""
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy of each joint, shape (number of joints,), [J] (collective)."""
         density = np.empty(len(state.gap))
         for law, points in self._laws:
             density[points] = law.stored_energy(_state_of(law, points, state))
-        return self.integral(density)
+        return self.integrals(density)
+
+    def integrals(self, density: Floats) -> Floats:
+        """Sum of area times a value per point, for each joint over all ranks (collective)."""
+        operator = self.operator
+        sums = np.zeros(len(operator.names))
+        np.add.at(sums, operator.joint, operator.areas * density)
+        return np.sum(operator.comm.allgather(sums), axis=0)
 
     def integral(self, density: Floats) -> float:
         """Sum of area times a value per point over all ranks (collective)."""
@@ -212,6 +218,21 @@ def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
             f"must be a number or have shape ({len(places)},)."
         )
     return np.broadcast_to(values, len(places)).astype(np.float64)
+
+
+def _steps(law: Law) -> bool:
+    """Whether a law has an answer for whole steps of its own."""
+    return hasattr(law, "step")
+
+
+def _method(law: Any, rule: Rule) -> Any:
+    """Method of a law under a rule; end point where it has none for whole steps."""
+    return law.step if rule == "step" and _steps(law) else law.end_point
+
+
+def _local_method(law: Any, rule: Rule) -> Any:
+    """The same on a point's own compliance, None where there is none."""
+    return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
 
 
 def _variables(law: Law) -> int:

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.contact import Contact
+from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.laws import JointState, Response
-from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs, split_residual
+from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import (
     NewtonOptions,
     NewtonSolver,
@@ -53,15 +53,19 @@ def check_kind(kind: str) -> None:
 
 
 def make_solver(
-    system: MatrixSystem, options: NewtonOptions | None = None, kind: str = "auto"
+    system: MatrixSystem,
+    options: NewtonOptions | None = None,
+    kind: str = "auto",
+    rule: Rule = "end_point",
 ) -> StepSolver:
     """A solver of the steps of a system.
 
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer
-            ``local_solve`` and the compliance fits, monolithic elsewhere.
+        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
+            solution and the compliance fits, monolithic elsewhere.
+        rule: What the time scheme will ask the laws for.
 
     Raises:
         ValueError: The kind is unknown.
@@ -71,10 +75,13 @@ def make_solver(
     contact = system.contact
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
+    missing = contact.without_local(rule)
     fits = 3 * contact.operator.num_points <= LARGEST_DENSE
-    if kind == "condensed" and not contact.solves_locally:
-        raise JointsError("A law without local_solve needs the monolithic solver.")
-    if kind == "condensed" or (contact.solves_locally and fits):
+    if kind == "condensed" and missing:
+        raise JointsError(
+            f"The condensed solver needs laws with a local solution; {missing[0]} has none."
+        )
+    if kind == "condensed" or (fits and not missing):
         return InterfaceSolver(system, options)
     return NewtonSolver(system, options)
 
@@ -154,62 +161,45 @@ class InterfaceSolver:
         )
 
     def solve(
-        self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
-    ) -> tuple[Response | None, PETSc.Vec, SolveReport]:
-        """Solve for ``u`` in place; see `NewtonSolver.solve` (collective)."""
-        state = state or self._contact.at_rest(u)
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+        if state is None:
+            raise ValueError("The state of the joints is missing.")
         compliance: _Compliance = self._compliances(effective)
         matrix = compliance.effective
-        factored = matrix.solve_linear(b, u, self._free)
-        free_gap = self._contact.gap(u).ravel()
-        force, iterations, residual = self._iterate(compliance, free_gap, state)
-        self._expand(matrix, force, u)
-        response = self._contact.trial(u, state)
-        balance = b.duplicate()
-        matrix.full.mult(u, balance)
-        balance.axpy(-1.0, b)
-        work = b.duplicate()
-        balance.axpy(1.0, self._contact.operator.force(response.traction, work))
-        _, reaction = split_residual(balance, self._free)
+        factored = matrix.solve_linear(b, x, self._free)
+        free_gap = state.gap + self._contact.operator.gap(x)
+        step = _Step(self, compliance, free_gap, state, rule)
+        force, response, iterations, residual = self._iterate(step)
         if not residual <= self.options.relative_tolerance:
             raise joint_failure(self._contact, response, state, iterations, residual, self.options)
+        self._expand(matrix, force, x)
         self._force = force
-        report = SolveReport(
+        return response, SolveReport(
             iterations=iterations,
             factorizations=int(factored),
             residual=residual,
             counts=self._contact.counts(response.status),
         )
-        return response, reaction, report
 
-    def _expand(self, matrix: EffectiveMatrix, force: Floats, u: PETSc.Vec) -> None:
+    def _expand(self, matrix: EffectiveMatrix, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that the joint forces cause, -A^-1 B^T F."""
-        points, nodal, moved = self._operator.createVecLeft(), u.duplicate(), u.duplicate()
+        points, nodal, moved = self._operator.createVecLeft(), x.duplicate(), x.duplicate()
         points.setArray(force[self._mine])
         self._operator.multTranspose(points, nodal)
         matrix.solver.solve(nodal, moved)
-        u.axpy(-1.0, moved)
+        x.axpy(-1.0, moved)
 
-    def _residual(
-        self, compliance: _Compliance, free_gap: Floats, force: Floats, state: JointState
-    ) -> tuple[Floats, Floats]:
-        """r(F) and w T of all points, shapes (m,) and (n, 3, 3)."""
-        trial = free_gap - compliance.split[self._mine] @ force
-        traction, tangent, _ = self._contact.local_solve(
-            trial.reshape(-1, 3), compliance.own, state
-        )
-        if self._comm.size > 1:
-            traction = np.concatenate(self._comm.allgather(traction))
-            tangent = np.concatenate(self._comm.allgather(tangent))
-        residual = force - (self._areas[:, None] * traction).ravel()
-        return residual, self._areas[:, None, None] * tangent
-
-    def _iterate(
-        self, compliance: _Compliance, free_gap: Floats, state: JointState
-    ) -> tuple[Floats, int, float]:
-        """Joint forces, iterations, and residual relative to the largest force."""
+    def _iterate(self, step: _Step) -> tuple[Floats, Response, int, float]:
+        """Joint forces, response, iterations, and residual relative to the largest force."""
         force = self._force
-        residual, tangent = self._residual(compliance, free_gap, force, state)
+        residual, tangent, response = step.evaluate(force)
         iteration = 0
         while True:
             size = float(np.abs(residual).max(initial=0.0))
@@ -217,33 +207,60 @@ class InterfaceSolver:
             relative = size / scale
             done = relative <= 0.1 * self.options.relative_tolerance
             if done or iteration == self.options.max_iterations or not np.isfinite(size):
-                return force, iteration, relative
-            step = _correction(compliance.split, residual, tangent)
-            force, residual, tangent = self._search(
-                compliance, free_gap, state, force, residual, step
-            )
+                return force - residual, response, iteration, relative
+            correction = _correction(step.split, residual, tangent)
+            force, residual, tangent, response = self._search(step, force, residual, correction)
             iteration += 1
 
     def _search(
-        self,
-        compliance: _Compliance,
-        free_gap: Floats,
-        state: JointState,
-        force: Floats,
-        residual: Floats,
-        step: Floats,
-    ) -> tuple[Floats, Floats, Floats]:
+        self, step: _Step, force: Floats, residual: Floats, correction: Floats
+    ) -> tuple[Floats, Floats, Floats, Response]:
         """Take the correction, halved while it does not make the residual smaller."""
         norm, smallest = float(np.linalg.norm(residual)), np.inf
         for cut in range(self.options.max_cuts + 1):
-            trial = force - 0.5**cut * step
-            answer = self._residual(compliance, free_gap, trial, state)
+            trial = force - 0.5**cut * correction
+            answer = step.evaluate(trial)
             size = float(np.linalg.norm(answer[0]))
             if size < smallest or cut == 0:
                 smallest, best = size, (trial, *answer)
             if size < norm:
                 break
         return best
+
+
+class _Step:
+    """The residual r(F) of one step.
+
+    Attributes:
+        split: Compliance less the points' own, shape (m, m), [m/N].
+    """
+
+    def __init__(
+        self,
+        solver: InterfaceSolver,
+        compliance: _Compliance,
+        free_gap: Floats,
+        state: JointState,
+        rule: Rule,
+    ) -> None:
+        self.split = compliance.split
+        self._mine, self._areas = solver._mine, solver._areas
+        self._contact, self._own = solver._contact, compliance.own
+        self._free_gap, self._state, self._rule = free_gap, state, rule
+
+    def evaluate(self, force: Floats) -> tuple[Floats, Floats, Response]:
+        """r(F) and w T of all points, shapes (m,) and (n, 3, 3), and the local response."""
+        comm = self._contact.operator.comm
+        coupled = (self.split[self._mine] @ force).reshape(-1, 3)
+        response = self._contact.respond_locally(
+            self._free_gap - coupled, self._own, self._state, self._rule
+        )
+        traction, tangent = response.traction, response.tangent
+        if comm.size > 1:
+            traction = np.concatenate(comm.allgather(traction))
+            tangent = np.concatenate(comm.allgather(tangent))
+        residual = force - (self._areas[:, None] * traction).ravel()
+        return residual, self._areas[:, None, None] * tangent, response
 
 
 def _correction(split: Floats, residual: Floats, tangent: Floats) -> Floats:

@@ -44,6 +44,8 @@ class GapOperator:
         initial_gap: Gap before any displacement, shape (n, 3), [m].
     """
 
+    sizes: Floats | None = None
+
     def __init__(
         self, matrix: PETSc.Mat, areas: Floats, joint: Ints, names: tuple[str, ...]
     ) -> None:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_kind_of, check_number
 from dolfinx_joints.laws import (
+    NO_COMPLIANCE,
     Floats,
     FrictionNoTension,
     JointState,
@@ -20,7 +20,9 @@ from dolfinx_joints.laws import (
     Status,
     check_stiffness,
     contact_fraction,
+    gap_under,
 )
+from dolfinx_joints.midpoint_law import Stiffness, solve_step
 
 
 def frictionless(*, normal_stiffness: float) -> FrictionNoTension:
@@ -72,30 +74,68 @@ class KeyedJoint:
 
     def end_point(self, gap: Floats, state: JointState) -> Response:
         """Tractions of a gap of shape (n, 3), [m]; they depend on no history."""
-        traction, tangent, status = self.local_solve(gap, np.zeros((1, 2)), state)
-        elastic_slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+        return self.local_solve(gap, NO_COMPLIANCE, state)
+
+    def step(self, gap: Floats, state: JointState) -> Response:
+        """Tractions over a step that balance the energy, see `FrictionNoTension.step`."""
+        return self.local_step(gap, NO_COMPLIANCE, state)
+
+    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `end_point`; see `FrictionNoTension.local_solve`."""
+        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
+        closed = free_gap[:, 0] <= 0.0
+        t_n = np.where(closed, k_n * free_gap[:, 0], 0.0)
+        slope = np.where(closed, k_n, 0.0)
+        gap_n = np.where(closed, t_n / self.normal_stiffness, free_gap[:, 0])
+        return self._with_keys(free_gap, compliance, state, (t_n, slope, gap_n), mean=1.0)
+
+    def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `step`; see `FrictionNoTension.local_solve`."""
+        overlap = np.minimum(state.gap[:, 0], 0.0)
+        answer = solve_step(
+            free_gap - state.gap,
+            compliance,
+            state.gap[:, 0],
+            0.5 * self.normal_stiffness * overlap**2,
+            np.zeros((len(free_gap), 2)),
+            Stiffness(
+                normal_compliance=1.0 / self.normal_stiffness,
+                shear_compliance=1.0 / self.normal_stiffness,
+                ratio=1.0,
+                friction=0.0,
+            ),
+        )
+        normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap)
+        return self._with_keys(free_gap, compliance, state, normal, mean=0.5)
+
+    def _with_keys(
+        self,
+        free_gap: Floats,
+        compliance: Floats,
+        state: JointState,
+        normal: tuple[Floats, Floats, Floats],
+        *,
+        mean: float,
+    ) -> Response:
+        """Add the keys to normal traction, slope and end gap; ``mean`` of the slip counts."""
+        t_n, slope, gap_n = normal
+        k_s = self.shear_stiffness / (1.0 + mean * compliance[:, 1] * self.shear_stiffness)
+        slip = state.elastic_slip + mean * (free_gap[:, 1:] - state.gap[:, 1:])
+        traction = np.column_stack([t_n, k_s[:, None] * slip])
+        tangent = np.zeros((len(free_gap), 3, 3))
+        tangent[:, 0, 0] = slope
+        tangent[:, 1, 1] = tangent[:, 2, 2] = mean * k_s
+        gap = gap_under(free_gap, compliance, traction)
+        gap[:, 0] = gap_n
         return Response(
             traction=traction,
             tangent=tangent,
-            state=JointState(gap=gap.copy(), elastic_slip=elastic_slip),
+            state=JointState(
+                gap=gap, elastic_slip=state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+            ),
             dissipation=np.zeros(len(gap)),
-            status=status,
+            status=np.where(gap_n > 0.0, Status.OPEN, Status.STICK).astype(np.int8),
         )
-
-    def local_solve(
-        self, free_gap: Floats, compliance: Floats, state: JointState
-    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """Tractions at gap = free_gap - compliance * t; see `FrictionNoTension.local_solve`."""
-        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
-        k_s = self.shear_stiffness / (1.0 + compliance[:, 1] * self.shear_stiffness)
-        closed = free_gap[:, 0] <= 0.0
-        slip = state.elastic_slip + free_gap[:, 1:] - state.gap[:, 1:]
-        t_n = np.where(closed, k_n * free_gap[:, 0], 0.0)
-        tangent = np.zeros((len(free_gap), 3, 3))
-        tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
-        tangent[:, 1, 1] = tangent[:, 2, 2] = k_s
-        status = np.where(closed, Status.STICK, Status.OPEN).astype(np.int8)
-        return np.column_stack([t_n, k_s[:, None] * slip]), tangent, status
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,8 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_number
+from dolfinx_joints.midpoint_law import StepAnswer, Stiffness, solve_step
 
 Floats = NDArray[np.float64]
+
+NO_COMPLIANCE: Floats = np.zeros((1, 2))
 
 
 class Status(IntEnum):
@@ -86,8 +89,16 @@ class Response:
 class Law(Protocol):
     """What a joint needs from a law; implement it to use a law of your own.
 
-    A law may also offer ``local_solve(free_gap, compliance, state)``, as `FrictionNoTension` does;
-    without it a model is solved on the monolithic path. A law with a history of its own names it
+    A law may also offer
+
+    - ``step(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap`` such that the
+      work of the traction over the step is what the joint stores and dissipates; without it
+      energy-consistent schemes use ``end_point`` for this law, and what that loses is counted as
+      numerical;
+    - ``local_solve(free_gap, compliance, state)`` and ``local_step`` with the same arguments, as
+      `FrictionNoTension` does; without them a model is solved on the monolithic path.
+
+    A law with a history of its own names it
     in ``internal_variables``, a tuple of strings: it then finds one column for each in
     ``state.internal``, zero at first, and returns the new ones in the state of its response.
     """
@@ -160,38 +171,80 @@ class FrictionNoTension:
         Returns:
             Tractions, consistent tangent, trial state, friction work and status.
         """
-        traction, tangent, status = self._project(gap, state, np.zeros((1, 2)))
-        t_s = traction[:, 1:]
-        elastic_slip: NDArray[Any] = np.zeros_like(t_s)
-        if self.shear_stiffness > 0.0:
-            elastic_slip = t_s / self.shear_stiffness
-        plastic = gap[:, 1:] - state.gap[:, 1:] - (elastic_slip - state.elastic_slip)
-        mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
-        return Response(
-            traction=traction,
-            tangent=tangent,
-            state=JointState(gap=gap.copy(), elastic_slip=elastic_slip),
-            dissipation=np.einsum("ij,ij->i", mean, plastic),
-            status=status,
-        )
+        return self.local_solve(gap, NO_COMPLIANCE, state)
 
-    def local_solve(
-        self, free_gap: Floats, compliance: Floats, state: JointState
-    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """Tractions that satisfy the law at gap = free_gap - compliance * t (closed form).
+    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `end_point` at gap = free_gap - compliance * t (closed form).
 
         With the compliance c of the structure at the point, the law's stiffness k becomes
         1 / (c + 1/k), and k_s that of the fraction of the slip that counts; nothing else changes.
 
         Args:
             free_gap: Gap if the point carried no traction, shape (n, 3), [m].
-            compliance: Normal and tangential compliance, shape (n, 2), [m/Pa].
+            compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
             state: State at the start of the step.
 
         Returns:
-            Tractions (n, 3) [Pa], d traction / d free_gap (n, 3, 3) [Pa/m], and status (n,).
+            The answer at that gap, its tangent being d traction / d free_gap.
         """
-        return self._project(free_gap, state, compliance)
+        traction, tangent, status = self._project(free_gap, state, compliance)
+        gap, t_s = gap_under(free_gap, compliance, traction), traction[:, 1:]
+        # Of a stiff joint the traction holds more digits of the overlap than the gaps do.
+        solved = (status != Status.OPEN) & (compliance[:, 0] > 0.0)
+        gap[:, 0] = np.where(solved, traction[:, 0] / self.normal_stiffness, gap[:, 0])
+        elastic_slip: NDArray[Any] = t_s / (self.shear_stiffness or 1.0)
+        plastic = gap[:, 1:] - state.gap[:, 1:] - (elastic_slip - state.elastic_slip)
+        mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
+        return Response(
+            traction=traction,
+            tangent=tangent,
+            state=JointState(gap=gap, elastic_slip=elastic_slip),
+            dissipation=np.einsum("ij,ij->i", mean, plastic),
+            status=status,
+        )
+
+    def step(self, gap: Floats, state: JointState) -> Response:
+        """Energy-consistent answer over a whole step, see `midpoint_law` (closed form).
+
+        Args:
+            gap: Trial gap at the end, shape (n, 3), [m].
+            state: State at the start of the step.
+
+        Returns:
+            Tractions that act over the step, consistent tangent, trial state, friction work and
+            status at the end.
+        """
+        return self.local_step(gap, NO_COMPLIANCE, state)
+
+    def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `step` at gap = free_gap - compliance * t; see `local_solve`."""
+        # Without shear stiffness friction is never mobilised, as if there were none.
+        k_s = self.shear_stiffness or self.normal_stiffness
+        stiffness = Stiffness(
+            normal_compliance=1.0 / self.normal_stiffness,
+            shear_compliance=1.0 / k_s,
+            ratio=self.normal_stiffness / k_s,
+            friction=self.friction_coefficient if self.shear_stiffness else 0.0,
+        )
+        overlap, root = np.minimum(state.gap[:, 0], 0.0), math.sqrt(self.shear_stiffness)
+        answer = solve_step(
+            free_gap - state.gap,
+            compliance,
+            state.gap[:, 0],
+            0.5 * self.normal_stiffness * overlap**2,
+            root * state.elastic_slip,
+            stiffness,
+        )
+        gap = gap_under(free_gap, compliance, answer.traction)
+        gap[:, 0] = answer.gap
+        elastic_slip: NDArray[Any] = answer.slip_root / (root or 1.0)
+        return Response(
+            traction=answer.traction,
+            tangent=answer.tangent,
+            state=JointState(gap=gap, elastic_slip=elastic_slip),
+            dissipation=answer.dissipation,
+            status=step_status(answer),
+        )
 
     def _project(
         self, gap: Floats, state: JointState, compliance: Floats
@@ -231,6 +284,20 @@ class FrictionNoTension:
         tangent[:, 1, 2] = tangent[:, 2, 1] = -across * trial[:, 0] * trial[:, 1]
         status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
         return np.column_stack([t_n, ratio[:, None] * trial]), tangent, status.astype(np.int8)
+
+
+def gap_under(free_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
+    """The gap that a traction leaves of a free gap, shape (n, 3), [m]."""
+    gap = free_gap.copy()
+    gap[:, 0] -= compliance[:, 0] * traction[:, 0]
+    gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
+    return gap
+
+
+def step_status(answer: StepAnswer) -> NDArray[np.int8]:
+    """Status of points at the end of a step."""
+    closed = np.where(answer.slides, Status.SLIP, Status.STICK)
+    return np.where(answer.gap > 0.0, Status.OPEN, closed).astype(np.int8)
 
 
 def contact_fraction(before: Floats, after: Floats) -> Floats:

@@ -144,7 +144,7 @@ class EffectiveMatrix:
         rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
-        self._symmetric = system.symmetric
+        self._symmetric, self._moves = system.symmetric, system.values is not None
         self._solver: DirectSolver | None = None
 
     @property
@@ -154,23 +154,30 @@ class EffectiveMatrix:
             self._solver = DirectSolver(self.held, symmetric=self._symmetric)
         return self._solver
 
-    def solve_linear(self, b: PETSc.Vec, u: PETSc.Vec, free: PETSc.Vec) -> bool:
-        """Solve A u = b in place, u holding the values of the constrained dofs (collective).
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec) -> bool:
+        """Solve A x = b in place, x holding the values of the constrained dofs (collective).
 
         Args:
             b: Right-hand side [N].
-            u: Start, replaced by the solution [m].
+            x: Values of the constrained dofs, the others replaced by the solution [m].
             free: 1 for free and 0 for constrained dofs.
 
         Returns:
             Whether the matrix was factored for it.
         """
-        residual, correction = b.duplicate(), b.duplicate()
-        self.full.mult(u, residual)
-        residual.axpy(-1.0, b)
-        residual.pointwiseMult(residual, free)
-        factored = self.solver.solve(residual, correction)
-        u.axpy(-1.0, correction)
+        right = b.duplicate()
+        right.pointwiseMult(b, free)
+        if not self._moves:
+            x.set(0.0)
+            return self.solver.solve(right, x)
+        held, pushed = x.duplicate(), b.duplicate()
+        held.pointwiseMult(x, free)
+        held.aypx(-1.0, x)
+        self.full.mult(held, pushed)
+        pushed.pointwiseMult(pushed, free)
+        right.axpy(-1.0, pushed)
+        factored = self.solver.solve(right, x)
+        x.axpy(1.0, held)
         return factored
 
     def destroy(self) -> None:

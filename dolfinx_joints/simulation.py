@@ -11,7 +11,7 @@ import time as clock
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -20,25 +20,17 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
-from dolfinx_joints.integrators import (
-    DynamicState,
-    Newmark,
-    Scheme,
-    StepControl,
-    StepReport,
-    advance_halving,
-    check_step,
-    initial_state,
-    located,
-)
 from dolfinx_joints.interface import check_kind, make_solver
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
+from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
 from dolfinx_joints.stages import Monitor, Outcome, Record, StaticState
+from dolfinx_joints.states import DynamicState, Products, Scheme, StepReport, initial_state
+from dolfinx_joints.stepping import StepControl, Stepper, check_step, located
 from dolfinx_joints.system import MatrixSystem
 
 # Steps between two collections of what petsc4py keeps on several ranks.
@@ -136,22 +128,30 @@ class Simulation:
             if resume and self.static is not None:
                 self.static.displacement.copy(u)
                 joints = self.static.joints.state if self.static.joints else None
-            b, reports = u.duplicate(), []
+            held, reports = system.constrained, []
+            elastic_force, load, b, x = (u.duplicate() for _ in range(4))
+            system.stiffness.mult(u, elastic_force)
             effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
             for step, (time, scale) in enumerate(path, start=1):
-                system.load(time or 0.0, b, scale=scale)
-                u.getArray()[system.constrained] = system.prescribed(time or 0.0, scale=scale)
+                system.load(time or 0.0, load, scale=scale)
+                b.waxpy(-1.0, elastic_force, load)
+                x.set(0.0)
+                at_supports = system.prescribed(time or 0.0, scale=scale)
+                x.getArray()[held] = at_supports - u.array[held]
                 try:
-                    response, reaction, report = solver.solve(effective, b, u, joints)
+                    response, report = solver.solve(effective, b, x, joints)
+                    products = Products(solver, effective, b, x, response)
                 except ConvergenceError as failure:
                     raise located(failure, stage="static", step=step, time=time) from None
+                u.axpy(1.0, x)
+                elastic_force.axpy(1.0, products.stiffness)
                 if response:
                     joints = response.state
                     self._watch.see(joints.gap)
                 reports.append(report)
             self._watch.warn("in a static stage")
             self.static = StaticState(
-                displacement=u.copy(), joints=response, reaction=reaction, reports=reports
+                displacement=u, joints=response, reaction=products.reaction, reports=reports
             )
             free_petsc_garbage(self.model.jointed.mesh.comm)
         return self.static
@@ -175,8 +175,8 @@ class Simulation:
             steps: Number of steps.
             motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given.
             loads: Loads of this stage besides the model's own.
-            scheme: Time scheme, Newmark's average acceleration unless given.
-            control: What to do where Newton fails.
+            scheme: Time scheme, `EnergyConsistent` unless given.
+            control: When steps are cut; where their solve fails unless given.
             velocity: Initial velocity [m/s], zero unless given.
             start: State to go on from instead, such as ``state`` of an earlier outcome.
 
@@ -190,7 +190,7 @@ class Simulation:
         check_count("steps", steps, 1, "at least one time step is needed")
         if velocity is not None and start is not None:
             raise ValueError("velocity and start are both given; start holds a velocity already.")
-        scheme, control = scheme or Newmark(), control or StepControl()
+        scheme, control = scheme or EnergyConsistent(), control or StepControl()
         check_kind_of("scheme", scheme, hasattr(scheme, "advance"), "a time scheme")
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
         if motion is not None:
@@ -198,16 +198,15 @@ class Simulation:
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
-            solver = make_solver(system, self._newton, self._kind)
+            solver = make_solver(system, self._newton, self._kind, scheme.rule)
             state = self._first_state(solver, velocity, start)
-            run = _Run(self, EnergyLedger(system), state, steps, solver.name)
+            run = _Run(self, scheme, solver, control, state, steps)
         with run.watched():
             run.start()
             for step in range(1, steps + 1):
                 with self._phase("time steps"):
-                    substeps = advance_halving(scheme, solver, run.state, dt, control)
                     try:
-                        report = run.take(substeps)
+                        report = run.take(dt)
                     except ConvergenceError as failure:
                         raise located(failure, stage="dynamic", step=step) from None
                 with self._phase("monitors"):
@@ -258,21 +257,24 @@ class Simulation:
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""
         phases = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
-        mean = outcome.iterations / max(outcome.substeps, 1)
+        counts = outcome.counts
+        mean = outcome.iterations / max(counts.accepted, 1)
+        balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
+        tried = f", {counts.rejected} more were tried and cut" if counts.rejected else ""
         return (
-            f"energy error {100 * outcome.energy_error:.3g} % of the largest energy; "
+            f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
             f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
-            f"displacement\n{outcome.steps} steps in {outcome.substeps} substeps, "
-            f"{mean:.2f} Newton iterations per substep, {self._solver(outcome)}\n{phases}"
+            f"displacement\n{outcome.steps} steps in {counts.accepted} pieces{tried}; "
+            f"{mean:.2f} Newton iterations per piece, {self._solver(outcome)}\n{phases}"
         )
 
     def _solver(self, outcome: Outcome) -> str:
         """The solver of a run, and which laws left no choice."""
         contact = self.model.contact
-        if outcome.solver != "monolithic" or contact is None or contact.solves_locally:
+        missing = () if contact is None else contact.without_local("end_point")
+        if outcome.solver != "monolithic" or not missing:
             return f"{outcome.solver} solver"
-        laws = ", ".join(contact.without_local_solve)
-        return f"{outcome.solver} solver (no local_solve in {laws})"
+        return f"{outcome.solver} solver (no local solution in {', '.join(missing)})"
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -299,18 +301,21 @@ class _Run:
     def __init__(
         self,
         simulation: Simulation,
-        ledger: EnergyLedger,
+        scheme: Scheme,
+        solver: StepSolver,
+        control: StepControl,
         state: DynamicState,
         steps: int,
-        solver: str,
     ) -> None:
-        self.simulation, self.ledger, self.state, self.steps = simulation, ledger, state, steps
-        self.solver = solver
-        self.substeps = self.iterations = 0
+        self.simulation, self.state, self.steps = simulation, state, steps
+        self.solver, self._conserves = solver.name, scheme.conserves
+        self.ledger = EnergyLedger(solver.system)
+        self.ledger.start(state)
+        self.stepper = Stepper(scheme, solver, self.ledger, control)
+        self.iterations = 0
         self._local_error = self._largest = 0.0
         self._origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
-        ledger.start(state)
         self._started: list[Monitor] = []
 
     def start(self) -> None:
@@ -320,25 +325,24 @@ class _Run:
             monitor.start(self.simulation.model, "dynamic", self.steps, first)
             self._started.append(monitor)
 
-    def take(self, substeps: Iterator[tuple[DynamicState, StepReport]]) -> StepReport:
-        """Account for every substep of a step."""
-        self._within = 0
-        for after, report in substeps:
-            self.ledger.record(self.state, after)
+    def take(self, dt: float) -> StepReport:
+        """Take a step and account for every piece of it."""
+        self._pieces = 0
+        for after, report, row in self.stepper.advance(self.state, dt):
+            self.ledger.record(row)
             self.state = after
             if after.joints is not None:
                 self.simulation._watch.see(after.joints.state.gap)
-            self._within += 1
+            self._pieces += 1
             self.iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
             self._work.waxpy(-1.0, self._origin, after.displacement)
             self._largest = max(self._largest, float(self._work.norm()))
-        self.substeps += self._within
         return report
 
     def show(self, step: int, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(step, report.solve, self.ledger.row, self._within - 1)
+        record = self._record(step, report.solve, self.ledger.row, self._pieces - 1)
         for monitor in self.simulation.monitors:
             monitor.record(record)
 
@@ -372,10 +376,11 @@ class _Run:
         outcome = self.outcome()
         summary = {
             "steps": outcome.steps,
-            "substeps": outcome.substeps,
+            **asdict(outcome.counts),
             "iterations": outcome.iterations,
             "solver": outcome.solver,
             "energy_error": outcome.energy_error,
+            "imbalance": outcome.imbalance,
             "local_error": outcome.local_error,
             "seconds": dict(self.simulation.seconds),
             **extra,
@@ -389,9 +394,10 @@ class _Run:
             state=self.state,
             energy=self.ledger.row,
             energy_error=self.ledger.relative_error,
+            imbalance=self.ledger.relative_imbalance if self._conserves else None,
             local_error=self._local_error / self._largest if self._largest else 0.0,
             steps=self.steps,
-            substeps=self.substeps,
+            counts=self.stepper.counts,
             iterations=self.iterations,
             solver=self.solver,
         )

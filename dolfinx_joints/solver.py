@@ -1,9 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The algebraic step, monolithic reference path: Newton on A u + B^T (w t(B u)) = b.
+"""The algebraic step, monolithic reference path: Newton on A x + B^T (w t(g + B x)) = b.
 
-A = m M + c C + k K; statics (k = 1) and every time step are solved by the same code, which does not
-know what time is.
+x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K;
+statics (k = 1) and every time step are solved by the same code, which does not know what time is.
+In changes, nothing is lost to the rounding of large displacements that hardly move.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_number
-from dolfinx_joints.contact import Contact, StatusCounts
+from dolfinx_joints.contact import Contact, Rule, StatusCounts
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.laws import JointState, Response
@@ -27,7 +28,6 @@ from dolfinx_joints.linear import (
     Effective,
     EffectiveMatrix,
     free_dofs,
-    split_residual,
 )
 from dolfinx_joints.system import MatrixSystem
 
@@ -84,7 +84,7 @@ class SolveReport:
 
 
 class StepSolver(Protocol):
-    """Solves A u + B^T (w t(B u)) = b for one system.
+    """Solves A x + B^T (w t(g + B x)) = b for one system.
 
     Attributes:
         system: The system.
@@ -95,9 +95,14 @@ class StepSolver(Protocol):
     name: str
 
     def solve(
-        self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
-    ) -> tuple[Response | None, PETSc.Vec, SolveReport]:
-        """Solve for ``u`` in place; see `NewtonSolver.solve`."""
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve`."""
 
 
 class _Tangent:
@@ -180,38 +185,45 @@ class NewtonSolver:
         )
 
     def solve(
-        self, effective: Effective, b: PETSc.Vec, u: PETSc.Vec, state: JointState | None
-    ) -> tuple[Response | None, PETSc.Vec, SolveReport]:
-        """Solve for ``u`` in place, starting from it (collective).
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place, starting from it (collective).
 
         Args:
             effective: Coefficients of A.
             b: Right-hand side [N].
-            u: Start of the iteration, with the constrained dofs at their values already.
-            state: Joint state at the start of the step, at rest at ``u`` unless given.
+            x: Start of the iteration, with the constrained dofs at their values already [m].
+            state: Joint state at the start of the step, None without joints.
+            rule: What the laws are asked for.
 
         Returns:
-            The joints' response, the reactions (zero at free dofs) [N], and the report.
+            The joints' response and the report.
 
         Raises:
-            ConvergenceError: Newton did not converge; ``u`` is then of no use.
+            ConvergenceError: Newton did not converge; ``x`` is then of no use.
             JointsError: A factorization failed.
         """
         tangent: _Tangent = self._tangents(effective)
         contact = self.system.contact
-        if contact is None:
-            return solve_without_joints(tangent.effective, b, u, self.free)
-        return self._iterate(contact, tangent, b, u, state or contact.at_rest(u))
+        if contact is None or state is None:
+            return None, solve_without_joints(tangent.effective, b, x, self.free)
+        balance = _Balance(self, tangent.effective, contact, b, x, state, rule)
+        return self._iterate(contact, tangent, balance, x, state)
 
     def _iterate(
         self,
         contact: Contact,
         tangent: _Tangent,
-        b: PETSc.Vec,
-        u: PETSc.Vec,
+        balance: _Balance,
+        x: PETSc.Vec,
         state: JointState,
-    ) -> tuple[Response, PETSc.Vec, SolveReport]:
-        options, balance = self.options, _Balance(self, tangent.effective, contact, b, u, state)
+    ) -> tuple[Response, SolveReport]:
+        options = self.options
         response, norm = balance.evaluate(balance.change)
         balance.accept()
         factorizations, iteration = 0, 0
@@ -224,14 +236,13 @@ class NewtonSolver:
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
-        balance.trial.copy(u)
-        report = SolveReport(
+        balance.change.copy(x)
+        return response, SolveReport(
             iterations=iteration,
             factorizations=factorizations,
             residual=norm / (balance.scale or 1.0),
             counts=contact.counts(response.status),
         )
-        return response, split_residual(balance.residual, self.free)[1], report
 
     def _search(self, balance: _Balance, norm: float) -> tuple[Response, float]:
         """Take the correction, halved while it does not make the residual smaller."""
@@ -247,11 +258,7 @@ class NewtonSolver:
 
 
 class _Balance:
-    """The residual A d + B^T (w t(B (u0 + d))) - (b - A u0) of a solve that starts at u0.
-
-    Written for the change d, it is not blurred by rounding of the large products of A with a
-    displacement that hardly changes.
-    """
+    """The residual A x + B^T (w t(g + B x)) - b of a solve."""
 
     def __init__(
         self,
@@ -259,25 +266,22 @@ class _Balance:
         matrix: EffectiveMatrix,
         contact: Contact,
         b: PETSc.Vec,
-        u: PETSc.Vec,
+        x: PETSc.Vec,
         state: JointState,
+        rule: Rule,
     ) -> None:
-        self._matrix, self._contact, self._state = matrix, contact, state
-        self._free, self._start = solver.free, u.copy()
+        self._matrix, self._contact, self._state, self._rule = matrix, contact, state, rule
+        self._free, self._right = solver.free, b
         self._relative = solver.options.relative_tolerance
-        self._right, self._force = b.duplicate(), b.duplicate()
-        matrix.full.mult(u, self._right)
-        self._right.aypx(-1.0, b)
-        self.change, self.trial = b.duplicate(), b.duplicate()
-        self.change.set(0.0)
+        self._force = b.duplicate()
+        self.change = x.copy()
         self.residual, self.at_free = b.duplicate(), b.duplicate()
         self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
         self._rounding = 0.0
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
-        """Response at u0 + change, and the norm of the residual at the free dofs."""
-        self.trial.waxpy(1.0, change, self._start)
-        response = self._contact.trial(self.trial, self._state)
+        """Response to a change, and the norm of the residual at the free dofs."""
+        response = self._contact.respond(change, self._state, self._rule)
         self._contact.operator.force(response.traction, self._force)
         self._matrix.full.mult(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))
@@ -294,13 +298,14 @@ class _Balance:
         self.scale = max(self._first_scale, self._trial_scale)
 
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
-        """What rounding may leave of A d, and of joint forces that follow from B u."""
+        """What rounding may leave of A x, and of joint forces that follow from the gaps."""
         operator = self._contact.operator
-        largest = float(self.trial.norm(PETSc.NormType.NORM_INFINITY))
+        largest = np.abs(response.state.gap).max(axis=1, initial=0.0)
         stiffness = operator.areas * np.abs(response.tangent).max(axis=(1, 2), initial=0.0)
-        squares = sum(operator.comm.allgather(float(stiffness @ stiffness)))
+        error = stiffness * np.maximum(largest, float(change.norm(PETSc.NormType.NORM_INFINITY)))
+        squares = sum(operator.comm.allgather(float(error @ error)))
         bulk = self._matrix.norm * float(change.norm())
-        return 4.0 * float(np.finfo(float).eps) * (bulk + largest * squares**0.5)
+        return 4.0 * float(np.finfo(float).eps) * (bulk + squares**0.5)
 
     @property
     def tolerance(self) -> float:
@@ -309,23 +314,11 @@ class _Balance:
 
 
 def solve_without_joints(
-    matrix: EffectiveMatrix, b: PETSc.Vec, u: PETSc.Vec, free: PETSc.Vec
-) -> tuple[None, PETSc.Vec, SolveReport]:
-    """A linear solve with the report and reactions of `NewtonSolver.solve` (collective)."""
-    factored = matrix.solve_linear(b, u, free)
-    residual = b.duplicate()
-    matrix.full.mult(u, residual)
-    residual.axpy(-1.0, b)
-    norm, reaction = split_residual(residual, free)
-    if not np.isfinite(norm):
-        raise ConvergenceError(iteration=1, residual=norm)
-    report = SolveReport(
-        iterations=1,
-        factorizations=int(factored),
-        residual=norm / (b.norm() or 1.0),
-        counts=None,
-    )
-    return None, reaction, report
+    matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec
+) -> SolveReport:
+    """A linear solve with the report of `NewtonSolver.solve` (collective)."""
+    factored = matrix.solve_linear(b, x, free)
+    return SolveReport(iterations=1, factorizations=int(factored), residual=0.0, counts=None)
 
 
 def joint_failure(

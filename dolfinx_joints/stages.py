@@ -10,10 +10,11 @@ from typing import Any, Protocol
 from petsc4py import PETSc
 
 from dolfinx_joints.energy import EnergyRow
-from dolfinx_joints.integrators import DynamicState
 from dolfinx_joints.laws import Response
 from dolfinx_joints.model import Model
 from dolfinx_joints.solver import SolveReport
+from dolfinx_joints.states import DynamicState
+from dolfinx_joints.stepping import StepCounts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ class Record:
         joints: Response of the joints, None without joints.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        halvings: Steps that Newton's failure added within this step.
+        halvings: Pieces that this step was cut into, less one.
     """
 
     stage: str
@@ -81,19 +82,22 @@ class Outcome:
         state: The last state.
         energy: The last energies.
         energy_error: Largest energy error relative to the largest energy, loss or input.
+        imbalance: Largest sum of all energy lines relative to the same, None where the scheme
+            loses energy of the body, which has no line.
         local_error: Largest estimated displacement error of a step relative to the largest
             displacement from the static state, 2-norms over all dofs.
         steps: Steps asked for.
-        substeps: Steps taken, more than ``steps`` where Newton failed and the step was halved.
-        iterations: Newton iterations of all steps.
+        counts: Pieces taken and tried; more than ``steps`` where steps were cut.
+        iterations: Newton iterations of all pieces taken.
         solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
     """
 
     state: DynamicState
     energy: EnergyRow
     energy_error: float
+    imbalance: float | None
     local_error: float
     steps: int
-    substeps: int
+    counts: StepCounts
     iterations: int
     solver: str

@@ -13,13 +13,13 @@ pytest.importorskip("petsc4py")
 
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, NewtonOptions
 from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.integrators import initial_state
 from dolfinx_joints.interface import make_solver
+from dolfinx_joints.states import initial_state
 
 SOLVERS = ["condensed", "monolithic"]
 
 
-def run(system, dt, steps, *, kind="auto", u0=None, v0=None):
+def run(system, dt, steps, *, kind="auto", u0=None, v0=None, scheme=None):
     """The ledger after a run, its rows, and the displacements."""
 
     def vector(values):
@@ -29,14 +29,14 @@ def run(system, dt, steps, *, kind="auto", u0=None, v0=None):
         v.setArray(np.atleast_1d(np.asarray(values, float)))
         return v
 
-    solver = make_solver(system, NewtonOptions(relative_tolerance=1e-13), kind)
+    scheme = scheme or Newmark()
+    solver = make_solver(system, NewtonOptions(relative_tolerance=1e-13), kind, scheme.rule)
     state = initial_state(solver, displacement=vector(u0), velocity=vector(v0))
     ledger = EnergyLedger(system)
     rows, path = [ledger.start(state)], [state.displacement.getArray().copy()]
     for _ in range(steps):
-        after, _ = Newmark().advance(solver, state, dt)
-        rows.append(ledger.record(state, after))
-        state = after
+        state, report = scheme.advance(solver, state, dt)
+        rows.append(ledger.record(ledger.after(state, report)))
         path.append(state.displacement.getArray().copy())
     return ledger, rows, np.array(path)
 

@@ -189,7 +189,8 @@ def test_tangent_of_the_local_solution(name):
     compliance = 10.0 ** rng.uniform(-14, -9, (COUNT, 1)) * rng.uniform(0.3, 3.0, (COUNT, 2))
 
     def evaluate(free):
-        return law.local_solve(free, compliance.astype(np.longdouble), state)
+        answer = law.local_solve(free, compliance.astype(np.longdouble), state)
+        return answer.traction, answer.tangent, answer.status
 
     steps = small_steps(gap, state, evaluate(gap)[2] == Status.SLIP)
     worst, share = largest_error(evaluate, gap, steps)

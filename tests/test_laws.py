@@ -285,7 +285,8 @@ def test_local_solve_meets_the_law_on_the_gap_it_leads_to(angle, k_s):
     rng = np.random.default_rng(9)
     compliance = 10.0 ** rng.uniform(-14, -9, (5000, 1)) * np.ones((1, 2))
     compliance[:, 1] *= rng.uniform(0.3, 3.0, 5000)
-    traction, _, status = law.local_solve(free, compliance, state)
+    there = law.local_solve(free, compliance, state)
+    traction, status = there.traction, there.status
     gap = (
         free - np.column_stack([compliance[:, :1], compliance[:, 1:], compliance[:, 1:]]) * traction
     )

@@ -21,8 +21,8 @@ from dolfinx_joints import (
     ViscousJoint,
 )
 from dolfinx_joints.contact import Contact
-from dolfinx_joints.integrators import initial_state
 from dolfinx_joints.interface import make_solver
+from dolfinx_joints.states import initial_state
 
 FRICTION = {"normal_stiffness": 1e10, "shear_stiffness": 4e9, "friction_angle_deg": 30.0}
 

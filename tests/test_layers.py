@@ -21,6 +21,7 @@ LEVELS = {
     "parallel": 0.1,
     "_compat": 0.1,
     "quadrature": 0.1,
+    "midpoint_law": 0.0,
     "laws": 0.1,
     "law_options": 0.2,
     "mohr_coulomb": 0.2,
@@ -52,15 +53,29 @@ LEVELS = {
     "interface": 4.3,
     "model": 5.0,
     "modal": 5.0,
-    "integrators": 5.0,
+    "states": 5.0,
+    "schemes": 5.1,
     "energy": 6.0,
-    "stages": 6.1,
+    "stepping": 6.1,
+    "stages": 6.2,
     "simulation": 7.0,
     "monitors": 8.0,
 }
 
 # What runs without DOLFINx, PETSc and MPI.
-LIGHT = ["errors", "laws", "law_options", "mohr_coulomb", "stiffness", "exact", "records", "spectra", "results", "results_writer", "plots"]
+LIGHT = [
+    "errors",
+    "laws",
+    "law_options",
+    "mohr_coulomb",
+    "stiffness",
+    "exact",
+    "records",
+    "spectra",
+    "results",
+    "results_writer",
+    "plots",
+]
 
 
 def imports(module: str, *, all_of_them: bool) -> set[str]:

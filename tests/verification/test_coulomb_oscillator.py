@@ -24,9 +24,9 @@ pytest.importorskip("petsc4py")
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, NewtonOptions
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import CoulombOscillator
-from dolfinx_joints.integrators import initial_state
 from dolfinx_joints.interface import make_solver
 from dolfinx_joints.laws import JointState
+from dolfinx_joints.states import initial_state
 
 NORMAL_FORCE, MU = 10.0, 0.1
 K_N, K_S = 1e9, 1e11
@@ -69,9 +69,8 @@ def march(angle_deg, *, steps_per_period=1000, direction_deg=0.0, k_s=K_S, solve
     dt = PERIOD / steps_per_period
     times, path = [0.0], [state.displacement.array.copy()]
     while state.time < END:
-        after, _ = Newmark().advance(step_solver, state, dt)
-        ledger.record(state, after)
-        state = after
+        state, report = Newmark().advance(step_solver, state, dt)
+        ledger.record(ledger.after(state, report))
         times.append(state.time)
         path.append(state.displacement.array.copy())
     path = np.array(path)

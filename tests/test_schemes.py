@@ -1,13 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newmark's method on small systems, steps that halve themselves, the initial balance."""
+"""Time schemes on small systems, and the initial balance."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,24 +13,14 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import (
-    ConvergenceError,
     FrictionNoTension,
     JointsError,
     MatrixSystem,
     Newmark,
     NewtonOptions,
-    StepControl,
-)
-from dolfinx_joints.integrators import (
-    DynamicState,
-    StepReport,
-    advance_halving,
-    check_step,
-    initial_state,
-    located,
 )
 from dolfinx_joints.interface import make_solver
-from dolfinx_joints.solver import SolveReport
+from dolfinx_joints.states import initial_state
 
 SOLVERS = ["condensed", "monolithic"]
 
@@ -45,7 +33,8 @@ def vector(system, values):
 
 def march(system, dt, steps, *, scheme=None, kind="auto", newton=None, u0=None, v0=None):
     """All states of a run with equal steps."""
-    solver = make_solver(system, newton, kind)
+    scheme = scheme or Newmark()
+    solver = make_solver(system, newton, kind, scheme.rule)
     states = [
         initial_state(
             solver,
@@ -54,7 +43,7 @@ def march(system, dt, steps, *, scheme=None, kind="auto", newton=None, u0=None, 
         )
     ]
     for _ in range(steps):
-        states.append((scheme or Newmark()).advance(solver, states[-1], dt)[0])
+        states.append(scheme.advance(solver, states[-1], dt)[0])
     return states
 
 
@@ -148,11 +137,6 @@ def test_parameters_refused(options, text):
 
 
 def test_other_refusals():
-    with pytest.raises(ValueError, match="max_halvings is -1; it must be zero or more."):
-        StepControl(max_halvings=-1)
-    for dt in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(ValueError, match=f"dt is {dt} s; it must be positive and finite"):
-            check_step(dt)
     with pytest.raises(ValueError, match="they must be square and alike"):
         MatrixSystem.from_arrays(mass=np.eye(2), stiffness=1.0)
     with pytest.raises(ValueError, match="it needs 1 columns, three rows per joint point"):
@@ -267,83 +251,6 @@ def test_both_solvers_walk_alike():
     assert seen == {0, 1, 2}  # open, sticking and sliding
     size = np.abs(history(one)).max()
     np.testing.assert_allclose(history(one), history(two), rtol=0, atol=1e-7 * size)
-
-
-# Halving.
-
-
-class Reluctant:
-    """A scheme that refuses steps longer than ``limit(time)`` and keeps count."""
-
-    def __init__(self, limit, error=None):
-        self.limit, self.taken = limit, []
-        self.error = ConvergenceError(iteration=3, residual=1.0) if error is None else error
-
-    def advance(self, solver: Any, state: DynamicState, dt: float):
-        if dt > self.limit(state.time) * (1 + 1e-12):
-            raise self.error
-        self.taken.append((state.time, dt))
-        report = SolveReport(iterations=1, factorizations=0, residual=0.0, counts=None)
-        after = replace(state, time=state.time + dt)
-        return after, StepReport(dt=dt, solve=report, local_error=0.0)
-
-
-def still(time=0.0):
-    return DynamicState(
-        time=time,
-        displacement=None,
-        velocity=None,
-        acceleration=None,
-        load=None,
-        reaction=None,
-        joints=None,
-    )
-
-
-@pytest.mark.parametrize(("limit", "count"), [(1.0, 1), (0.1, 1), (0.06, 2), (0.02, 8)])
-def test_halving_carries_through_and_ends_on_time(limit, count):
-    scheme = Reluctant(lambda time: limit)
-    steps = list(advance_halving(scheme, None, still(0.3), 0.1, StepControl()))
-    assert len(steps) == count
-    assert steps[-1][0].time == 0.3 + 0.1  # to the last bit, however it was divided
-    levels = np.log2(0.1 / np.array([dt for _, dt in scheme.taken]))
-    np.testing.assert_allclose(levels, np.round(levels), atol=1e-9)
-    assert sum(dt for _, dt in scheme.taken) == pytest.approx(0.1, rel=1e-12)
-
-
-def test_halving_grows_back():
-    # Short steps are needed in the first eighth only; afterwards the pieces double again:
-    # 1/8, 1/8, 1/4, 1/2.
-    scheme = Reluctant(lambda time: 0.125 if time < 0.1 else 1.0)
-    list(advance_halving(scheme, None, still(), 1.0, StepControl(max_halvings=3)))
-    assert [dt for _, dt in scheme.taken] == [0.125, 0.125, 0.25, 0.5]
-
-
-def test_many_steps_keep_the_clock():
-    scheme = Reluctant(lambda time: 0.003)
-    state = still()
-    for _ in range(100):
-        *_, (state, _) = advance_halving(scheme, None, state, 0.01, StepControl())
-    assert state.time == pytest.approx(1.0, rel=1e-13)
-
-
-def test_exhausted_halving_says_when():
-    scheme = Reluctant(lambda time: 1e-9 if time > 0.49 else 1.0)
-    with pytest.raises(ConvergenceError) as failure:
-        list(advance_halving(scheme, None, still(0.5), 0.1, StepControl(max_halvings=2)))
-    assert failure.value.time == pytest.approx(0.525)  # the end of the shortest step
-    assert failure.value.iteration == 3
-    whole = located(failure.value, stage="dynamic", step=7)
-    assert (whole.stage, whole.step, whole.time) == ("dynamic", 7, failure.value.time)
-    assert str(whole).startswith("The dynamic stage, step 7, at t = 0.525 s did not converge in 3")
-    assert len(scheme.taken) == 0
-
-
-@pytest.mark.parametrize("error", [JointsError("The matrix is singular."), ZeroDivisionError()])
-def test_what_no_shorter_step_mends_is_raised_at_once(error):
-    scheme = Reluctant(lambda time: 0.05, error=error)
-    with pytest.raises(type(error)):
-        list(advance_halving(scheme, None, still(), 0.1, StepControl()))
 
 
 def test_a_step_does_not_change_its_state():

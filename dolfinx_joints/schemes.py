@@ -1,0 +1,350 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Time schemes as data; each marches M a + C v + K u + B^T w t = F with any matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.checks import check_number
+from dolfinx_joints.contact import Rule
+from dolfinx_joints.laws import Floats, Response
+from dolfinx_joints.linear import Effective
+from dolfinx_joints.solver import StepSolver
+from dolfinx_joints.states import DynamicState, Products, StepReport, StepWork, joint_work
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Midpoint:
+    """The step that the midpoint schemes share; they differ in what they ask the laws for.
+
+    With x = u1 - u0 and v1 = 2 x / dt - v0,
+
+        (2/dt^2 M + 1/dt C + 1/2 K) x + B^T w t = (F0 + F1)/2 + 2/dt M v0 - K u0.
+
+    Times x this is the change of kinetic and strain energy, the viscous loss, the work of the loads
+    and that of the joints, to rounding.
+    """
+
+    conserves: ClassVar[bool] = True
+    rule: ClassVar[Rule] = "step"
+
+    def advance(
+        self, solver: StepSolver, state: DynamicState, dt: float
+    ) -> tuple[DynamicState, StepReport]:
+        """One step of length dt [s] (collective).
+
+        Raises:
+            ConvergenceError: The joints did not converge.
+        """
+        system, time = solver.system, state.time + dt
+        load = system.load(time, state.load.duplicate())
+        mean = load.copy()
+        mean.axpby(0.5, 0.5, state.load)
+        b = mean.copy()
+        b.axpy(2.0 / dt, state.momentum)
+        b.axpy(-1.0, state.elastic_force)
+        x = state.velocity.copy()
+        x.scale(dt)
+        held = system.constrained
+        x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
+        before = None if state.joints is None else replace(state.joints.state, dt=dt)
+        effective = Effective(mass=2.0 / dt**2, damping=1.0 / dt, stiffness=0.5)
+        joints, solve = solver.solve(effective, b, x, before, self.rule)
+        products = Products(solver, effective, b, x, joints)
+        velocity = x.copy()
+        velocity.axpby(-1.0, 2.0 / dt, state.velocity)
+        momentum = products.mass.copy()
+        momentum.axpby(-1.0, 2.0 / dt, state.momentum)
+        acceleration = velocity.copy()
+        acceleration.axpy(-1.0, state.velocity)
+        acceleration.scale(1.0 / dt)
+        after = DynamicState(
+            time=time,
+            displacement=_sum(state.displacement, x),
+            velocity=velocity,
+            acceleration=acceleration,
+            load=load,
+            reaction=products.reaction,
+            momentum=momentum,
+            elastic_force=_sum(state.elastic_force, products.stiffness),
+            joints=joints,
+        )
+        work = StepWork(
+            loads=float(mean.dot(x)),
+            supports=float(products.reaction.dot(x)),
+            viscous=float(products.damping.dot(x)) / dt,
+            joints=_work(solver, state, joints, mean_traction=False),
+        )
+        error = _difference(acceleration, state.acceleration) * dt**2 / 12.0
+        return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyConsistent(_Midpoint):
+    """Midpoint rule with the discrete gradient of the joints' energy: the balance always closes.
+
+    What friction dissipates is all that joints take from a step, at any length of step and however
+    stiff they are (`midpoint_law`). Where every joint sticks, and without joints, this is Newmark's
+    average acceleration. Accurate it is only where the step resolves the motion: watch the local
+    error, and let `StepControl` shorten steps in which joints open or close.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImplicitContact(_Midpoint):
+    """Midpoint rule for the body, backward Euler for the joints: impacts lose energy, never gain.
+
+    The tractions of the end of a step act over the whole of it (Kane, Repetto, Ortiz, Marsden
+    1999). What impacts lose is counted as numerical.
+    """
+
+    rule: ClassVar[Rule] = "end_point"
+
+
+class _Alpha:
+    """The step that the end-point schemes share, the generalized-alpha method.
+
+    M a_m + C v_f + K u_f + B^T w t_f = F_f, where a_m = (1 - alpha_m) a1 + alpha_m a0, the others
+    alike with alpha_f, and
+
+    u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
+    """
+
+    rule: ClassVar[Rule] = "end_point"
+    beta: float
+    gamma: float
+
+    @property
+    def alpha_m(self) -> float:
+        """Weight of the start of the step in inertia."""
+        return 0.0
+
+    @property
+    def alpha_f(self) -> float:
+        """Weight of the start of the step in the other forces."""
+        return 0.0
+
+    @property
+    def conserves(self) -> bool:
+        """Whether the balance of a linear system is exact: for average acceleration alone."""
+        return (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
+
+    def advance(
+        self, solver: StepSolver, state: DynamicState, dt: float
+    ) -> tuple[DynamicState, StepReport]:
+        """One step of length dt [s] (collective).
+
+        Raises:
+            ConvergenceError: Newton did not converge.
+        """
+        system, time = solver.system, state.time + dt
+        share = 1.0 - self.alpha_f
+        of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)
+        # a1 = of_mass x + a_known and v1 = of_damping x + v_known.
+        a_known, v_known = state.velocity.copy(), state.velocity.copy()
+        a_known.axpby(1.0 - 0.5 / self.beta, -1.0 / (self.beta * dt), state.acceleration)
+        v_known.axpby(
+            dt * (1.0 - 0.5 * self.gamma / self.beta),
+            1.0 - self.gamma / self.beta,
+            state.acceleration,
+        )
+        x = state.velocity.copy()
+        x.axpby(0.5 * dt**2, dt, state.acceleration)
+        held = system.constrained
+        x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
+        rates = system.prescribed_rates(time, 0.5 * dt)
+        if rates is not None:
+            # Inferred from their displacements alone, their accelerations would swing for ever.
+            a_known.getArray()[held] = rates[1] - of_mass * x.array[held]
+            v_known.getArray()[held] = rates[0] - of_damping * x.array[held]
+        load = system.load(time, state.load.duplicate())
+        b = self._right_hand_side(solver, state, load, a_known, v_known)
+        before = None if state.joints is None else replace(state.joints.state, dt=dt)
+        effective = Effective(
+            mass=(1.0 - self.alpha_m) / share * of_mass, damping=of_damping, stiffness=1.0
+        )
+        joints, solve = solver.solve(effective, b, x, before, self.rule)
+        products = Products(solver, effective, b, x, joints)
+        a_known.axpy(of_mass, x)
+        v_known.axpy(of_damping, x)
+        momentum = v_known.duplicate()
+        system.mass.mult(v_known, momentum)
+        after = DynamicState(
+            time=time,
+            displacement=_sum(state.displacement, x),
+            velocity=v_known,
+            acceleration=a_known,
+            load=load,
+            reaction=products.reaction,
+            momentum=momentum,
+            elastic_force=_sum(state.elastic_force, products.stiffness),
+            joints=joints,
+        )
+        work = StepWork(
+            loads=0.5 * float(state.load.dot(x) + load.dot(x)),
+            supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
+            viscous=float(products.damping.dot(x)) / dt,
+            joints=_work(solver, state, joints, mean_traction=True),
+        )
+        error = _difference(a_known, state.acceleration) * dt**2 * abs(self.beta - 1.0 / 6.0)
+        return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
+
+    def _right_hand_side(
+        self,
+        solver: StepSolver,
+        state: DynamicState,
+        load: PETSc.Vec,
+        a_known: PETSc.Vec,
+        v_known: PETSc.Vec,
+    ) -> PETSc.Vec:
+        """What is known of the equation, over 1 - alpha_f, [N]."""
+        system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
+        b = load.copy()
+        b.axpy(old / share, state.load)
+        b.axpy(-1.0 / share, state.elastic_force)
+        known, work = a_known.copy(), b.duplicate()
+        known.axpby(self.alpha_m, 1.0 - self.alpha_m, state.acceleration)
+        system.mass.mult(known, work)
+        b.axpy(-1.0 / share, work)
+        v_known.copy(known)
+        known.axpy(old / share, state.velocity)
+        system.damping.mult(known, work)
+        b.axpy(-1.0, work)
+        if old:
+            # Of the start, so that what is left at the supports is their force at the end.
+            b.axpy(old / share, state.reaction)
+            if system.contact is not None and state.joints is not None:
+                b.axpy(-old / share, system.contact.operator.force(state.joints.traction, work))
+        return b
+
+
+@dataclass(frozen=True, kw_only=True)
+class Newmark(_Alpha):
+    """Newmark's method (1959); average acceleration, the scheme of the paper, unless told.
+
+    Average acceleration (beta 1/4, gamma 1/2) keeps the energy of a linear system, but not that of
+    joints that open and close.
+
+    Attributes:
+        beta: Above 0, at most 1/2.
+        gamma: At least 1/2 (below it the method is unstable), at most 1.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    beta: float = 0.25
+    gamma: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        check_number("Newmark beta", self.beta, lambda v: 0 < v <= 0.5, "above 0 and at most 1/2")
+        check_number(
+            "Newmark gamma",
+            self.gamma,
+            lambda v: 0.5 <= v <= 1,
+            "at least 1/2 (unstable below) and at most 1",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HilberHughesTaylor(_Alpha):
+    """The HHT-alpha method (1977): damps high frequencies, second order.
+
+    Attributes:
+        alpha: At least 0 (average acceleration), at most 1/3.
+
+    Raises:
+        ValueError: The parameter is out of its range.
+    """
+
+    alpha: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check the parameter."""
+        check_number("alpha", self.alpha, lambda v: 0 <= v <= 1 / 3, "at least 0 and at most 1/3")
+
+    @property
+    def alpha_f(self) -> float:
+        """Weight of the start of the step in forces."""
+        return self.alpha
+
+    @property
+    def beta(self) -> float:  # type: ignore[override]
+        """Newmark's beta."""
+        return 0.25 * (1.0 + self.alpha) ** 2
+
+    @property
+    def gamma(self) -> float:  # type: ignore[override]
+        """Newmark's gamma."""
+        return 0.5 + self.alpha
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralizedAlpha(_Alpha):
+    """The generalized-alpha method (Chung and Hulbert 1993), damping set at infinite frequency.
+
+    Attributes:
+        spectral_radius: At infinite frequency, from 0 (gone in a step) to 1 (undamped).
+
+    Raises:
+        ValueError: The parameter is out of its range.
+    """
+
+    spectral_radius: float = 0.8
+
+    def __post_init__(self) -> None:
+        """Check the parameter."""
+        check_number(
+            "spectral_radius", self.spectral_radius, lambda v: 0 <= v <= 1, "at least 0, at most 1"
+        )
+
+    @property
+    def alpha_m(self) -> float:
+        """Weight of the start of the step in inertia."""
+        return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        """Weight of the start of the step in the other forces."""
+        return self.spectral_radius / (self.spectral_radius + 1.0)
+
+    @property
+    def beta(self) -> float:  # type: ignore[override]
+        """Newmark's beta."""
+        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
+
+    @property
+    def gamma(self) -> float:  # type: ignore[override]
+        """Newmark's gamma."""
+        return 0.5 - self.alpha_m + self.alpha_f
+
+
+def _sum(a: PETSc.Vec, b: PETSc.Vec) -> PETSc.Vec:
+    total = a.copy()
+    total.axpy(1.0, b)
+    return total
+
+
+def _difference(a: PETSc.Vec, b: PETSc.Vec) -> float:
+    """2-norm of a - b."""
+    change = a.copy()
+    change.axpy(-1.0, b)
+    return float(change.norm())
+
+
+def _work(
+    solver: StepSolver, state: DynamicState, joints: Response | None, *, mean_traction: bool
+) -> Floats:
+    """Work of the body on each joint in a step, by its tractions or their mean with the last."""
+    if joints is None or state.joints is None:
+        return np.zeros(0)
+    traction = joints.traction
+    if mean_traction:
+        traction = 0.5 * (traction + state.joints.traction)
+    return joint_work(solver.system, traction, joints.state.gap - state.joints.state.gap)

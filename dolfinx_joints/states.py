@@ -1,0 +1,263 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a time scheme goes from and to, and how it begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.contact import Rule
+from dolfinx_joints.errors import ConvergenceError, JointsError
+from dolfinx_joints.laws import Floats, JointState, Response
+from dolfinx_joints.linear import Effective
+from dolfinx_joints.solver import SolveReport, StepSolver
+from dolfinx_joints.system import MatrixSystem
+
+# Spacing of the differences that give the first velocity and acceleration of moving supports [s].
+SPACING = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicState:
+    """State of a system at one time; never changed once made.
+
+    Attributes:
+        time: Time [s].
+        displacement: u [m].
+        velocity: v [m/s].
+        acceleration: a, or its mean over the last step where the scheme knows no other [m/s^2].
+        load: Nodal loads F [N].
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere: at this
+            time, or their mean over the last step where the scheme knows no other [N].
+        momentum: M v [N s].
+        elastic_force: K u [N].
+        joints: Response of the joints, None without joints.
+    """
+
+    time: float
+    displacement: PETSc.Vec
+    velocity: PETSc.Vec
+    acceleration: PETSc.Vec
+    load: PETSc.Vec
+    reaction: PETSc.Vec
+    momentum: PETSc.Vec
+    elastic_force: PETSc.Vec
+    joints: Response | None
+
+    @property
+    def kinetic_energy(self) -> float:
+        """v.M v / 2 [J] (collective)."""
+        return 0.5 * float(self.velocity.dot(self.momentum))
+
+    @property
+    def strain_energy(self) -> float:
+        """u.K u / 2 of bulk and springs [J] (collective)."""
+        return 0.5 * float(self.displacement.dot(self.elastic_force))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepWork:
+    """Works of a step as the scheme itself balances them.
+
+    Attributes:
+        loads: Of the loads [J].
+        supports: Of moving supports [J].
+        viscous: Against the damping [J].
+        joints: Of the body on each joint, shape (number of joints,), [J].
+    """
+
+    loads: float
+    supports: float
+    viscous: float
+    joints: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepReport:
+    """A step.
+
+    Attributes:
+        dt: Its length [s].
+        solve: How its solve went.
+        work: Works.
+        local_error: Estimate of the displacement error made in this step, 2-norm over all dofs [m].
+    """
+
+    dt: float
+    solve: SolveReport
+    work: StepWork
+    local_error: float
+
+
+class Scheme(Protocol):
+    """A time scheme: parameters, and one step.
+
+    Attributes:
+        rule: What it asks the laws for.
+        conserves: Whether its energy balance is exact, so that what is missing tells of the solve.
+    """
+
+    @property
+    def rule(self) -> Rule:
+        """See above."""
+
+    @property
+    def conserves(self) -> bool:
+        """See above."""
+
+    def advance(
+        self, solver: StepSolver, state: DynamicState, dt: float
+    ) -> tuple[DynamicState, StepReport]:
+        """The state a step later; raises ConvergenceError and leaves ``state`` as it was."""
+
+
+class Products:
+    """M x, C x and K x of the change x of a step, and what of its equation is left.
+
+    Attributes:
+        mass: M x.
+        damping: C x.
+        stiffness: K x.
+        reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
+    """
+
+    def __init__(
+        self,
+        solver: StepSolver,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        joints: Response | None,
+    ) -> None:
+        """Multiply (collective).
+
+        Raises:
+            ConvergenceError: The residual is not finite.
+        """
+        system = solver.system
+        self.mass, self.damping, self.stiffness = (b.duplicate() for _ in range(3))
+        self.reaction = b.duplicate()
+        residual = b.copy()
+        residual.scale(-1.0)
+        terms = (
+            (system.mass, self.mass, effective.mass),
+            (system.damping, self.damping, effective.damping),
+            (system.stiffness, self.stiffness, effective.stiffness),
+        )
+        for matrix, product, factor in terms:
+            matrix.mult(x, product)
+            residual.axpy(factor, product)
+        if system.contact is not None and joints is not None:
+            residual.axpy(1.0, system.contact.operator.force(joints.traction, self.reaction))
+        norm = float(residual.norm())
+        if not np.isfinite(norm):
+            raise ConvergenceError(iteration=1, residual=norm)
+        self.reaction.set(0.0)
+        held = system.constrained
+        self.reaction.getArray()[held] = residual.getArray(readonly=True)[held]
+
+
+def joint_work(system: MatrixSystem, traction: Floats, moved: Floats) -> Floats:
+    """Work of tractions on changes of the gap, both (n, 3), for each joint [J] (collective)."""
+    if system.contact is None:
+        return np.zeros(0)
+    return system.contact.integrals(np.einsum("ij,ij->i", traction, moved))
+
+
+def initial_state(
+    solver: StepSolver,
+    *,
+    time: float = 0.0,
+    displacement: PETSc.Vec | None = None,
+    velocity: PETSc.Vec | None = None,
+    joints: JointState | None = None,
+) -> DynamicState:
+    """State whose acceleration balances the forces at the start of the motion (collective).
+
+    Args:
+        solver: Solver of the system.
+        time: Start [s].
+        displacement: u [m]; zero unless given, but for prescribed dofs.
+        velocity: v [m/s], zero unless given.
+        joints: State of the joints, at rest at ``displacement`` unless given.
+    """
+    system = solver.system
+    u = system.stiffness.createVecRight() if displacement is None else displacement.copy()
+    v = u.duplicate() if velocity is None else velocity.copy()
+    if displacement is None:
+        u.set(0.0)
+        u.getArray()[system.constrained] = system.prescribed(time)
+    if velocity is None:
+        v.set(0.0)
+    moving = u.duplicate()
+    moving.set(0.0)
+    rates = system.prescribed_rates(time, -SPACING)
+    if rates is not None:
+        v.getArray()[system.constrained] = rates[0]
+        moving.getArray()[system.constrained] = rates[1]
+    load = system.load(time, u.duplicate())
+    force = load.copy()
+    work = u.duplicate()
+    terms = ((system.stiffness, u), (system.damping, v), (system.mass, moving))
+    for matrix, vector in terms:
+        matrix.mult(vector, work)
+        force.axpy(-1.0, work)
+    elastic_force = u.duplicate()
+    system.stiffness.mult(u, elastic_force)
+    response = None
+    if system.contact is not None:
+        response = system.contact.trial(u, joints or system.contact.at_rest(u))
+        system.contact.operator.force(response.traction, work)
+        force.axpy(-1.0, work)
+    a = _balance(system, force)
+    reaction = force.duplicate()
+    system.mass.mult(a, reaction)
+    reaction.axpy(-1.0, force)
+    a.axpy(1.0, moving)
+    held = np.zeros(reaction.getLocalSize())
+    held[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
+    reaction.setArray(held)
+    momentum = v.duplicate()
+    system.mass.mult(v, momentum)
+    return DynamicState(
+        time=time,
+        displacement=u,
+        velocity=v,
+        acceleration=a,
+        load=load,
+        reaction=reaction,
+        momentum=momentum,
+        elastic_force=elastic_force,
+        joints=response,
+    )
+
+
+def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
+    """Acceleration with M a = force at the free dofs and zero at the constrained ones."""
+    free = force.duplicate()
+    free.set(1.0)
+    free.getArray()[system.constrained] = 0.0
+    mass = system.mass.copy()
+    start = mass.getOwnershipRange()[0]
+    mass.zeroRowsColumns((system.constrained + start).astype(PETSc.IntType), diag=1.0)
+    b = force.duplicate()
+    b.pointwiseMult(force, free)
+    ksp = PETSc.KSP().create(mass.comm)
+    ksp.setType("cg")
+    ksp.getPC().setType("jacobi")
+    ksp.setOperators(mass)
+    ksp.setTolerances(rtol=1e-13, atol=1e-300, max_it=1000)
+    a = b.duplicate()
+    a.set(0.0)
+    ksp.solve(b, a)
+    if ksp.getConvergedReason() < 0:
+        raise JointsError(
+            "The initial acceleration could not be found: the mass matrix is singular (is some "
+            "density zero?)."
+        )
+    ksp.destroy()
+    return a

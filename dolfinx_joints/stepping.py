@@ -1,0 +1,223 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Steps of a given length, cut where their solve fails or is not accurate enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.checks import check_count, check_number
+from dolfinx_joints.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.errors import ConvergenceError, JointsError
+from dolfinx_joints.solver import StepSolver
+from dolfinx_joints.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.system import MatrixSystem
+
+# Of the ledger's scale: what rounding and the solver's tolerance may leave in a step.
+LARGEST_IMBALANCE = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepControl:
+    """When a step of length dt is cut, down to dt / 2^max_halvings.
+
+    A step is always cut where its solve fails, and where its energy lines do not add up although
+    the scheme's do (then the solve is wrong). It is cut for accuracy as well where asked; at the
+    shortest length it is accepted whatever the accuracy.
+
+    Attributes:
+        max_halvings: Halvings allowed.
+        tolerance: Largest local error of a step relative to the largest displacement of the stage
+            (2-norms over all dofs); None for no such control.
+        landing: Cut steps in which a joint point opens or closes, so that such steps are short.
+            Meant for few points: where many change all the time, every step is short.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    max_halvings: int = 6
+    tolerance: float | None = None
+    landing: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_count("max_halvings", self.max_halvings, 0, "it must be zero or more")
+        if self.tolerance is not None:
+            check_number("tolerance", self.tolerance, lambda v: 0 < v < 1, "above 0 and below 1")
+
+
+@dataclass(kw_only=True)
+class StepCounts:
+    """Steps taken and steps tried again shorter.
+
+    Attributes:
+        accepted: Steps taken.
+        landed: Of these, steps of the shortest length in which a point opened or closed.
+        failed: Tries whose solve failed.
+        unbalanced: Tries whose energy lines did not add up.
+        inaccurate: Tries with too large a local error.
+        crossed: Tries in which a point opened or closed.
+    """
+
+    accepted: int = 0
+    landed: int = 0
+    failed: int = 0
+    unbalanced: int = 0
+    inaccurate: int = 0
+    crossed: int = 0
+
+    @property
+    def rejected(self) -> int:
+        """Tries in vain."""
+        return self.failed + self.unbalanced + self.inaccurate + self.crossed
+
+
+class Stepper:
+    """Takes steps of a given length, in pieces where need be.
+
+    Pieces stay on the levels dt / 2^k, so that few matrices are factored.
+
+    Args:
+        scheme: The time scheme.
+        solver: Solver of the system.
+        ledger: Its energy ledger, started.
+        control: When steps are cut.
+
+    Attributes:
+        counts: Steps taken and tried.
+    """
+
+    def __init__(
+        self, scheme: Scheme, solver: StepSolver, ledger: EnergyLedger, control: StepControl
+    ) -> None:
+        """Nothing is done yet."""
+        self._scheme, self._solver, self._ledger = scheme, solver, ledger
+        self._control, self.counts = control, StepCounts()
+        self._origin: PETSc.Vec | None = None
+        self._largest = 0.0
+        self._level = 0
+
+    def advance(
+        self, state: DynamicState, dt: float
+    ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
+        """Accepted pieces from ``state`` over dt [s] with their energies (collective).
+
+        Raises:
+            ConvergenceError: The shortest piece allowed does not converge.
+            JointsError: The energy lines of the shortest piece allowed do not add up.
+        """
+        if self._origin is None:
+            self._origin = state.displacement.copy()
+        finest = 2**self._control.max_halvings
+        start, done = state.time, 0  # done counts pieces of the shortest length
+        while done < finest:
+            while done % (finest >> self._level):
+                self._level += 1
+            pieces = finest >> self._level
+            shortest = pieces == 1
+            try:
+                after, report = self._scheme.advance(self._solver, state, dt * pieces / finest)
+            except ConvergenceError as failure:
+                self.counts.failed += 1
+                if shortest:
+                    raise located(failure, time=state.time + dt * pieces / finest) from None
+                self._level += 1
+                continue
+            row = self._ledger.after(after, report)
+            if self._refuses(state, after, report, row, shortest=shortest):
+                self._level += 1
+                continue
+            done += pieces
+            if done == finest:
+                after = replace(after, time=start + dt)
+            state = after
+            self._accept(state, report)
+            yield state, report, row
+            if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
+                self._level -= 1
+
+    def _refuses(
+        self,
+        before: DynamicState,
+        after: DynamicState,
+        report: StepReport,
+        row: EnergyRow,
+        *,
+        shortest: bool,
+    ) -> bool:
+        """Whether a try is to be cut (collective)."""
+        if self._scheme.conserves:
+            scale = max(self._ledger.scale, row.stored, abs(row.input))
+            missing = abs(row.imbalance - self._ledger.row.imbalance)
+            if missing > LARGEST_IMBALANCE * scale:
+                self.counts.unbalanced += 1
+                if shortest:
+                    raise JointsError(
+                        f"The energy lines of the step to t = {after.time:.6g} s do not add up: "
+                        f"{missing / scale:.1e} of the largest energy is missing, "
+                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough for "
+                        "joints as stiff as these."
+                    )
+                return True
+        if not shortest and self._too_rough(after, report):
+            self.counts.inaccurate += 1
+            return True
+        if self._control.landing and _changes(self._solver.system, before, after):
+            if shortest:
+                self.counts.landed += 1
+                return False
+            self.counts.crossed += 1
+            return True
+        return False
+
+    def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
+        """Whether the local error is above the tolerance, by what has moved up to this step."""
+        tolerance = self._control.tolerance
+        if tolerance is None:
+            return False
+        return report.local_error > tolerance * max(self._largest, self._moved(after))
+
+    def _moved(self, state: DynamicState) -> float:
+        """2-norm of the displacement since the start."""
+        moved = state.displacement.copy()
+        moved.axpy(-1.0, self._origin)
+        return float(moved.norm())
+
+    def _calm(self, report: StepReport) -> bool:
+        """Whether a piece of twice the length would do: the local error grows with its cube."""
+        tolerance = self._control.tolerance
+        return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
+
+    def _accept(self, state: DynamicState, report: StepReport) -> None:
+        self.counts.accepted += 1
+        if self._control.tolerance is not None:
+            self._largest = max(self._largest, self._moved(state))
+
+
+def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:
+    """Whether a joint point opens or closes in a step (collective)."""
+    if system.contact is None or before.joints is None or after.joints is None:
+        return False
+    was, now = before.joints.state.gap[:, 0] > 0.0, after.joints.state.gap[:, 0] > 0.0
+    return max(system.contact.operator.comm.allgather(bool(np.any(was != now))))
+
+
+def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
+    """The same failure with stage, step or time filled in."""
+    known = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
+    return ConvergenceError(**{**known, **where})
+
+
+def check_step(dt: float) -> None:
+    """Refuse a time step that is not positive.
+
+    Raises:
+        ValueError: It is zero, negative or not finite.
+    """
+    check_number("dt", dt, lambda v: v > 0, "positive and finite", unit="s")

@@ -105,7 +105,7 @@ def march(mesh: Path, steps: int, *, tied: bool, solver: str) -> tuple[StepTimes
         "dofs": model.num_dofs,
         "joint_points": model.operator.num_points if model.operator else 0,
         "energy_error": outcome.energy_error,
-        "substeps": outcome.substeps,
+        "accepted": outcome.counts.accepted,
     }
     return times, facts
 

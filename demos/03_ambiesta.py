@@ -165,7 +165,7 @@ def run(name: str, model: dj.Model, motion: dj.Motion, options: argparse.Namespa
         results=results,
         energy_error=outcome.energy_error,
         seconds=clock.perf_counter() - began,
-        iterations=outcome.iterations / outcome.substeps,
+        iterations=outcome.iterations / outcome.counts.accepted,
     )
 
 

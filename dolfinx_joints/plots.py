@@ -303,8 +303,8 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
         (float(np.abs(values).max(initial=0.0)) for values in terms.values()), default=0.0
     )
     factor, unit = next(((f, u) for f, u in ((1e6, "MJ"), (1e3, "kJ")) if largest >= f), (1.0, "J"))
-    styles = ("-", "-", "-", "-", "--", "--", ":")
-    hues = ("#4292c6", _BLUE, "#41ab5d", "black", "#fd8d3c", _RED, _GREY)
+    styles = ("-", "-", "-", "-", "--", "--", "-.", ":")
+    hues = ("#4292c6", _BLUE, "#41ab5d", "black", "#fd8d3c", _RED, "#807dba", _GREY)
     for (term, values), style, colour in zip(terms.items(), styles, hues, strict=True):
         label = term
         if term == "error" and largest > 0.0:

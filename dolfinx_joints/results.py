@@ -36,7 +36,16 @@ from dolfinx_joints.errors import ResultsError
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
-ENERGY_TERMS = ("kinetic", "strain", "joint", "input", "viscous", "friction", "error")
+ENERGY_TERMS = (
+    "kinetic",
+    "strain",
+    "joint",
+    "input",
+    "viscous",
+    "friction",
+    "numerical",
+    "error",
+)
 
 Index = int | slice
 

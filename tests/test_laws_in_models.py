@@ -109,7 +109,8 @@ class TestMixed:
         newton = NewtonOptions(relative_tolerance=1e-12)
         simulation = Simulation(model, newton=newton, solver="auto")
         simulation.statics()
-        outcome = simulation.dynamics(dt=0.005, steps=20, motion=synthetic_motion(duration=2.0))
+        motion = synthetic_motion(duration=2.0)
+        outcome = simulation.dynamics(dt=0.005, steps=20, motion=motion, scheme=Newmark())
         return model, simulation, outcome
 
     def test_equal_laws_of_different_kinds_give_the_same(self, jointed, comm):
@@ -123,7 +124,7 @@ class TestMixed:
         model, simulation, two = self.run(jointed, laws)
         assert one.solver == "condensed"
         assert two.solver == "monolithic"
-        closing = "monolithic solver (no local_solve in MohrCoulombJoint, ViscousJoint)"
+        closing = "monolithic solver (no local solution in MohrCoulombJoint, ViscousJoint)"
         assert closing in simulation.report(two)
         scale = one.state.displacement.norm()
         difference = one.state.displacement.copy()

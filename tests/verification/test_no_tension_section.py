@@ -35,8 +35,6 @@ from mpi4py import MPI
 from dolfinx_joints import JointsError
 from tests.verification.no_tension_section import NoTensionSection, move_force
 
-pytestmark = pytest.mark.mpi
-
 COMM = MPI.COMM_WORLD
 SECTION = NoTensionSection()
 HEIGHT = SECTION.height
@@ -73,6 +71,7 @@ def test_exact_solution_by_hand():
     assert core.rotation == pytest.approx(1.5 * mean / k_n / HEIGHT)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("quadrature", ["nodal", "gauss", 4, 7])
 @pytest.mark.parametrize("cell", ["hex", "tet"])
 def test_order_1(cell, quadrature):
@@ -127,6 +126,7 @@ def test_nodal_points_carry_a_force_near_the_edge():
         assert found.edge_stress == pytest.approx(exact.edge_stress, rel=tolerance)
 
 
+@pytest.mark.mpi
 def test_gauss_points_carry_none_beyond_the_outermost():
     """Two points per cell, the last 0.2113 cells from the edge: with 8 cells at 0.4736 h."""
     path, beyond = (0.3, 0.42, 0.45, 0.47), 0.475

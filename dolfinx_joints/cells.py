@@ -103,9 +103,12 @@ def find_facets(
         there is none; ``count`` of shape (n,): number of cells at each facet.
     """
     local = shape.facet_vertices
-    all_facets = np.sort(cells[:, local], axis=2).reshape(-1, local.shape[1])
+    is_wanted = np.zeros(int(max(cells.max(initial=-1), facets.max(initial=-1))) + 1, dtype=bool)
+    is_wanted[facets] = True
+    every = cells[:, local].reshape(-1, local.shape[1])
+    candidates = np.flatnonzero(is_wanted[every].all(axis=1))
     wanted = np.sort(facets, axis=1)
-    stacked = np.vstack([wanted, all_facets])
+    stacked = np.vstack([wanted, np.sort(every[candidates], axis=1)])
     _, inverse = np.unique(stacked, axis=0, return_inverse=True)
     inverse = inverse.ravel()
     key_of_wanted, key_of_all = inverse[: len(wanted)], inverse[len(wanted) :]
@@ -116,7 +119,7 @@ def find_facets(
     owner = np.full((len(wanted), 2, 2), -1, dtype=np.int64)
     for side in range(2):
         there = count > side
-        slot = order[first[there] + side]
+        slot = candidates[order[first[there] + side]]
         owner[there, side, 0] = slot // len(local)
         owner[there, side, 1] = slot % len(local)
     return owner, count

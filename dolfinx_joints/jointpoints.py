@@ -16,7 +16,12 @@ import numpy as np
 
 from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh import JointPairs
-from dolfinx_joints.quadrature import facet_cell_type, facet_rule, is_nodal
+from dolfinx_joints.quadrature import (
+    facet_cell_type,
+    facet_rule,
+    is_nodal,
+    nodes_with_points,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,7 @@ class JointPoints:
         frames: Rows n, s1, s2, shape (n, 3, 3).
         areas: Area of each point, shape (n,), [m^2].
         joint: Joint number of each point, ascending, shape (n,).
+        sizes: Shortest edge of the facets that share each point, shape (n,), [m].
     """
 
     rule: Floats
@@ -43,16 +49,19 @@ class JointPoints:
     frames: Floats
     areas: Floats
     joint: Ints
+    sizes: Floats
 
 
-def joint_points(pairs: JointPairs, shape: CellShape, degree: int, quadrature: str) -> JointPoints:
+def joint_points(
+    pairs: JointPairs, shape: CellShape, degree: int, quadrature: str | int
+) -> JointPoints:
     """Lay out the points of all joints.
 
     Args:
         pairs: The facet pairs.
         shape: Reference cell of the geometry.
         degree: Degree of the displacement.
-        quadrature: ``auto``, ``nodal`` or ``gauss``, see `facet_rule`.
+        quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
 
     Raises:
         ValueError: The rule does not exist on these facets.
@@ -68,8 +77,10 @@ def joint_points(pairs: JointPairs, shape: CellShape, degree: int, quadrature: s
     count = int(number.max(initial=-1)) + 1
     first = np.unique(number.ravel(), return_index=True)[1]
     total, mean = np.zeros(count), np.zeros((count, 3))
+    sizes = np.full(count, np.inf)
     np.add.at(total, number, area)
     np.add.at(mean, number, area[..., None] * normal)
+    np.minimum.at(sizes, number, _shortest_edges(pairs.nodes, corners)[:, None])
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     joint = np.repeat(pairs.joint, len(weights))[first]
     frames = np.empty((count, 3, 3))
@@ -84,7 +95,15 @@ def joint_points(pairs: JointPairs, shape: CellShape, degree: int, quadrature: s
         frames=frames,
         areas=total,
         joint=joint,
+        sizes=sizes,
     )
+
+
+def _shortest_edges(nodes: Floats, corners: int) -> Floats:
+    """Shortest distance of two neighbouring vertices of each facet, shape (num_facets,), [m]."""
+    edges = np.array(basix.topology(facet_cell_type(corners))[1])
+    along = nodes[:, edges[:, 1]] - nodes[:, edges[:, 0]]
+    return np.linalg.norm(along, axis=2).min(axis=1)
 
 
 def _facet_geometry(
@@ -131,6 +150,7 @@ def _node_pairs(pairs: JointPairs, corners: int, degree: int) -> Ints:
                 keys[:, dof, 1 + corners : 1 + corners + size] = np.sort(
                     pairs.plus_vertices[:, vertices], axis=1
                 )
+    keys = keys[:, nodes_with_points(corners, degree)]
     _, first, inverse = np.unique(
         keys.reshape(-1, keys.shape[2]), axis=0, return_index=True, return_inverse=True
     )

@@ -75,7 +75,7 @@ class Response:
         tangent: d traction / d gap, shape (n, 3, 3), [Pa/m].
         state: State to keep if the step is accepted.
         dissipation: Friction work of the step per area, shape (n,), [J/m^2]: mean tangential
-            traction of the step times its plastic slip.
+            traction of the step times its plastic slip in contact.
         status: `Status` of each point, shape (n,).
     """
 
@@ -193,7 +193,10 @@ class FrictionNoTension:
         solved = (status != Status.OPEN) & (compliance[:, 0] > 0.0)
         gap[:, 0] = np.where(solved, traction[:, 0] / self.normal_stiffness, gap[:, 0])
         elastic_slip: NDArray[Any] = t_s / (self.shear_stiffness or 1.0)
-        plastic = gap[:, 1:] - state.gap[:, 1:] - (elastic_slip - state.elastic_slip)
+        # Slip in flight, before a point touches, meets no friction.
+        fraction = contact_fraction(state.gap[:, 0], np.minimum(gap[:, 0], 0.0))
+        rubbed = fraction[:, None] * (gap[:, 1:] - state.gap[:, 1:])
+        plastic = rubbed - (elastic_slip - state.elastic_slip)
         mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
         return Response(
             traction=traction,

@@ -42,7 +42,8 @@ class Model:
         damping: Rayleigh damping, its stiffness part of the bulk alone; none unless given.
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
         degree: Degree of the displacement, that of the mesh unless given.
-        quadrature: Rule on the joints: ``auto``, ``nodal`` or ``gauss``.
+        quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
+            rule is exact for.
         plane: ``strain`` or ``stress`` in 2-D.
         extra_stiffness: Bilinear form (u, v) added to K.
         extra_mass: Bilinear form (u, v) added to M.
@@ -78,7 +79,7 @@ class Model:
         damping: Rayleigh | None = None,
         initial_gaps: Mapping[str, InitialGap] | None = None,
         degree: int | None = None,
-        quadrature: str = "auto",
+        quadrature: str | int = "auto",
         plane: str = "strain",
         extra_stiffness: BilinearForm | None = None,
         extra_mass: BilinearForm | None = None,

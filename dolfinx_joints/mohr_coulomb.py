@@ -205,6 +205,12 @@ class MohrCoulombJoint:
         mean = 0.5 * (start + traction)
         moved = after.gap - before.gap
         plastic = moved.copy()
+        # Slip in flight, before a point touches, meets no friction.
+        dilation, broken = before.internal[:, 1], before.internal[:, 0] > 0.0
+        plastic[:, 1:] *= contact_fraction(
+            np.where(broken, before.gap[:, 0] - dilation, 0.0),
+            np.minimum(after.gap[:, 0] - dilation, 0.0),
+        )[:, None]
         plastic[:, 1:] -= after.elastic_slip - before.elastic_slip
         plastic[:, 0] = after.internal[:, 1] - before.internal[:, 1]
         lost = np.einsum("ij,ij->i", mean, plastic)

@@ -59,16 +59,35 @@ def orient_pairs(
     sign = np.where(np.einsum("ij,ij->i", normal, towards) < 0, -1, 1)
     graph = _agreement(cycle, sign, joint)
     _, part = connected_components(graph, directed=False)
-    flip = np.ones(len(joint), dtype=np.int64)
-    for root in np.unique(part, return_index=True)[1]:
-        order, previous = breadth_first_order(graph, root, directed=False)
-        for facet in order[1:]:
-            row = slice(*graph.indptr[previous[facet] : previous[facet] + 2])
-            agrees = graph.data[row][graph.indices[row] == facet][0]
-            flip[facet] = flip[previous[facet]] * np.sign(agrees)
-        normals = (flip[order] * sign[order])[:, None] * normal[order]
-        flip[order] *= _part_sign(x[cycle[order]].mean(axis=1), normals)
+    flip = _signs_along(graph, part)
+    normals = (flip * sign)[:, None] * normal
+    flip = flip * _part_signs(part, x[cycle].mean(axis=1), normals)
     return flip < 0
+
+
+def _signs_along(graph: csr_array, part: Ints) -> Ints:
+    """Sign of each facet relative to the first facet of its part, shape (n,).
+
+    A breadth-first tree hangs each part from its first facet; the sign of a facet is the product
+    of the relations on its way to the root, collected in doubling strides.
+    """
+    count = graph.shape[0]
+    first = np.unique(part, return_index=True)[1]
+    entries = graph.tocoo()
+    rows = np.concatenate([entries.row, np.full(len(first), count)])
+    columns = np.concatenate([entries.col, first])
+    forest = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, count + 1))
+    previous = breadth_first_order(forest.tocsr(), count)[1][:count].astype(np.int64)
+    inner = previous < count
+    keys = entries.row.astype(np.int64) * count + entries.col
+    order = np.argsort(keys)
+    wanted = np.flatnonzero(inner) * count + previous[inner]
+    flip = np.ones(count, dtype=np.int64)
+    flip[inner] = np.sign(entries.data[order[np.searchsorted(keys[order], wanted)]])
+    previous[first] = first
+    while np.any(previous != previous[previous]):
+        flip, previous = flip * flip[previous], previous[previous]
+    return flip
 
 
 def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
@@ -96,13 +115,20 @@ def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
     return half + half.T
 
 
-def _part_sign(centres: Floats, normals: Floats) -> int:
-    """Sign that turns a connected part of a joint to the side the convention asks for."""
-    mean = normals.sum(axis=0)
-    area = np.linalg.norm(normals, axis=1).sum()
+def _part_signs(part: Ints, centres: Floats, normals: Floats) -> Ints:
+    """Sign that turns the connected part of each facet to the side the convention asks for."""
+    parts = int(part.max(initial=-1)) + 1
+    members = np.bincount(part, minlength=parts)[:, None]
+    mean = _sums(part, normals, parts)
+    area = _sums(part, np.linalg.norm(normals, axis=1)[:, None], parts)[:, 0]
+    middle = _sums(part, centres, parts) / members
+    flux = _sums(part, np.einsum("ij,ij->i", centres - middle[part], normals)[:, None], parts)
     size = np.abs(mean)
-    if size.max() > 1e-6 * area:
-        largest = int(np.flatnonzero(size >= size.max() * (1 - 1e-6))[0])
-        return 1 if mean[largest] > 0 else -1
-    flux = np.einsum("ij,ij->", centres - centres.mean(axis=0), normals)
-    return 1 if flux > 0 else -1
+    largest = np.argmax(size >= size.max(axis=1, keepdims=True) * (1 - 1e-6), axis=1)
+    towards = np.where(size.max(axis=1) > 1e-6 * area, mean[np.arange(parts), largest], flux[:, 0])
+    return np.where(towards > 0, 1, -1)[part]
+
+
+def _sums(part: Ints, values: Floats, parts: int) -> Floats:
+    """Sums of the columns of ``values`` over each part, shape (parts, columns)."""
+    return np.column_stack([np.bincount(part, v, minlength=parts) for v in values.T])

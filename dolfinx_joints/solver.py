@@ -19,7 +19,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_number
 from dolfinx_joints.contact import Contact, Rule, StatusCounts
-from dolfinx_joints.errors import ConvergenceError
+from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import (
@@ -32,6 +32,9 @@ from dolfinx_joints.linear import (
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
+
+# Parts of the closed joints' stiffness tried in turn where a tangent is singular.
+REGULARISATIONS = (0.0, 1e-4, 1e-2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +131,10 @@ class _Tangent:
         self._sum.add(added)
         self._last = values.copy()
         return self._sum.solver
+
+    def forget(self) -> None:
+        """Factor anew whatever the next point tangents are."""
+        self._last = None
 
     def destroy(self) -> None:
         """Free matrices and factors."""
@@ -231,8 +238,7 @@ class NewtonSolver:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
                 raise joint_failure(contact, response, state, iteration, residual, options)
-            direct = tangent.update(response.tangent)
-            factorizations += direct.solve(balance.at_free, self._correction)
+            factorizations += self._correct(contact, tangent, response, balance)
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
@@ -243,6 +249,29 @@ class NewtonSolver:
             residual=norm / (balance.scale or 1.0),
             counts=contact.counts(response.status),
         )
+
+    def _correct(
+        self, contact: Contact, tangent: _Tangent, response: Response, balance: _Balance
+    ) -> int:
+        """Newton's correction; factorizations it took (collective).
+
+        Where the tangent is singular, because on the way a block is held by no closed and sticking
+        point, a small part of the closed joints' stiffness is added: the correction only, not the
+        equilibrium, depends on it.
+
+        Raises:
+            JointsError: The body is not held even so.
+        """
+        for part in REGULARISATIONS:
+            values = response.tangent
+            if part:
+                values = values + part * contact.closed_tangent()
+            try:
+                return int(tangent.update(values).solve(balance.at_free, self._correction))
+            except JointsError as error:
+                tangent.forget()
+                failure = error
+        raise failure
 
     def _search(self, balance: _Balance, norm: float) -> tuple[Response, float]:
         """Take the correction, halved while it does not make the residual smaller."""

@@ -7,6 +7,8 @@ module                 model
 =====================  =========================================================
 ``two_blocks``         two elastic blocks, one on the other
 ``jointed_wall``       a wall cut into equal blocks by vertical planes
+``voussoir_arch``      a semicircular arch of voussoirs, plane or solid
+``inclined_crack``     a large body with an inclined crack, plane or one cell thick
 ``ambiesta``           an arch dam with radial contraction joints
 =====================  =========================================================
 

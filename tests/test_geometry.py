@@ -15,6 +15,7 @@ from geometry.ambiesta import ArchDam, ambiesta, mid_crest
 from geometry.arch import Sector
 from geometry.jointed_wall import jointed_wall
 from geometry.two_blocks import two_blocks
+from geometry.voussoir_arch import voussoir_arch
 
 ELEMENTS = [("hex", 1, "hex8"), ("hex", 2, "hex27"), ("tet", 1, "tet4"), ("tet", 2, "tet10")]
 CORNERS = {5: 8, 12: 8, 4: 4, 11: 4}  # by Gmsh's element type
@@ -135,6 +136,62 @@ def test_jointed_wall(tmp_path, cell, order, element):
     for name, (axis, value) in planes.items():
         assert set(groups.at(name)[:, axis]) == {float(value)}
     assert [area(groups, f"joint_{k}") for k in (1, 2, 3)] == pytest.approx([80, 80, 80])
+
+
+@pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
+def test_voussoir_arch(tmp_path, cell, order, element):
+    shape = {"radius": 5.0, "thickness": 1.0, "voussoirs": 5, "width": 2.0}
+    path = voussoir_arch(
+        tmp_path / "a.msh", **shape, divisions=(2, 2, 1), half_angle=75.0, order=order, cell=cell
+    )
+    report = _base.describe(path)
+    assert report.element == element
+    # Half of (5.5^2 - 4.5^2) times the angle and the width, 13.09 m^2 x 2 m; ten cells of 15
+    # degrees take sin(15) for it if they have chords, and miss arcs by less than 1e-4.
+    angle = np.radians(15) if order == 2 else np.sin(np.radians(15))
+    volume = {"arch": 10 * angle * 5 * 2, "abutments": 2 * angle * 5 * 2}
+    assert report.volume == pytest.approx(volume, rel=1e-4 if order == 2 else 1e-12)
+    groups = Groups(path)
+    check_groups(groups)
+    names = {f"joint_{k}" for k in range(1, 7)}
+    assert set(groups.facets) == names | {"base", "intrados", "extrados", "front", "back"}
+    for k in range(1, 7):
+        x, _, z = groups.at(f"joint_{k}").T
+        np.testing.assert_allclose(np.degrees(np.arctan2(x, z)), -75 + 30 * (k - 1), atol=1e-12)
+        assert area(groups, f"joint_{k}") == pytest.approx(2.0)
+    for name, r in (("intrados", 4.5), ("extrados", 5.5)):
+        np.testing.assert_allclose(np.hypot(*groups.at(name)[:, [0, 2]].T), r, rtol=1e-14)
+    assert set(groups.at("front")[:, 1]) == {0.0}
+    assert set(groups.at("back")[:, 1]) == {2.0}
+
+
+@pytest.mark.parametrize(
+    ("cell", "order", "vertices"), [("hex", 1, 4), ("hex", 2, 4), ("tet", 1, 3)]
+)
+def test_plane_voussoir_arch(tmp_path, cell, order, vertices):
+    path = voussoir_arch(
+        tmp_path / "a.msh", radius=5.0, thickness=1.0, voussoirs=7, size=0.5, order=order, cell=cell
+    )
+    with _base.gmsh_session():
+        gmsh.merge(str(path))
+        found = {}
+        for dim, physical in gmsh.model.getPhysicalGroups():
+            (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
+            (kind,), (elements,), _ = gmsh.model.mesh.getElements(dim, entity)
+            size = gmsh.model.mesh.getElementProperties(kind)
+            assert size[1:3] == (dim, order)
+            found[gmsh.model.getPhysicalName(dim, physical)] = len(elements), size[5]
+        points = gmsh.model.mesh.getNodes()[1].reshape(-1, 3)
+    # A voussoir is pi 5/7 = 2.24 m long: 4 cells of 0.5 m, and 2 through the thickness of 1 m.
+    share = 1 if cell == "hex" else 2
+    assert found["arch"] == (7 * 4 * 2 * share, vertices)
+    assert found["abutments"] == (2 * 2 * share, vertices)
+    assert {found[f"joint_{k}"] for k in range(1, 9)} == {(2, 2)}
+    assert found["base"] == (2 * 2, 2)
+    assert found["intrados"] == found["extrados"] == (7 * 4 + 2, 2)
+    radius = np.linalg.norm(points, axis=1)
+    levels = [4.5, 4.75, 5.0, 5.25, 5.5] if order == 2 else [4.5, 5.0, 5.5]
+    assert np.unique(radius.round(12)) == pytest.approx(levels)
 
 
 def test_jointed_wall_of_the_benchmark(tmp_path):
@@ -296,6 +353,17 @@ def test_other_dams(tmp_path, shape):
         (jointed_wall, {"divisions": (6, 1, 1)}, "the first a multiple of 4"),
         (jointed_wall, {"divisions": (4, 0, 1)}, "each of divisions is 0, but it must be a whole"),
         (jointed_wall, {"size": 0.0}, "size is 0.0, but it must be a positive number"),
+        (voussoir_arch, {"radius": 0}, r"radius is 0, but it must be a positive number \[m\]\."),
+        (
+            voussoir_arch,
+            {"thickness": 20},
+            "thickness is 20, but it must be below twice the radius",
+        ),
+        (voussoir_arch, {"half_angle": 121}, "half_angle is 121, but it must be at most 120"),
+        (voussoir_arch, {"voussoirs": 1}, "A cell spans 90 degrees, but it must be at most 45"),
+        (voussoir_arch, {"voussoirs": 0}, "voussoirs is 0, but it must be a whole number of at"),
+        (voussoir_arch, {"divisions": (1, 1)}, "divisions is .1, 1., but it must be three whole"),
+        (voussoir_arch, {"size": -1}, r"size is -1, but it must be a positive number \[m\]\."),
         (ambiesta, {"size": -5}, r"size is -5, but it must be a positive number \[m\]\."),
         (ambiesta, {"size": float("nan")}, "size is nan, but it must be a positive number"),
         (ambiesta, {"cell": "prism"}, "cell is 'prism', but it must be 'hex' or 'tet'."),
@@ -327,6 +395,10 @@ def test_bad_file(tmp_path):
         two_blocks(tmp_path / "blocks.vtk")
     with pytest.raises(ValueError, match="the folder .* is missing"):
         two_blocks(tmp_path / "nowhere" / "blocks.msh")
+    with pytest.raises(ValueError, match=r"its name must end in '\.msh'"):
+        voussoir_arch(tmp_path / "arch.vtk")
+    with pytest.raises(ValueError, match="the folder .* is missing"):
+        voussoir_arch(tmp_path / "nowhere" / "arch.msh")
 
 
 def test_cells_turned_inside_out_are_refused(tmp_path):

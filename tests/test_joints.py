@@ -15,8 +15,17 @@ import basix
 import basix.ufl
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, compute_midpoints, create_box, locate_entities, meshtags
+from dolfinx.mesh import (
+    CellType,
+    compute_midpoints,
+    create_box,
+    create_rectangle,
+    locate_entities,
+    meshtags,
+)
 from mpi4py import MPI
+from petsc4py import PETSc
+from test_splitting import CASES, SHAPES, case, name_of
 
 from dolfinx_joints import (
     Elastic,
@@ -26,13 +35,16 @@ from dolfinx_joints import (
     JointsError,
     Model,
     Simulation,
+    read_msh,
     split_mesh,
 )
 from dolfinx_joints._compat import create_mesh
+from dolfinx_joints.cells import CellShape
 from dolfinx_joints.contact import Contact
-from dolfinx_joints.joints import JointTangent
+from dolfinx_joints.joints import JointOperator, JointTangent
 from dolfinx_joints.laws import JointState, Status
-from dolfinx_joints.msh import load_msh
+from dolfinx_joints.msh import _permutation, load_msh
+from dolfinx_joints.splitting import split_cells
 
 pytestmark = pytest.mark.mpi
 
@@ -40,23 +52,8 @@ CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=45.0)
 ANGLE = 20.0
 
-# (cell, order of the mesh, quadrature); nodal points do not exist on 6-node triangles.
-SOLIDS = [
-    ("hex", 1, "nodal"),
-    ("hex", 1, "gauss"),
-    ("hex", 2, "nodal"),
-    ("hex", 2, "gauss"),
-    ("tet", 1, "nodal"),
-    ("tet", 1, "gauss"),
-    ("tet", 2, "gauss"),
-]
-PLANES = [
-    (cell, order, rule)
-    for cell in ("tri", "quad")
-    for order in (1, 2)
-    for rule in ("nodal", "gauss")
-]
-ALL = SOLIDS + PLANES
+# (cell, order of the mesh, quadrature)
+ALL = list(itertools.product(("hex", "tet", "tri", "quad"), (1, 2), ("nodal", "gauss")))
 
 
 @pytest.fixture
@@ -240,6 +237,8 @@ def test_points_and_frames(jointed, rule, comm):
         (("hex", 1), "nodal", 9),
         (("hex", 2), "nodal", 25),
         (("tet", 1), "nodal", 9),
+        # Order 2: on the edges only, of which 8 triangles have 16.
+        (("tet", 2), "nodal", 16),
         # 3 edges: 4 nodes, 7 at order 2.
         (("quad", 1), "nodal", 4),
         (("tri", 2), "nodal", 7),
@@ -252,9 +251,7 @@ def test_nodal_rule_has_one_point_per_pair_of_nodes(jointed, rule, count):
 
 
 @pytest.mark.parametrize("jointed", [("tet", 2)], indirect=True, ids=str)
-def test_nodal_rule_refused_on_six_node_triangles(jointed):
-    with pytest.raises(ValueError, match="'nodal' does not exist for 3-vertex facets of degree 2"):
-        held_at_base(jointed, "nodal")
+def test_unknown_rule_is_refused(jointed):
     with pytest.raises(ValueError, match="quadrature is 'simpson'; it must be one of auto"):
         held_at_base(jointed, "simpson")
 
@@ -337,12 +334,7 @@ def node_orders(shape):
 
 
 @pytest.mark.parametrize(
-    ("cell", "order", "rule"),
-    [
-        case
-        for case in itertools.product(["hex", "tet"], [1, 2], ["nodal", "gauss"])
-        if case != ("tet", 2, "nodal")  # 6-node triangles have no nodal rule
-    ],
+    ("cell", "order", "rule"), itertools.product(["hex", "tet"], [1, 2], ["nodal", "gauss"])
 )
 def test_sides_whose_cells_are_turned(comm, blocks_file, cell, order, rule):
     # The nodes of every cell in a random admissible order, so that the facets of the two sides
@@ -474,6 +466,43 @@ def test_every_rank_count_gives_the_same_points(
     assert model.operator.matrix.norm() == pytest.approx(alone.operator.matrix.norm(), rel=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("rule", "sixteenths"),
+    [("nodal", [1, 1, 3, 5, 7]), ("gauss", [1, 1, 3, 3, 5, 5, 7, 7])],
+)
+def test_sizes_are_those_of_the_smallest_facet_around_a_point(comm, rule, sixteenths):
+    # Vertices of the joint at y = 0, 1, 4, 9, 16 sixteenths: edges of 1, 3, 5 and 7; a vertex has
+    # the smaller of its two, a Gauss point its own.
+    mesh = create_rectangle(comm, [[0, 0], [1, 1]], [2, 4], CellType.quadrilateral)
+    mesh.topology.create_connectivity(1, 2)
+    cut = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 0.5))
+    base = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    facets = np.concatenate([cut, base])
+    values = np.repeat([1, 2], [len(cut), len(base)]).astype(np.int32)
+    order = np.argsort(facets)
+    mesh.geometry.x[:, 1] **= 2
+    tags = meshtags(mesh, 1, facets[order], values[order])
+    jointed = split_mesh(mesh, tags, joints={"joint_1": 1}, groups={"base": 2})
+    operator = held_at_base(jointed, rule).operator
+    found = np.concatenate(comm.allgather(np.column_stack([operator.points[:, 1], operator.sizes])))
+    found = found[np.argsort(found[:, 0]), 1]
+    np.testing.assert_allclose(16 * found, sixteenths, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("jointed", "entries"),
+    # A nodal point has one node on each side. In the inclined joint n and s2 have two components,
+    # s1, horizontal, has one; in the level one n, s1 and s2 are axes.
+    [(("hex", 1, 20.0), 2 * 5), (("hex", 1, 0.0), 2 * 3), (("hex", 2, 0.0), 2 * 3)],
+    ids=str,
+)
+def test_nodal_operator_holds_no_entries_of_rounding(comm, blocks_file, read, jointed, entries):
+    cell, order, angle = jointed
+    operator = held_at_base(read(blocks_file(cell=cell, order=order, angle=angle))).operator
+    held = total(comm, operator.matrix.getInfo(PETSc.Mat.InfoType.LOCAL)["nz_used"])
+    assert held == entries * operator.num_points
+
+
 def test_gather_keeps_the_global_order(wall_file, read, comm):
     operator = held_at_base(read(wall_file())).operator
     points = operator.gather(operator.points)
@@ -545,6 +574,121 @@ def test_faces_apart_in_the_mesh_are_an_initial_gap(mesh_file, read, comm, dista
     assert total(comm, operator.areas.sum()) == pytest.approx(1.0, rel=1e-10)
     u = model.mass.createVecRight()
     assert largest(comm, model.contact.gap(u) - expected) <= 1e-11
+
+
+# Networks of `test_splitting` as .msh files: with joints to be split, and split already. The blocks
+# between the joints, by a number for each place, are moved as rigid bodies.
+
+BLOCKS = {
+    "through": lambda x, y: x > 2,
+    "T": lambda x, y: (x > 2) * (1 + (y > 2)),
+    "X": lambda x, y: (x > 2) + 2 * (y > 2),
+    "perimetral": lambda x, y: (abs(x - 2) < 1) * (y > 1) * (1 + (x > 2)),
+    "ring": lambda x, y: (abs(x - 2) < 1) * (abs(y - 2) < 1),
+    "front": lambda x, y: 0 * x,  # one body: its joint ends inside
+}
+
+
+def _network(out, *, name, cell, order, doubled):
+    """Write a network; with ``doubled`` faces, JOINT- and JOINT+ are boundary groups."""
+    import gmsh
+
+    shape = CellShape(name=cell, degree=1)
+    cells, x, joints, _ = case(name, shape)
+    groups = dict(joints)
+    if doubled:
+        split = split_cells(shape, cells, x, joints)
+        cells, x, groups = split.cells, x[split.parent], {}
+        for side, slots in (("-", split.minus), ("+", split.plus)):
+            facets = cells[slots[:, :1], shape.facet_vertices[slots[:, 1]]]
+            groups |= {f"{n}{side}": facets[split.joint == i] for i, (n, _) in enumerate(joints)}
+    kind = {"triangle": 2, "quadrilateral": 3, "tetrahedron": 4, "hexahedron": 5}[cell]
+    facet_kind = {2: 1, 3: 2, 4: 3}[shape.facet_vertices.shape[1]]
+    to_gmsh = np.argsort(_permutation(shape, cells.shape[1]))
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
+        dim, model = shape.dim, gmsh.model
+        model.addDiscreteEntity(dim, 1)
+        tags = np.arange(1, len(x) + 1)
+        model.mesh.addNodes(dim, 1, tags, np.pad(x, ((0, 0), (0, 3 - dim))).astype(float).ravel())
+        model.mesh.addElementsByType(1, kind, [], tags[cells[:, to_gmsh]].ravel())
+        model.addPhysicalGroup(dim, [1], name="body")
+        for number, (group, facets) in enumerate(groups.items(), start=1):
+            model.addDiscreteEntity(dim - 1, number)
+            cyclic = facets[:, shape.facet_cycle]
+            model.mesh.addElementsByType(number, facet_kind, [], tags[cyclic].ravel())
+            model.addPhysicalGroup(dim - 1, [number], name=group)
+        model.mesh.setOrder(order)
+        gmsh.write(str(out))
+    finally:
+        gmsh.finalize()
+
+
+def block_motion(number, points):
+    """Displacement of the points of a block: a shift and a spin that depend on its number."""
+    shift = np.array([0.3, -0.2, 0.7]) * (1 + number) ** 2
+    spin = np.array([[0, -3, 2], [3, 0, -1], [-2, 1, 0]]) * np.sin(1.0 + number)
+    gdim = points.shape[-1]
+    return shift[:gdim] + points @ spin[:gdim, :gdim].T
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.parametrize("doubled", [False, True], ids=["split here", "split in the file"])
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_networks_from_files(mesh_file, comm, shape, doubled, name):
+    path = mesh_file(_network, name=name, cell=shape.name, order=shape.degree, doubled=doubled)
+    jointed = read_msh(path, comm, joints=sorted(CASES[name][0]))
+    mesh, gdim = jointed.mesh, shape.dim
+    V = fem.functionspace(mesh, ("Lagrange", shape.degree, (gdim,)))
+    # Vertices of a grid of 4 x 4 (x 2) cells and those that splitting adds, by hand (`CASES`).
+    layers = 3 if gdim == 3 else 1
+    mesh.topology.create_connectivity(0, gdim)
+    vertices = mesh.topology.index_map(0).size_global
+    assert vertices == (25 + CASES[name][1]) * layers
+
+    operator = JointOperator(jointed, V)
+    assert operator.names == tuple(sorted(CASES[name][0]))
+    assert total(comm, operator.areas.sum()) == pytest.approx(
+        len(jointed.pairs.joint) * (0.5 if shape.name == "tetrahedron" else 1.0), rel=1e-12
+    )
+    assert np.all(jointed.pairs.bonded == 0)
+    # Faces at one place touch; along the joint they are at one place but for rounding.
+    assert not operator.initial_gap[:, 0].any()
+    assert largest(comm, operator.initial_gap) <= 1e-14
+    # The edges of the facets are 1 m long, the diagonals of triangles longer.
+    assert largest(comm, operator.sizes - 1.0) <= 1e-12
+
+    moved = fem.Function(V)
+    every = np.arange(
+        mesh.topology.index_map(gdim).size_local + mesh.topology.index_map(gdim).num_ghosts,
+        dtype=np.int32,
+    )
+    middle = compute_midpoints(mesh, gdim, every)
+    block = np.asarray(BLOCKS[name](middle[:, 0], middle[:, 1])).astype(int)
+    for number in range(4):
+        moved.interpolate(
+            lambda x, number=number: block_motion(number, x[:gdim].T).T, every[block == number]
+        )
+    u = operator.matrix.createVecRight()
+    u.setArray(moved.x.array[: u.getLocalSize()])
+
+    # By hand: frame . (motion of the block beyond the facet less that of the block before it).
+    layout = operator.layout
+    expected = np.zeros((len(layout.areas), 3))
+    for facet, points in enumerate(layout.number):
+        corners = jointed.pairs.nodes[facet, : shape.facet_vertices.shape[1]]
+        beyond = np.sign(layout.frames[points, 0, :gdim].mean(axis=0))
+        beyond[np.ptp(corners, axis=0) > 0] = 0.0  # the facet is normal to the axis left
+        plus, minus = (
+            int(BLOCKS[name](*(corners.mean(axis=0) + side * beyond)[:2])) for side in (0.25, -0.25)
+        )
+        place, frame = layout.points[points, :gdim], layout.frames[points][..., :gdim]
+        jump = block_motion(plus, place) - block_motion(minus, place)
+        expected[points] = np.einsum("qij,qj->qi", frame, jump)
+    gaps = np.concatenate(comm.allgather(operator.gap(u)))
+    np.testing.assert_allclose(gaps, expected, rtol=0, atol=1e-12 * np.abs(moved.x.array).max())
 
 
 def test_failed_solve_names_the_cause(blocks_file, read):

@@ -1,13 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""An elastic block that slides on a frictional base: at the limit of an incline, and shaken.
+"""Newmark's block: an elastic block slides on a base that is shaken by one rectangular pulse.
 
-Incline: the plane stays level and gravity is turned. With weight W, coefficient mu, slope theta and
-springs K that hold the block along the plane, equilibrium is W sin(theta) = mu W cos(theta) + K s
-once every point slides.
+            ____________________
+           |  block, mu g = 2   |  -> slip
+           |____________________|
+           |____________________|
+           //////////////////////  <- ground, 4 m/s^2 for 0.5 s
 
-Newmark's block: a rectangular pulse A = 4 m/s^2 of 0.5 s, yield acceleration mu g = 2 m/s^2. The
-block gains 2 m/s^2 for 0.5 s and loses as much for as long: slip 0.25 + 0.25 = 0.5 m, stop at 1 s.
+The block gains 4 - 2 m/s^2 for 0.5 s and loses 2 m/s^2 for as long: slip 0.25 + 0.25 = 0.5 m, and
+it stops at 1 s.
 """
 
 import math
@@ -28,14 +30,17 @@ from dolfinx_joints import (
     Gravity,
     Model,
     Simulation,
-    Spring,
     read_msh,
 )
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.parallel import on_root
 from geometry.two_blocks import two_blocks
 
-pytestmark = pytest.mark.mpi
+# Slips of half a metre are those of the problem; that they are not small is said on purpose.
+pytestmark = [
+    pytest.mark.mpi,
+    pytest.mark.filterwarnings("ignore:Joint 'joint_1'. slip or opening reached"),
+]
 
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]
@@ -56,11 +61,8 @@ def blocks(cell):
         return read_msh(path, COMM)
 
 
-def model(cell, mu, gravity, springs=0.0):
-    """The block under gravity (3,) [m/s^2], with springs along its top face [N/m]."""
-    along = Spring(
-        group="top", normal_stiffness=0.0, tangential_stiffness=springs / (LENGTH * WIDTH)
-    )
+def model(cell, mu, gravity):
+    """The block under gravity (3,) [m/s^2]."""
     return Model(
         blocks(cell),
         material=CONCRETE,
@@ -69,7 +71,7 @@ def model(cell, mu, gravity, springs=0.0):
             shear_stiffness=K_S,
             friction_angle_deg=math.degrees(math.atan(mu)),
         ),
-        supports=[Fixed(group="base"), *([along] if springs else [])],
+        supports=[Fixed(group="base")],
         loads=[Gravity(acceleration=gravity)],
     )
 
@@ -79,20 +81,6 @@ def mean_slip(block, joints):
     slip = joints.state.gap[:, 1:]
     area = block.contact.integral(np.ones(len(slip)))
     return np.array([block.contact.integral(slip[:, axis]) for axis in (0, 1)]) / area
-
-
-def incline(cell, share, direction_deg=0.0):
-    """Slip down the slope and across it [m], and the points by status."""
-    mu, beyond = math.tan(math.radians(30.0)), 0.01
-    limit = math.atan(1.01 * mu)
-    springs = MASS * 9.81 * (math.sin(limit) - mu * math.cos(limit)) / beyond
-    theta, direction = math.atan(share * mu), math.radians(direction_deg)
-    down = np.array([math.cos(direction), math.sin(direction)])
-    block = model(cell, mu, 9.81 * np.array([*(math.sin(theta) * down), -math.cos(theta)]), springs)
-    joints = Simulation(block).statics().joints
-    slip = mean_slip(block, joints)
-    counts = block.contact.counts(joints.status)
-    return slip @ down, slip @ [-down[1], down[0]], counts
 
 
 class History:
@@ -145,26 +133,6 @@ def test_exact_solution():
     held = SlidingBlock(pulse=1.9, yield_acceleration=2.0, duration=0.5)
     assert held.final_slip == held.stop_time == 0.0
     assert not held.slip(t).any()
-
-
-@pytest.mark.parametrize("direction", [0.0, 35.0])
-@pytest.mark.parametrize("cell", ["hex", "tet"])
-def test_incline_above_the_limit(cell, direction):
-    """10 mm at 101 % of the limit by the choice of the springs; the block is 1e-5 of them soft."""
-    down, across, counts = incline(cell, 1.01, direction)
-    assert counts.slip == counts.total
-    assert down == pytest.approx(0.01, rel=1e-4)
-    assert abs(across) < 1e-4 * down
-
-
-@pytest.mark.parametrize("cell", ["hex", "tet"])
-def test_incline_below_the_limit(cell):
-    """Elastic slip of the joint: tau / k_s = 0.59e-6 m with the mean tau, 2350 Pa at 99 %."""
-    down, across, counts = incline(cell, 0.99)
-    assert counts.stick > 0
-    assert counts.open == 0
-    assert 0.5e-6 < down < 1e-6
-    assert abs(across) < 1e-8
 
 
 @pytest.mark.parametrize("cell", ["hex", "tet"])

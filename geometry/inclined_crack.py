@@ -1,0 +1,189 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A large body with one plane crack inside, inclined to the vertical.
+
+python3 geometry/inclined_crack.py --angle 45 --size 0.1 --cell quad --out crack.msh
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import gmsh
+import numpy as np
+from scipy.optimize import brentq
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
+
+PLANE_CELLS = ("quad", "tri")
+
+# Gmsh's numbers of the element types of order 1, by number of nodes.
+_TYPES = {2: 1, 3: 2, 4: 3}
+
+
+def inclined_crack(
+    out: str | os.PathLike[str],
+    *,
+    half_length: float = 1.0,
+    angle: float = 45.0,
+    extent: float = 40.0,
+    lean: float = 25.0,
+    size: float = 0.1,
+    growth: float = 1.5,
+    order: int = 1,
+    cell: str = "hex",
+    gui: bool = False,
+) -> Path:
+    """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
+
+    The crack makes ``angle`` with the y axis; in 3-D it contains the z direction.  Two sides of
+    the body are parallel to the crack.  Cells have equal lengths along the crack and grow away
+    from it; their columns lean, so that the mesh is not its own mirror image about the crack.
+    Groups: ``body``; ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the
+    two planes z = constant).
+
+    Args:
+        out: path of the .msh file.
+        half_length: half the length of the crack [m].
+        angle: between crack and y axis [degrees].
+        extent: half the length and half the height of the body, over the half-length.
+        lean: inclination of the columns of cells to the normal of the crack [degrees].
+        size: cell size at the crack, and thickness in 3-D [m]; rounded so that whole cells fit.
+        growth: largest ratio of the sizes of neighbouring cells away from the crack.
+        order: order of the elements, 1 or 2.
+        cell: "quad" or "tri" in 2-D, "hex" or "tet" in 3-D.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed.
+    """
+    plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
+    if plane_cell is None and cell not in _base.CELLS:
+        raise ValueError(f"cell is {cell!r}, but it must be 'quad', 'tri', 'hex' or 'tet'.")
+    _base.check_elements(order, plane_cell or cell)
+    for what, value in (("half_length", half_length), ("size", size)):
+        _base.positive(what, value)
+    if not 1.0 < growth <= 3.0 or not 2.0 <= extent <= 1e4:
+        raise ValueError(
+            f"growth is {growth!r} and extent is {extent!r}, but they must be above 1 and at most "
+            "3, and between 2 and 10000."
+        )
+    if not abs(lean) <= 60.0:
+        raise ValueError(f"lean is {lean!r}, but it must be between -60 and 60 degrees.")
+    plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
+    points = _placed(plane.points, angle, lean)
+    plane = replace(plane, points=points)
+    if plane_cell:
+        return _write_plane(out, plane, order, gui=gui)
+    thickness = 2.0 * half_length / _cells_along(half_length, size)
+    solid = extrude(plane, np.array([0.0, thickness]), ("faces", "faces"))
+    return _base.write_mesh(out, solid, order, gui=gui)
+
+
+def _cells_along(half_length: float, size: float) -> int:
+    """Return the number of cells along the crack."""
+    return max(3, round(2.0 * half_length / size))
+
+
+def _plane_mesh(
+    half_length: float, extent: float, size: float, growth: float, cell: str
+) -> PlaneMesh:
+    """Mesh the body in the axes of the crack, columns upright."""
+    count = _cells_along(half_length, size)
+    step = 2.0 * half_length / count
+    beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
+    away = _graded(step, extent * half_length, growth)
+    along = np.linspace(-half_length, half_length, count + 1)
+    p = np.concatenate([-beyond[::-1], along, beyond])
+    q = np.concatenate([-away[::-1], [0.0], away])
+    points, cells = grid(p, q, cell)
+    reach = np.abs(points)
+    sides = [
+        edges_between(cells, points[:, a] == v[e]) for a, v in enumerate((p, q)) for e in (0, -1)
+    ]
+    crack = edges_between(cells, (points[:, 1] == 0.0) & (reach[:, 0] <= half_length))
+    return PlaneMesh(points, {"body": cells}, {"outer": np.concatenate(sides), "joint_1": crack})
+
+
+def _graded(first: float, length: float, growth: float) -> FloatArray:
+    """Return the ends of cells that fill a length and grow evenly from a first size."""
+    count = int(np.ceil(np.log1p(length * (growth - 1.0) / first) / np.log(growth)))
+
+    def excess(ratio: float) -> float:
+        return first * sum(ratio**k for k in range(count)) - length
+
+    ratio = brentq(excess, 1.0, growth + 1e-9) if excess(1.0) < 0 else 1.0
+    ends = np.cumsum(ratio ** np.arange(count))
+    return length * ends / ends[-1]
+
+
+def _placed(points: FloatArray, angle: float, lean: float) -> FloatArray:
+    """Lean the columns and turn the crack, which lies along the first axis, into its direction."""
+    p = points[:, 0] + points[:, 1] * np.tan(np.radians(lean))
+    along, normal = crack_axes(angle)
+    return p[:, None] * along + points[:, 1:] * normal
+
+
+def crack_axes(angle: float) -> tuple[FloatArray, FloatArray]:
+    """Return the unit vectors along and normal to a crack at an angle to the y axis [degrees]."""
+    psi = np.radians(angle)
+    return np.array([np.sin(psi), np.cos(psi)]), np.array([-np.cos(psi), np.sin(psi)])
+
+
+def _write_plane(out: str | os.PathLike[str], plane: PlaneMesh, order: int, *, gui: bool) -> Path:
+    """Write a plane mesh."""
+    path = Path(out)
+    if path.suffix != ".msh" or not path.parent.is_dir():
+        raise ValueError(
+            f"out is {str(path)!r}, but it must be a '.msh' file in an existing folder."
+        )
+    with _base.gmsh_session():
+        groups = [(2, *item) for item in plane.cells.items()]
+        groups += [(1, *item) for item in plane.edges.items()]
+        entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
+        xyz = np.column_stack([plane.points, np.zeros(len(plane.points))])
+        tags = np.arange(1, len(xyz) + 1)
+        gmsh.model.mesh.addNodes(2, entities[0], tags, xyz.ravel())
+        for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True)):
+            kind = _TYPES[nodes.shape[1]]
+            gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
+            gmsh.model.addPhysicalGroup(dim, [entity], number + 1, name)
+        if order == 2:
+            gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(path))
+        if gui:
+            gmsh.fltk.run()
+    return path
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("A crack in a large body.", "inclined_crack.msh", 0.1)
+    for flag, default, text in (
+        ("half-length", 1.0, "half the length of the crack [m]"),
+        ("angle", 45.0, "between crack and y axis [degrees]"),
+        ("extent", 40.0, "half the size of the body over the half-length"),
+        ("lean", 25.0, "inclination of the columns of cells [degrees]"),
+        ("growth", 1.5, "largest ratio of the sizes of neighbouring cells"),
+    ):
+        parser.add_argument(f"--{flag}", type=float, default=default, help=text)
+    options = vars(parser.parse_args(argv))
+    try:
+        path = inclined_crack(options.pop("out"), **options)
+    except (ValueError, RuntimeError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    print(path if options["cell"] in PLANE_CELLS else f"{path}: {_base.describe(path)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A circular arch of equal voussoirs with radial joints, in the plane or as a solid.
+
+python3 geometry/voussoir_arch.py --voussoirs 15 --thickness 1.2 --out arch.msh
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
+
+Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh's numbers by dimension and number of nodes
+
+
+def voussoir_arch(
+    out: str | os.PathLike[str],
+    *,
+    radius: float = 10.0,
+    thickness: float = 1.2,
+    half_angle: float = 90.0,
+    voussoirs: int = 15,
+    width: float | None = None,
+    divisions: Sequence[int] = (2, 2, 1),
+    size: float | None = None,
+    order: int = 1,
+    cell: str = "hex",
+    gui: bool = False,
+) -> Path:
+    """Mesh an arch about the origin, its crown above it, and a cell of abutment at either end.
+
+    The arch is a plane mesh in (x, y), y up, or with a width a solid in (x, y, z), z up and y in
+    [0, width].  Joint k, counted from the left springing (x < 0), lies in the direction
+    -half_angle + (k - 1) 2 half_angle/voussoirs from the crown; joints 1 and voussoirs + 1 are the
+    springings.  Groups: cells ``arch``, ``abutments``; surfaces ``intrados``, ``extrados``
+    (those of the abutments included), ``base`` (their far sides), ``joint_1``, ... and of a solid
+    ``front`` (y = 0) and ``back``.  Cells of order 1 have straight edges between nodes on arcs.
+
+    Args:
+        out: path of the .msh file.
+        radius: of the centre line [m].
+        thickness: of the arch, below twice the radius [m].
+        half_angle: from the crown to a springing, 90 for a semicircle, at most 120 [degrees].
+        voussoirs: number of blocks; if it is odd, one is at the crown.
+        width: extent in y [m]; None for a plane mesh.
+        divisions: number of cells along each voussoir, through the thickness, and across the
+            width.
+        size: cell size [m]; if given, it replaces ``divisions``, rounded so that whole cells fit.
+        order: order of the elements, 1 or 2.
+        cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed, or a cell spans more than 45 degrees.
+    """
+    _base.check_elements(order, cell)
+    _base.positive("radius", radius)
+    _base.positive("thickness", thickness)
+    if thickness >= 2 * radius:
+        raise ValueError(
+            f"thickness is {thickness!r}, but it must be below twice the radius, {2 * radius:g}."
+        )
+    if _base.positive("half_angle", half_angle, "degrees") > 120:
+        raise ValueError(f"half_angle is {half_angle!r}, but it must be at most 120.")
+    _base.whole("voussoirs", voussoirs, 1)
+    lengths = [2 * np.radians(half_angle) * radius / voussoirs, thickness]
+    lengths.append(1.0 if width is None else _base.positive("width", width))
+    if size is not None:
+        _base.positive("size", size)
+        divisions = [max(1, round(length / size)) for length in lengths]
+    if len(divisions) != 3:
+        raise ValueError(f"divisions is {tuple(divisions)!r}, but it must be three whole numbers.")
+    n_along, n_through, n_across = (_base.whole("each of divisions", n, 1) for n in divisions)
+
+    step = 2 * np.radians(half_angle) / (n_along * voussoirs)
+    if step > np.pi / 4:
+        raise ValueError(
+            f"A cell spans {np.degrees(step):.4g} degrees, but it must be at most 45: more cells "
+            "along the arch are needed."
+        )
+    plane = _reference(voussoirs, n_along, n_through, cell)
+
+    def section(p: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angle = (p - 0.5 * n_along * voussoirs) * step
+        r = radius + thickness * (q / n_through - 0.5)
+        return r * np.sin(angle), r * np.cos(angle)
+
+    if width is None:
+        return _write_plane(out, plane, order, section, gui=gui)
+
+    def place(reference: FloatArray, _: object) -> FloatArray:
+        x, z = section(reference[:, 0], reference[:, 1])
+        return np.column_stack([x, width - reference[:, 2], z])
+
+    solid = extrude(plane, np.linspace(0, width, n_across + 1), ("back", "front"))
+    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+
+
+def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> PlaneMesh:
+    """Mesh the arch in cells (p, q) along it and through it; p = 0 is the left springing."""
+    length = n_along * voussoirs
+    points, cells = grid(np.arange(-1.0, length + 2), np.arange(n_through + 1.0), cell)
+    p, q = points.T
+    middle = p[cells].mean(axis=1)
+    inside = (middle > 0) & (middle < length)
+    sides = {"intrados": q == 0, "extrados": q == n_through}
+    edges = {name: edges_between(cells, chosen) for name, chosen in sides.items()}
+    edges["base"] = np.concatenate([edges_between(cells, p == end) for end in (-1, length + 1)])
+    for k in range(voussoirs + 1):
+        edges[f"joint_{k + 1}"] = edges_between(cells, p == k * n_along)
+    return PlaneMesh(points, {"arch": cells[inside], "abutments": cells[~inside]}, edges)
+
+
+def _write_plane(
+    out: str | os.PathLike[str], plane: PlaneMesh, order: int, section: Section, *, gui: bool
+) -> Path:
+    """Write a plane mesh, every node at its exact place, as `_base.write_mesh` does for solids."""
+    path = Path(out)
+    if path.suffix != ".msh":
+        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
+    if not path.parent.is_dir():
+        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
+    with _base.gmsh_session():
+        _add_plane(plane)
+        if order == 2:
+            gmsh.model.mesh.setOrder(2)
+        tags, reference, _ = gmsh.model.mesh.getNodes()
+        p, q, _ = reference.reshape(-1, 3).T
+        for tag, xy in zip(tags, np.column_stack(section(p, q)), strict=True):
+            gmsh.model.mesh.setNode(tag, [*xy, 0.0], [])
+        gmsh.write(str(path))
+        if gui:
+            gmsh.fltk.run()
+    return path
+
+
+def _add_plane(plane: PlaneMesh) -> None:
+    """Put the mesh into the current model as discrete entities with named groups."""
+    groups = [(2, name, nodes) for name, nodes in plane.cells.items()]
+    groups += [(1, name, nodes) for name, nodes in plane.edges.items()]
+    entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
+    tags = np.arange(1, len(plane.points) + 1)
+    points = np.column_stack([plane.points, np.zeros(len(tags))])
+    gmsh.model.mesh.addNodes(2, entities[0], tags, points.ravel())
+    for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True), 1):
+        kind = _TYPES[dim, nodes.shape[1]]
+        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
+        gmsh.model.addPhysicalGroup(dim, [entity], number, name)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("An arch of voussoirs.", "voussoir_arch.msh", None)
+    for flag, default, what in (
+        ("radius", 10.0, "of the centre line [m]"),
+        ("thickness", 1.2, "of the arch [m]"),
+        ("half-angle", 90.0, "from the crown to a springing [degrees]"),
+        ("width", None, "extent of a solid across the arch [m]; a plane mesh without it"),
+    ):
+        parser.add_argument(f"--{flag}", type=float, default=default, help=what)
+    parser.add_argument("--voussoirs", type=int, default=15, help="number of blocks")
+    parser.add_argument(
+        "--divisions",
+        type=int,
+        nargs=3,
+        default=(2, 2, 1),
+        help="cells along a voussoir, through the thickness, across the width",
+    )
+    options = vars(parser.parse_args(argv))
+    try:
+        path = voussoir_arch(options.pop("out"), **options)
+    except (ValueError, RuntimeError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    print(path if options["width"] is None else f"{path}: {_base.describe(path)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -25,6 +25,8 @@ LEVELS = {
     "laws": 0.1,
     "law_options": 0.2,
     "mohr_coulomb": 0.2,
+    "rigid": 0.2,
+    "redistribution": 4.5,
     "stiffness": 0.2,
     "records": 0.1,
     "results": 0.1,

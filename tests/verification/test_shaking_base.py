@@ -468,14 +468,14 @@ def test_slip_at_a_stiff_joint_tends_to_the_rigid_one():
 @pytest.mark.parametrize(
     ("ratio", "steps"),
     [
-        (3.0, (100, 200, 400)),
+        (1.8, (100, 200, 400)),
         pytest.param(1.4, (200, 400, 800, 1600), marks=pytest.mark.slow),
         pytest.param(1.8, (200, 400, 800, 1600), marks=pytest.mark.slow),
         pytest.param(3.0, (200, 400, 800, 1600), marks=pytest.mark.slow),
     ],
 )
 def test_slip_at_a_soft_joint(ratio, steps):
-    """Order 2 (1.7 to 2.9 found), with scatter, towards the solution with elastic slip.
+    """Order 2 (1.6 to 2.5 found), with scatter, towards the solution with elastic slip.
 
     The friction work is mu N times the way slid of that solution.
 

@@ -110,6 +110,8 @@ def solve_step(
     limit = -mu * normal.traction
     zeta = normal.zeta
     acts = np.isfinite(zeta) & (normal.traction < 0.0)
+    # A rigid point that nothing can move tangentially has no shear to be found.
+    acts &= (zeta > 0.0) | (c[:, 1] > 0.0)
     zeta = np.where(acts, zeta, 1.0)
     own = zeta**2 + 0.5 * c[:, 1]
     reach = zeta[:, None] * slip_root + 0.5 * free[:, 1:]

@@ -60,7 +60,19 @@ LEVELS = {
 }
 
 # What runs without DOLFINx, PETSc and MPI.
-LIGHT = ["errors", "laws", "law_options", "mohr_coulomb", "stiffness", "exact", "records", "spectra", "results", "results_writer", "plots"]
+LIGHT = [
+    "errors",
+    "laws",
+    "law_options",
+    "mohr_coulomb",
+    "stiffness",
+    "exact",
+    "records",
+    "spectra",
+    "results",
+    "results_writer",
+    "plots",
+]
 
 
 def imports(module: str, *, all_of_them: bool) -> set[str]:

@@ -53,8 +53,10 @@ test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count
 	$(MPIRUN) -n 2 $(MPI_PYTEST)
 	$(MPIRUN) -n 3 $(MPI_PYTEST)
 
-verify: ## Run the slow verification problems, and the demos on 2 ranks
+verify: ## Run the slow verification problems, objectivity on 4 ranks, the demos on 2
 	$(PYTHON) -m pytest -q -m slow tests
+	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
+		tests/verification/test_objectivity.py
 	$(MPIRUN) -n 2 python3 demos/01_impact.py
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50

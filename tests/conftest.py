@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,22 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     if MPI is not None and MPI.COMM_WORLD.size > 1 and failed:
         sys.stdout.flush()
         MPI.COMM_WORLD.Abort(1)
+
+
+@pytest.fixture(autouse=True)
+def freed_together() -> Iterator[None]:
+    """Free meshes on all ranks at the same place, as MPI asks for their communicators.
+
+    Left to Python's collector, which runs at another time on each rank, Open MPI 5.0.7 was seen to
+    wait for ever in the next MPI_Comm_dup.
+    """
+    if MPI is None or MPI.COMM_WORLD.size == 1:
+        yield
+        return
+    gc.disable()
+    yield
+    gc.collect()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

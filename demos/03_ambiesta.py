@@ -12,7 +12,7 @@
 # friction of 30 degrees without dilatancy, no initial gap.
 #
 # The dam is loaded by its own weight, then shaken for 11.165 s in all three directions, in 2288
-# steps of 0.00488 s with Newmark's average acceleration: once as a monolith, once with its joints.
+# steps of 0.00488 s with the energy-consistent scheme: once as a monolith, once with its joints.
 #
 #     ./with-dolfinx python3 demos/03_ambiesta.py                      # built-in motion
 #     ./with-dolfinx python3 demos/03_ambiesta.py --record DIRECTORY   # three AT2 files

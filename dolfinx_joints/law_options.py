@@ -185,7 +185,15 @@ class ViscousJoint:
 
     def end_point(self, gap: Floats, state: JointState) -> Response:
         """The law's answer with the dashpots' tractions; their work counts as dissipation."""
-        answer = self.law.end_point(gap, state)
+        return self._with_dashpots(self.law.end_point(gap, state), gap, state)
+
+    def step(self, gap: Floats, state: JointState) -> Response:
+        """The same for the law's answer over a whole step, or at its end if it has no other."""
+        answer = getattr(self.law, "step", self.law.end_point)(gap, state)
+        return self._with_dashpots(answer, gap, state)
+
+    def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:
+        """Add what the dashpots carry where the point is closed at the end of the step."""
         closed = answer.status != Status.OPEN
         eta_n, eta_s = self.normal_viscosity / state.dt, self.shear_viscosity / state.dt
         before, after = state.gap[:, 0], np.minimum(gap[:, 0], 0.0)

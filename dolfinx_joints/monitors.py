@@ -16,7 +16,7 @@ from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import MeshError, ResultsError
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
-from dolfinx_joints.results import ENERGY_TERMS
+from dolfinx_joints.results import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results_writer import (
     ResultsWriter,
     declare_energy,
@@ -142,7 +142,7 @@ class ResultsMonitor:
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
-            declare_energy(writer)
+            declare_energy(writer, [] if model.operator is None else model.operator.names)
             declare_states(writer, self._nodes.positions, surface, joints)
             writer.start()
             self._writer = writer
@@ -168,6 +168,11 @@ class ResultsMonitor:
         for group in self._supports:
             history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
         energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
+        names = [] if contact is None else contact.operator.names
+        for i, name in enumerate(names):
+            for term in JOINT_ENERGY_TERMS:
+                value = getattr(record.energy, f"joint_{term}")[i]
+                energies[f"joints/{name}/{term}"] = value
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies)
         if record.step % self._every == 0:

@@ -46,6 +46,7 @@ ENERGY_TERMS = (
     "numerical",
     "error",
 )
+JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
 Index = int | slice
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.results import ENERGY_TERMS, FORMAT, VERSION, listing
+from dolfinx_joints.results import ENERGY_TERMS, FORMAT, JOINT_ENERGY_TERMS, VERSION, listing
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
@@ -312,10 +312,19 @@ def declare_histories(writer: ResultsWriter, points: ArrayLike) -> None:
     writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
 
 
-def declare_energy(writer: ResultsWriter) -> None:
-    """Declare the stream ``energy``, one record per step, a number [J] per ledger line."""
+def declare_energy(writer: ResultsWriter, joints: Sequence[str] = ()) -> None:
+    """Declare the stream ``energy``, one record per step, a number [J] per ledger line.
+
+    Args:
+        writer: The writer.
+        joints: Names of the joints; the lines of joints are there for each of them as well.
+    """
     for term in ENERGY_TERMS:
         writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")
+    for joint in joints:
+        for term in JOINT_ENERGY_TERMS:
+            name = f"joints/{joint}/{term}"
+            writer.series("energy", name, (), "J", f"{term} energy of {joint}")
 
 
 def declare_states(

@@ -272,9 +272,12 @@ class Simulation:
         """The solver of a run, and which laws left no choice."""
         contact = self.model.contact
         missing = () if contact is None else contact.without_local("end_point")
-        if outcome.solver != "monolithic" or not missing:
-            return f"{outcome.solver} solver"
-        return f"{outcome.solver} solver (no local solution in {', '.join(missing)})"
+        text = f"{outcome.solver} solver"
+        if outcome.solver == "monolithic" and missing:
+            text += f" (no local solution in {', '.join(missing)})"
+        if outcome.end_point_laws:
+            text += f", end-point law in {', '.join(outcome.end_point_laws)}"
+        return text
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -312,6 +315,9 @@ class _Run:
         self.ledger = EnergyLedger(solver.system)
         self.ledger.start(state)
         self.stepper = Stepper(scheme, solver, self.ledger, control)
+        contact = solver.system.contact
+        whole = scheme.rule == "step" and contact is not None
+        self._end_point_laws = contact.without_step if whole and contact else ()
         self.iterations = 0
         self._local_error = self._largest = 0.0
         self._origin = state.displacement.copy()
@@ -400,4 +406,5 @@ class _Run:
             counts=self.stepper.counts,
             iterations=self.iterations,
             solver=self.solver,
+            end_point_laws=self._end_point_laws,
         )

@@ -90,6 +90,8 @@ class Outcome:
         counts: Pieces taken and tried; more than ``steps`` where steps were cut.
         iterations: Newton iterations of all pieces taken.
         solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
+        end_point_laws: Kinds of laws that were asked for the end of steps although the scheme asks
+            for whole steps, because they know nothing else.
     """
 
     state: DynamicState
@@ -101,3 +103,4 @@ class Outcome:
     counts: StepCounts
     iterations: int
     solver: str
+    end_point_laws: tuple[str, ...]

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import (
+    EnergyConsistent,
     FrictionNoTension,
     KeyedJoint,
     MatrixSystem,
@@ -96,7 +97,7 @@ class TestMixed:
     def jointed(self, wall_file, read):
         return read(wall_file())
 
-    def run(self, jointed, laws):
+    def run(self, jointed, laws, scheme=None):
         from dolfinx_joints import Elastic, Fixed, Gravity, Model, Simulation, synthetic_motion
 
         model = Model(
@@ -110,7 +111,7 @@ class TestMixed:
         simulation = Simulation(model, newton=newton, solver="auto")
         simulation.statics()
         motion = synthetic_motion(duration=2.0)
-        outcome = simulation.dynamics(dt=0.005, steps=20, motion=motion, scheme=Newmark())
+        outcome = simulation.dynamics(dt=0.005, steps=20, motion=motion, scheme=scheme or Newmark())
         return model, simulation, outcome
 
     def test_equal_laws_of_different_kinds_give_the_same(self, jointed, comm):
@@ -137,6 +138,20 @@ class TestMixed:
         joint = model.operator.gather(model.operator.joint)
         if comm.rank == 0:
             assert not internal[joint == 0].any()
+
+    def test_a_law_without_a_step_is_named(self, jointed):
+        laws = {
+            "joint_1": FrictionNoTension(**FRICTION),
+            "joint_2": MohrCoulombJoint(**FRICTION),
+            "joint_3": ViscousJoint(law=FrictionNoTension(**FRICTION), shear_viscosity=1e6),
+        }
+        _, simulation, outcome = self.run(jointed, laws, EnergyConsistent())
+        assert outcome.end_point_laws == ("MohrCoulombJoint",)
+        assert "end-point law in MohrCoulombJoint\n" in simulation.report(outcome)
+        assert outcome.imbalance < 1e-10
+        friction, mohr, _ = outcome.energy.joint_numerical
+        assert abs(friction) < 1e-10 * outcome.energy.stored
+        assert mohr > 1e-6 * outcome.energy.stored  # impacts lose energy, none is made
 
     def test_keys_leave_no_slip(self, jointed, comm):
         stiff = {"normal_stiffness": 1e11, "shear_stiffness": 1e11}

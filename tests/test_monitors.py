@@ -110,6 +110,9 @@ def test_results_of_a_run(comm, wall_file, read, new_path):
             np.testing.assert_allclose(results.time("energy"), steps, atol=1e-15)
             np.testing.assert_allclose(results.time("states"), steps[::2], atol=1e-15)
             assert set(ENERGY_TERMS) <= set(results.streams["energy"])
+            lines = [results.series("energy", f"joints/{j}/friction") for j in results.joints]
+            total = results.series("energy", "friction")
+            np.testing.assert_allclose(np.sum(lines, axis=0), total, rtol=1e-12)
             shares = [results.series("histories", f"joint_{s}") for s in ("open", "stick", "slip")]
             np.testing.assert_allclose(np.sum(shares, axis=0), 1.0, atol=1e-12)
             assert max(shares[0]) > 0

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
@@ -32,8 +31,8 @@ class StepControl:
 
     Attributes:
         max_halvings: Halvings allowed.
-        tolerance: Largest local error of a step relative to the largest displacement of the stage
-            (2-norms over all dofs); None for no such control.
+        tolerance: Largest local error of a step relative to the largest displacement so far, static
+            part included (2-norms over all dofs); None for no such control.
         landing: Cut steps in which a joint point opens or closes, so that such steps are short.
             Meant for few points: where many change all the time, every step is short.
 
@@ -99,7 +98,6 @@ class Stepper:
         """Nothing is done yet."""
         self._scheme, self._solver, self._ledger = scheme, solver, ledger
         self._control, self.counts = control, StepCounts()
-        self._origin: PETSc.Vec | None = None
         self._largest = 0.0
         self._level = 0
 
@@ -112,8 +110,6 @@ class Stepper:
             ConvergenceError: The shortest piece allowed does not converge.
             JointsError: The energy lines of the shortest piece allowed do not add up.
         """
-        if self._origin is None:
-            self._origin = state.displacement.copy()
         finest = 2**self._control.max_halvings
         start, done = state.time, 0  # done counts pieces of the shortest length
         while done < finest:
@@ -177,17 +173,11 @@ class Stepper:
         return False
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
-        """Whether the local error is above the tolerance, by what has moved up to this step."""
+        """Whether the local error is above the tolerance, this try's displacement included."""
         tolerance = self._control.tolerance
         if tolerance is None:
             return False
-        return report.local_error > tolerance * max(self._largest, self._moved(after))
-
-    def _moved(self, state: DynamicState) -> float:
-        """2-norm of the displacement since the start."""
-        moved = state.displacement.copy()
-        moved.axpy(-1.0, self._origin)
-        return float(moved.norm())
+        return report.local_error > tolerance * max(self._largest, after.displacement.norm())
 
     def _calm(self, report: StepReport) -> bool:
         """Whether a piece of twice the length would do: the local error grows with its cube."""
@@ -197,7 +187,7 @@ class Stepper:
     def _accept(self, state: DynamicState, report: StepReport) -> None:
         self.counts.accepted += 1
         if self._control.tolerance is not None:
-            self._largest = max(self._largest, self._moved(state))
+            self._largest = max(self._largest, float(state.displacement.norm()))
 
 
 def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:

@@ -47,6 +47,7 @@ _HOME = {
     "Results": "results",
     "ResultsError": "errors",
     "ResultsMonitor": "monitors",
+    "redistribute": "redistribution",
     "RigidJoint": "rigid",
     "Simulation": "simulation",
     "Spring": "supports",

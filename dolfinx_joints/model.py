@@ -24,6 +24,7 @@ from dolfinx_joints.laws import Law
 from dolfinx_joints.loads import Load
 from dolfinx_joints.mesh import JointedMesh
 from dolfinx_joints.parallel import lasting
+from dolfinx_joints.redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
 
@@ -49,6 +50,8 @@ class Model:
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
         symmetric: Whether the extra forms are symmetric.
+        redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
+            tractions do not ring (`redistribution`); gravity still acts where the mass is.
 
     Attributes:
         jointed: The mesh.
@@ -58,7 +61,8 @@ class Model:
         contact: Joints with their laws, None without joints.
         constraints: Constrained dofs.
         mass: M [kg].
-        body_mass: M without the extra form, what gravity acts on [kg].
+        body_mass: M without the extra form, not redistributed: what gravity acts on [kg].
+        redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         damping: C [N s/m].
         stiffness: K of bulk, springs and extra forms [N/m].
         loads: The loads.
@@ -85,6 +89,7 @@ class Model:
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
         symmetric: bool = True,
+        redistribute_mass: bool = False,
     ) -> None:
         """Assemble everything that does not change (collective)."""
         for name, values in (("supports", supports), ("loads", loads)):
@@ -123,8 +128,19 @@ class Model:
         if extra_mass is not None:
             self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
         self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
+        self.redistribution: Redistribution | None = None
+        if redistribute_mass and self.operator is not None:
+            self.redistribution = self._redistributed(self.operator, degree)
+            self.mass = self.redistribution.mass
         self.damping = self._damping(bulk, rayleigh, extra_damping)
         self._symmetric = symmetric
+
+    def _redistributed(self, operator: JointOperator, degree: int) -> Redistribution:
+        """M without the mass of joint nodes."""
+        owned = self.V.dofmap.index_map.size_local
+        nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
+        held = self.constraints.dofs
+        return redistributed_mass(self.mass, self.stiffness, operator, nodes, held, RINGS // degree)
 
     def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
         """Assembled matrix of a form and what is added to it."""

@@ -58,6 +58,9 @@ class _Midpoint:
         products = Products(solver, effective, b, x, joints)
         velocity = x.copy()
         velocity.axpby(-1.0, 2.0 / dt, state.velocity)
+        if len(system.massless):
+            # Nothing holds the velocities of these to those before: take the mean of the step.
+            velocity.getArray()[system.massless] = x.array[system.massless] / dt
         momentum = products.mass.copy()
         momentum.axpby(-1.0, 2.0 / dt, state.momentum)
         acceleration = velocity.copy()

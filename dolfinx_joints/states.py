@@ -14,6 +14,7 @@ from dolfinx_joints.contact import Rule
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws import Floats, JointState, Response
 from dolfinx_joints.linear import Effective
+from dolfinx_joints.redistribution import joint_dofs
 from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.system import MatrixSystem
 
@@ -237,13 +238,19 @@ def initial_state(
 
 
 def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
-    """Acceleration with M a = force at the free dofs and zero at the constrained ones."""
+    """Acceleration with M a = force at the free dofs with mass and zero at all others.
+
+    Only dofs that joints act on may be without mass.
+    """
+    resting = np.zeros(force.getLocalSize(), dtype=bool)
+    if system.contact is not None:
+        resting[system.massless] = joint_dofs(system.contact.operator)[system.massless]
+    resting[system.constrained] = True
     free = force.duplicate()
-    free.set(1.0)
-    free.getArray()[system.constrained] = 0.0
+    free.setArray(np.where(resting, 0.0, 1.0))
     mass = system.mass.copy()
-    start = mass.getOwnershipRange()[0]
-    mass.zeroRowsColumns((system.constrained + start).astype(PETSc.IntType), diag=1.0)
+    rows = np.flatnonzero(resting) + mass.getOwnershipRange()[0]
+    mass.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
     b = force.duplicate()
     b.pointwiseMult(force, free)
     ksp = PETSc.KSP().create(mass.comm)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,12 @@ class MatrixSystem:
             contact=contact,
             patterns=patterns,
         )
+
+    @cached_property
+    def massless(self) -> NDArray[np.int64]:
+        """Owned dofs without mass, local numbers."""
+        diagonal = self.mass.getDiagonal().getArray(readonly=True)
+        return np.flatnonzero(diagonal == 0.0)
 
     def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
         """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""

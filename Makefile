@@ -13,7 +13,8 @@ MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
 MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
 
 DEMO_ARGS ?=
-BENCHMARKS = $(sort $(wildcard benchmarks/*.py))
+BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
+BENCH_ARGS ?= --quick
 
 # ruff is not a Debian package: it comes from PyPI, into the user's cache. mypy comes with
 # Debian's packages, and the same way as ruff where DOLFINx came from elsewhere.
@@ -61,9 +62,8 @@ verify: ## Run the slow verification problems, objectivity on 4 ranks, the demos
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
 
-bench: ## Run the benchmarks
-	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script"; done
-	$(if $(BENCHMARKS),,@echo 'there are no benchmarks yet')
+bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
+	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
 
 lint: ## Check style and types
 	@$(call install_tool,ruff,$(RUFF_VERSION))

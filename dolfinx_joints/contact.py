@@ -71,6 +71,9 @@ class Contact:
                 raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
         for law in by_name.values():
             check_kind_of("A joint law", law, hasattr(law, "end_point"), "a law")
+            names = getattr(law, "internal_variables", ())
+            good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
+            check_kind_of("internal_variables", names, good, "a tuple of names")
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")
@@ -96,7 +99,12 @@ class Contact:
 
     def at_rest(self, u: Any) -> JointState:
         """State without shear traction at the displacement ``u`` (collective)."""
-        return JointState.at_rest(self.gap(u), variables=self._variables)
+        state = JointState.at_rest(self.gap(u), variables=self._variables)
+        for law, points in self._laws:
+            if hasattr(law, "initial_variables"):
+                first = law.initial_variables(state.gap[points])
+                state.internal[points, : _variables(law)] = first
+        return state
 
     def trial(self, u: Any, state: JointState) -> Response:
         """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
@@ -137,15 +145,16 @@ class Contact:
         if len(self._laws) == 1:
             law = self._laws[0][0]
             if compliance is None:
-                return _method(law, rule)(gap, state)
-            return _local_method(law, rule)(gap, compliance, state)
+                return _checked(law, _method(law, rule)(gap, state))
+            return _checked(law, _local_method(law, rule)(gap, compliance, state))
         answer = _empty_response(len(gap), self._variables)
         for law, points in self._laws:
             before = _state_of(law, points, state)
             if compliance is None:
-                part = _method(law, rule)(gap[points], before)
+                part = _checked(law, _method(law, rule)(gap[points], before))
             else:
-                part = _local_method(law, rule)(gap[points], compliance[points], before)
+                method = _local_method(law, rule)
+                part = _checked(law, method(gap[points], compliance[points], before))
             for name in ("traction", "tangent", "dissipation", "status"):
                 getattr(answer, name)[points] = getattr(part, name)
             answer.state.gap[points] = part.state.gap
@@ -233,6 +242,22 @@ def _method(law: Any, rule: Rule) -> Any:
 def _local_method(law: Any, rule: Rule) -> Any:
     """The same on a point's own compliance, None where there is none."""
     return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
+
+
+def _checked(law: Law, response: Response) -> Response:
+    """A response that holds the law's internal variables.
+
+    Raises:
+        ValueError: It does not.
+    """
+    wanted = (len(response.traction), _variables(law))
+    if wanted[1] and response.state.internal.shape != wanted:
+        raise ValueError(
+            f"{type(law).__name__} returned internal variables of shape "
+            f"{response.state.internal.shape}; for {wanted[0]} points and the names "
+            f"{', '.join(law.internal_variables)} it must be {wanted}."  # type: ignore[attr-defined]
+        )
+    return response
 
 
 def _variables(law: Law) -> int:

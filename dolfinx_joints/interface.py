@@ -94,7 +94,8 @@ class _Compliance:
         split: G less the points' own compliances on its diagonal, shape (m, m), [m/N], m three
             times the number of joint points.
         own: Compliance of each local point on its own area, normal and tangential (the mean of
-            the two directions), shape (n, 2), [m/Pa].
+            the directions in which it can move), shape (n, 2), [m/Pa].
+        dead: Directions in which a point cannot move, such as the third in a plane, (n, 3).
     """
 
     def __init__(self, effective: EffectiveMatrix, contact: Contact, operator: PETSc.Mat) -> None:
@@ -114,10 +115,12 @@ class _Compliance:
             operator.mult(moved, gap)
             local[:, column] = gap.getArray(readonly=True)
         self.split = np.vstack(operator.comm.tompi4py().allgather(local))
+        self.dead = (self.split.diagonal() == 0.0).reshape(-1, 3)
         each = self.split.diagonal()[start:stop].reshape(-1, 3)
-        own = np.column_stack([each[:, 0], 0.5 * (each[:, 1] + each[:, 2])])
+        live = np.maximum(np.count_nonzero(each[:, 1:], axis=1), 1)
+        own = np.column_stack([each[:, 0], (each[:, 1] + each[:, 2]) / live])
         self.own = areas[:, None] * own
-        spread = np.repeat(own, (1, 2), axis=1).ravel()
+        spread = np.where(each > 0.0, np.repeat(own, (1, 2), axis=1), 0.0).ravel()
         every = np.concatenate(operator.comm.tompi4py().allgather(spread))
         self.split[np.diag_indices(size)] -= every
 
@@ -245,7 +248,7 @@ class _Step:
     ) -> None:
         self.split = compliance.split
         self._mine, self._areas = solver._mine, solver._areas
-        self._contact, self._own = solver._contact, compliance.own
+        self._contact, self._own, self._dead = solver._contact, compliance.own, compliance.dead
         self._free_gap, self._state, self._rule = free_gap, state, rule
 
     def evaluate(self, force: Floats) -> tuple[Floats, Floats, Response]:
@@ -260,6 +263,8 @@ class _Step:
             traction = np.concatenate(comm.allgather(traction))
             tangent = np.concatenate(comm.allgather(tangent))
         residual = force - (self._areas[:, None] * traction).ravel()
+        # Nothing can change there, whatever a rigid joint answers.
+        tangent = np.where(self._dead[:, :, None] | self._dead[:, None, :], 0.0, tangent)
         return residual, self._areas[:, None, None] * tangent, response
 
 

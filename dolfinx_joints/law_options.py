@@ -147,11 +147,12 @@ class ViscousJoint:
         t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), and no tension in the sum,
         t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
 
-    where the point is closed at the end of the step; friction does not limit t_s. In statics the
-    dashpots are at rest. There is no ``local_solve``: models take the monolithic path.
+    where the point is closed at the end of the step; t_s is never larger than the pressure, else it
+    would stop at once where the joint opens. In statics the dashpots are at rest. There is no
+    ``local_solve``: models take the monolithic path.
 
     Attributes:
-        law: The law without dashpots.
+        law: The law without dashpots, without dilatancy.
         normal_viscosity: eta_n [Pa s/m], not negative.
         shear_viscosity: eta_s [Pa s/m], not negative.
 
@@ -166,6 +167,10 @@ class ViscousJoint:
     def __post_init__(self) -> None:
         """Check the parameters."""
         check_kind_of("law", self.law, hasattr(self.law, "end_point"), "a joint law")
+        if getattr(self.law, "dilatancy_angle_deg", 0.0):
+            raise ValueError(
+                "law has a dilatancy angle; dashpots are for joints that close at a gap of zero."
+            )
         for name in ("normal_viscosity", "shear_viscosity"):
             value = getattr(self, name)
             check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa s/m")
@@ -204,15 +209,19 @@ class ViscousJoint:
         acts = closed & (dash_n == eta_n * pressed)
         fraction = contact_fraction(before, after)
         slip = gap[:, 1:] - state.gap[:, 1:]
-        dash_s = np.where(closed, eta_s * fraction, 0.0)[:, None] * slip
         tangent = answer.tangent.copy()
         tangent[~acts & closed & (answer.traction[:, 0] <= 0.0), 0] = 0.0
         tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), eta_n, 0.0)
-        tangent[:, 1, 1] += np.where(closed, eta_s * fraction, 0.0)
-        tangent[:, 2, 2] += np.where(closed, eta_s * fraction, 0.0)
+        t_n = answer.traction[:, 0] + dash_n
+        rates: Floats = np.zeros((len(gap), 2, 3))
         landing = closed & (before > 0.0) & (gap[:, 0] <= 0.0)
-        rate = np.where(landing, -before / np.where(landing, before - after, 1.0) ** 2, 0.0)
-        tangent[:, 1:, 0] += (eta_s * rate)[:, None] * slip
+        way = np.where(landing, before - after, 1.0)
+        rates[:, :, 0] = np.where(landing, -eta_s * (before / way) / way, 0.0)[:, None] * slip
+        rates[:, 0, 1] = rates[:, 1, 2] = np.where(closed, eta_s * fraction, 0.0)
+        dash_s = np.where(closed, eta_s * fraction, 0.0)[:, None] * slip
+        falling = np.where(t_n[:, None] < 0.0, -tangent[:, 0], 0.0)
+        dash_s, rates = _at_most(dash_s, rates, np.maximum(-t_n, 0.0), falling)
+        tangent[:, 1:] += rates
         lost = dash_n * pressed + fraction * np.einsum("ij,ij->i", dash_s, slip)
         return replace(
             answer,
@@ -220,3 +229,17 @@ class ViscousJoint:
             tangent=tangent,
             dissipation=answer.dissipation + lost,
         )
+
+
+def _at_most(
+    shear: Floats, rates: Floats, limit: Floats, limit_rates: Floats
+) -> tuple[Floats, Floats]:
+    """Shear tractions (n, 2) shortened to a limit (n,), and their derivatives (n, 2, 3)."""
+    size = np.hypot(shear[:, 0], shear[:, 1])
+    bound = size >= limit
+    safe = np.where(size > 0.0, size, 1.0)
+    direction = shear / safe[:, None]
+    ratio = np.where(bound, limit / safe, 1.0)
+    across = rates - direction[:, :, None] * np.einsum("ni,nij->nj", direction, rates)[:, None]
+    turned = direction[:, :, None] * limit_rates[:, None] + ratio[:, None, None] * across
+    return ratio[:, None] * shear, np.where(bound[:, None, None], turned, rates)

@@ -74,8 +74,9 @@ class Response:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d gap, shape (n, 3, 3), [Pa/m].
         state: State to keep if the step is accepted.
-        dissipation: Friction work of the step per area, shape (n,), [J/m^2]: mean tangential
-            traction of the step times its plastic slip in contact.
+        dissipation: Friction work of the step per area, shape (n,), [J/m^2]; at the end point the
+            mean tangential traction times the plastic slip in contact, which is what the
+            trapezoidal rule sees, and may be negative where slip reverses within a long step.
         status: `Status` of each point, shape (n,).
     """
 
@@ -98,9 +99,9 @@ class Law(Protocol):
     - ``local_solve(free_gap, compliance, state)`` and ``local_step`` with the same arguments, as
       `FrictionNoTension` does; without them a model is solved on the monolithic path.
 
-    A law with a history of its own names it
-    in ``internal_variables``, a tuple of strings: it then finds one column for each in
-    ``state.internal``, zero at first, and returns the new ones in the state of its response.
+    A law with a history of its own names it in ``internal_variables``, a tuple of strings: it then
+    finds one column for each in ``state.internal``, zero at first unless the law has a method
+    ``initial_variables(gap)``, and returns the new ones in the state of its response.
     """
 
     def end_point(self, gap: Floats, state: JointState) -> Response:
@@ -255,7 +256,7 @@ class FrictionNoTension:
         """Traction, tangent and status on a compliance (normal, shear) of shape (n or 1, 2)."""
         mu, c_s = self.friction_coefficient, compliance[:, 1]
         k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
-        closed = gap[:, 0] <= 0.0
+        closed = ~(gap[:, 0] > 0.0)  # not a number is closed, so that it shows
         t_n = np.where(closed, k_n * gap[:, 0], 0.0)
         fraction = contact_fraction(state.gap[:, 0], t_n / self.normal_stiffness)
         k_s = fraction * self.shear_stiffness / (1.0 + c_s * fraction * self.shear_stiffness)
@@ -273,7 +274,8 @@ class FrictionNoTension:
         if len(landing):
             # k_s depends on the fraction, and this on the normal gap.
             opening = state.gap[landing, 0]
-            rate = -opening / (opening - t_n[landing] / self.normal_stiffness) ** 2
+            way = opening - t_n[landing] / self.normal_stiffness
+            rate = -(opening / way) / way
             rate *= np.broadcast_to(k_n, len(gap))[landing] / self.normal_stiffness
             softened = 1.0 + np.broadcast_to(c_s, len(gap))[landing] * (
                 fraction[landing] * self.shear_stiffness

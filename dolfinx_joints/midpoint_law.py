@@ -109,14 +109,13 @@ def solve_step(
     mu = stiffness.friction
     limit = -mu * normal.traction
     zeta = normal.zeta
-    acts = np.isfinite(zeta) & (normal.traction < 0.0)
     # A rigid point that nothing can move tangentially has no shear to be found.
-    acts &= (zeta > 0.0) | (c[:, 1] > 0.0)
+    acts = np.isfinite(zeta) & (normal.traction < 0.0) & (zeta**2 + 0.5 * c[:, 1] > 0.0)
     zeta = np.where(acts, zeta, 1.0)
     own = zeta**2 + 0.5 * c[:, 1]
     reach = zeta[:, None] * slip_root + 0.5 * free[:, 1:]
     size = np.hypot(reach[:, 0], reach[:, 1])
-    slides = acts & (size > limit * own)
+    slides = acts & ((size > limit * own) | (mu == 0.0))
     safe = np.where(size > 0.0, size, 1.0)
     ratio = np.where(slides, limit / safe, np.where(acts, 1.0 / own, 0.0))
     shear = ratio[:, None] * reach
@@ -163,7 +162,8 @@ def _normal(h: Floats, c: Floats, gap: Floats, energy: Floats, stiffness: Stiffn
     end_gap, end_energy = ahead.copy(), np.zeros(len(h))
     i = np.flatnonzero(stays)
     if len(i):
-        slope[i] = 1.0 / (c[i] + 2.0 * d)
+        lead = c[i] + 2.0 * d  # zero where both sides of a rigid point are held
+        slope[i] = np.where(lead > 0.0, 1.0 / np.where(lead > 0.0, lead, 1.0), 0.0)
         traction[i] = (h[i] - 2.0 * d * pressure[i]) * slope[i]
         after = np.maximum(-2.0 * traction[i] - pressure[i], 0.0)
         end_gap[i], end_energy[i] = -d * after, 0.5 * d * after**2

@@ -51,7 +51,7 @@ class Model:
         extra_damping: Bilinear form (u, v) added to C.
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
-            tractions do not ring (`redistribution`); gravity still acts where the mass is.
+            tractions do not ring (`redistribution`); gravity acts where the mass then is.
 
     Attributes:
         jointed: The mesh.
@@ -61,7 +61,7 @@ class Model:
         contact: Joints with their laws, None without joints.
         constraints: Constrained dofs.
         mass: M [kg].
-        body_mass: M without the extra form, not redistributed: what gravity acts on [kg].
+        body_mass: M without the extra form, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         damping: C [N s/m].
         stiffness: K of bulk, springs and extra forms [N/m].
@@ -130,17 +130,22 @@ class Model:
         self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
-            self.redistribution = self._redistributed(self.operator, degree)
-            self.mass = self.redistribution.mass
+            self.redistribution = self._redistributed(self.mass, self.operator, degree)
+            self.body_mass = self.mass = self.redistribution.mass
+            if extra_mass is not None:
+                body = self._matrix(self.body.mass_form(u, v))
+                self.body_mass = self._redistributed(body, self.operator, degree).mass
         self.damping = self._damping(bulk, rayleigh, extra_damping)
         self._symmetric = symmetric
 
-    def _redistributed(self, operator: JointOperator, degree: int) -> Redistribution:
-        """M without the mass of joint nodes."""
+    def _redistributed(
+        self, mass: PETSc.Mat, operator: JointOperator, degree: int
+    ) -> Redistribution:
+        """A mass matrix without the mass of joint nodes."""
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
         held = self.constraints.dofs
-        return redistributed_mass(self.mass, self.stiffness, operator, nodes, held, RINGS // degree)
+        return redistributed_mass(mass, self.stiffness, operator, nodes, held, RINGS // degree)
 
     def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
         """Assembled matrix of a form and what is added to it."""

@@ -34,9 +34,10 @@ class MohrCoulombJoint:
         |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi),
 
     so that slip over a length lambda opens the joint by p = lambda tan(psi), and while confined
-    raises its pressure: t_n = k_n (gap_n - p). p only grows, also where slip reverses, and stays on
-    opening; there is no limit to it, so psi is meant for small slip. With c = f_t = psi = 0 this
-    is `FrictionNoTension`. There is no ``local_solve``: models take the monolithic path.
+    raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
+    grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
+    for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
+    have no bond. There is no ``local_solve``: models take the monolithic path.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 
@@ -93,6 +94,15 @@ class MohrCoulombJoint:
     def dilatancy_coefficient(self) -> float:
         """Tan(psi)."""
         return math.tan(math.radians(self.dilatancy_angle_deg))
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Internal variables at rest: no bond where there is none to break, or no contact.
+
+        Args:
+            gap: Gap at rest, shape (n, 3), [m].
+        """
+        bonded = (self.cohesion > 0.0) & (gap[:, 0] <= 0.0)
+        return np.column_stack([np.where(bonded, 0.0, 1.0), np.zeros(len(gap))])
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s, [Pa/m]."""
@@ -154,9 +164,12 @@ class MohrCoulombJoint:
         """
         k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
         tan_psi = self.dilatancy_coefficient
-        closed = gap_n <= dilation
+        # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
+        stays = (was <= 0.0) & (k_s > 0.0)
+        rise = np.where(stays, tan_psi * np.hypot(slip[:, 0], slip[:, 1]), 0.0)
+        closed = gap_n - dilation <= rise
         elastic = np.where(closed, gap_n - dilation, 0.0)
-        fraction = contact_fraction(was, elastic)
+        fraction = contact_fraction(was, np.minimum(elastic, 0.0))
         trial = np.where(closed, k_s * fraction, 0.0)[:, None] * slip
         size = np.hypot(trial[:, 0], trial[:, 1])
         excess = np.where(closed, size + mu * k_n * elastic, 0.0)
@@ -170,7 +183,8 @@ class MohrCoulombJoint:
         # Derivatives of the trial shear traction, then of the slip length, then of the tractions.
         turned = np.zeros((len(gap_n), 2, 3))
         landing = closed & (was > 0.0)
-        rate = np.where(landing, -was / np.where(landing, was - elastic, 1.0) ** 2, 0.0)
+        way = np.where(landing, was - elastic, 1.0)
+        rate = np.where(landing, -(was / way) / way, 0.0)
         turned[:, :, 0] = (k_s * rate)[:, None] * slip
         turned[:, 0, 1] = turned[:, 1, 2] = np.where(closed, k_s * fraction, 0.0)
         stretch = np.einsum("ni,nij->nj", direction, turned)
@@ -187,7 +201,11 @@ class MohrCoulombJoint:
         tangent[:, 1:] = direction[:, :, None] * normal[:, None, :] + ratio[:, None, None] * across
         status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
         traction = np.column_stack([t_n, ratio[:, None] * trial])
-        return traction, tangent, dilation + tan_psi * length, status
+        # A point that leaves has ridden up on its slip until then, on a straight path.
+        leaving = stays & ~closed
+        way = np.where(leaving, gap_n - dilation - rise - was, 1.0)
+        rise = np.where(leaving, rise * (-was / way), tan_psi * length)
+        return traction, tangent, dilation + rise, status
 
     def _elastic_gap(self, state: JointState) -> Floats:
         """Elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
 RULES = ("auto", "nodal", "gauss")
-MAX_GAUSS_DEGREE = 20
+GAUSS_DEGREES = (2, 20)  # one point per facet, degree 1, would let it turn
 
 
 def facet_cell_type(facet_vertices: int) -> basix.CellType:
@@ -39,7 +39,7 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
         facet_vertices: 2, 3 or 4.
         degree: Degree of the displacement on the facet, 1 or 2.
         rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; a whole number
-            from 1 to 20, the degree of polynomials that a Gauss rule is exact for; or ``auto``,
+            from 2 to 20, the degree of polynomials that a Gauss rule is exact for; or ``auto``,
             which is ``nodal``.
 
     Returns:
@@ -93,8 +93,9 @@ def _check_rule(rule: Any) -> None:
         exact_to = 0 if isinstance(rule, bool) else operator.index(rule)
     except TypeError:
         exact_to = 0
-    if not 1 <= exact_to <= MAX_GAUSS_DEGREE:
+    least, most = GAUSS_DEGREES
+    if not least <= exact_to <= most:
         raise ValueError(
             f"quadrature is {rule!r}; it must be one of {', '.join(RULES)}, or the degree of a "
-            f"Gauss rule, a whole number from 1 to {MAX_GAUSS_DEGREE}."
+            f"Gauss rule, a whole number from {least} to {most}."
         )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -41,28 +42,28 @@ class _Midpoint:
         Raises:
             ConvergenceError: The joints did not converge.
         """
-        system, time = solver.system, state.time + dt
+        system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
         load = system.load(time, state.load.duplicate())
         mean = load.copy()
         mean.axpby(0.5, 0.5, state.load)
         b = mean.copy()
-        b.axpy(2.0 / dt, state.momentum)
+        b.axpy(rate, state.momentum)
         b.axpy(-1.0, state.elastic_force)
         x = state.velocity.copy()
         x.scale(dt)
         held = system.constrained
         x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
-        effective = Effective(mass=2.0 / dt**2, damping=1.0 / dt, stiffness=0.5)
+        effective = Effective(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule)
         products = Products(solver, effective, b, x, joints)
         velocity = x.copy()
-        velocity.axpby(-1.0, 2.0 / dt, state.velocity)
+        velocity.axpby(-1.0, rate, state.velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[system.massless] = x.array[system.massless] / dt
         momentum = products.mass.copy()
-        momentum.axpby(-1.0, 2.0 / dt, state.momentum)
+        momentum.axpby(-1.0, rate, state.momentum)
         acceleration = velocity.copy()
         acceleration.axpy(-1.0, state.velocity)
         acceleration.scale(1.0 / dt)
@@ -80,7 +81,7 @@ class _Midpoint:
         work = StepWork(
             loads=float(mean.dot(x)),
             supports=float(products.reaction.dot(x)),
-            viscous=float(products.damping.dot(x)) / dt,
+            viscous=0.5 * rate * float(products.damping.dot(x)),
             joints=_work(solver, state, joints, mean_traction=False),
         )
         error = _difference(acceleration, state.acceleration) * dt**2 / 12.0
@@ -326,6 +327,16 @@ class GeneralizedAlpha(_Alpha):
     def gamma(self) -> float:  # type: ignore[override]
         """Newmark's gamma."""
         return 0.5 - self.alpha_m + self.alpha_f
+
+
+def _exact_square(rate: float) -> float:
+    """The rate, within 2e-8 of it, whose square has no rounding error.
+
+    The rounding of 2/dt against that of 2/dt^2 would be the same in every step: over 1e5 of them
+    the energy would drift by some 1e-11.
+    """
+    mantissa, exponent = math.frexp(rate)
+    return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)
 
 
 def _sum(a: PETSc.Vec, b: PETSc.Vec) -> PETSc.Vec:

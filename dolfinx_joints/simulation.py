@@ -142,6 +142,7 @@ class Simulation:
                     response, report = solver.solve(effective, b, x, joints)
                     products = Products(solver, effective, b, x, response)
                 except ConvergenceError as failure:
+                    self._watch.warn("in a static stage")
                     raise located(failure, stage="static", step=step, time=time) from None
                 u.axpy(1.0, x)
                 elastic_force.axpy(1.0, products.stiffness)
@@ -208,6 +209,7 @@ class Simulation:
                     try:
                         report = run.take(dt)
                     except ConvergenceError as failure:
+                        self._watch.warn(f"by t = {run.state.time:.4g} s")
                         raise located(failure, stage="dynamic", step=step) from None
                 with self._phase("monitors"):
                     run.show(step, report)

@@ -19,6 +19,9 @@ UM, MPA = 1e-6, 1e6
 FRICTION = FrictionNoTension(
     normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=math.degrees(math.atan(0.5))
 )
+DILATANT = MohrCoulombJoint(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0, dilatancy_angle_deg=5.0
+)
 
 
 def tractions(law, path, dt=math.inf):
@@ -100,12 +103,22 @@ def test_dashpot_on_a_bond_leaves_tension_alone():
     np.testing.assert_allclose(t[:, 0], [0.5, 0.4], rtol=1e-12)
 
 
+def test_the_shear_dashpot_is_bounded_by_the_pressure():
+    # 1e9 Pa s/m at 5 um in 1 ms would be 5 MPa beside 1 MPa of pressure; friction holds 0.5 MPa.
+    law = ViscousJoint(law=FRICTION, shear_viscosity=1e9)
+    t, answers = tractions(law, [[-1, 0, 0], [-1, 3, 4]], dt=1e-3)
+    np.testing.assert_allclose(t[1], [-1, 1.5 * 0.6, 1.5 * 0.8], rtol=1e-12)
+    # Dissipated: 1 MPa of dashpot over 5 um, and friction's mean 0.25 MPa over 4.75 um.
+    assert answers[1].dissipation[0] == pytest.approx(5.0 + 0.25 * 4.75, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "text"),
     [
         (lambda: frictionless(normal_stiffness=-1.0), "normal_stiffness is -1.0 Pa/m"),
         (lambda: KeyedJoint(normal_stiffness=1.0, shear_stiffness=-1.0), "shear_stiffness is -1.0"),
         (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law."),
+        (lambda: ViscousJoint(law=DILATANT), "law has a dilatancy angle; dashpots are for joints"),
         (
             lambda: ViscousJoint(law=FRICTION, normal_viscosity=-1.0),
             "normal_viscosity is -1.0 Pa s/m; it must be zero or more and finite.",

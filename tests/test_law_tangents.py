@@ -62,7 +62,9 @@ LAWS = {
     "dilatant": bond(cohesion=0.0, tensile_strength=0.0, dilatancy_angle_deg=35.0),
     "frictionless bond": bond(friction_angle_deg=0.0, dilatancy_angle_deg=0.0),
     "dashpot": ViscousJoint(law=friction(), normal_viscosity=1e9, shear_viscosity=3e8),
-    "dashpot on a bond": ViscousJoint(law=bond(), normal_viscosity=1e9, shear_viscosity=3e8),
+    "dashpot on a bond": ViscousJoint(
+        law=bond(dilatancy_angle_deg=0.0), normal_viscosity=1e9, shear_viscosity=3e8
+    ),
 }
 
 
@@ -111,11 +113,14 @@ def branch(law, gap, state):
         piece = piece + 4 * answer.state.internal[:, 0].astype(int)
     if isinstance(law, ViscousJoint):
         piece = piece + 8 * (answer.traction[:, 0] < 0) + 16 * (gap[:, 0] <= 0)
+        dash = (answer.traction - law.law.end_point(gap, state).traction)[:, 1:]
+        bound = np.hypot(dash[:, 0], dash[:, 1]) >= -answer.traction[:, 0] * (1 - 1e-14)
+        piece = piece + 32 * bound
     return answer.traction, answer.tangent, piece
 
 
 def largest_error(evaluate, gap, steps):
-    """Largest error of the tangent relative to its largest entry, point by point.
+    """Largest error of the tangent relative to the largest entry of its row, point by point.
 
     Second-order differences: central where both neighbours are on the same piece, one-sided where
     one is.
@@ -129,7 +134,7 @@ def largest_error(evaluate, gap, steps):
         The error, and the share of the points that could be compared.
     """
     traction, tangent, piece = evaluate(gap)
-    size = np.abs(tangent).max(axis=(1, 2))
+    size = np.abs(tangent).max(axis=2)
     worst, compared = 0.0, np.zeros(len(gap), dtype=bool)
     for k in range(3):
         values, same = {}, {}
@@ -146,15 +151,14 @@ def largest_error(evaluate, gap, steps):
             alone = same[sign] & same[2 * sign] & ~central
             slope[alone] = (one_sided / (2 * steps)[:, None])[alone]
             usable |= alone
-        error = np.abs(slope - tangent[:, :, k]).max(axis=1)
-        relative = error / np.where(size > 0, size, 1.0)
-        worst = max(worst, float(relative[usable].max()))
+        error = np.abs(slope - tangent[:, :, k]) / np.where(size > 0, size, 1.0)
+        worst = max(worst, float(error[usable].max()))
         compared |= usable
     return worst, compared.mean()
 
 
 def small_steps(gap, state, slides):
-    """Steps small against what makes the law curved, shape (n,), [m].
+    """Steps small against what makes the law curved, but not against rounding, shape (n,), [m].
 
     That is the slip that gives sliding its direction, and the way of a landing point.
     """
@@ -162,7 +166,7 @@ def small_steps(gap, state, slides):
     opening = state.gap[:, 0]
     way = np.where(opening > 0, opening + np.maximum(-gap[:, 0], 0.0), UM)
     scale = np.minimum(np.where(slides, trial, UM), way)
-    return 3e-7 * np.minimum(scale, UM)
+    return 3e-7 * np.maximum(np.minimum(scale, UM), 1e-3 * trial)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -170,6 +174,9 @@ def test_tangent_of_the_law(name):
     law = LAWS[name]
     gap, state = random_states(law, COUNT, seed=1)
     steps = small_steps(gap, state, law.end_point(gap, state).status == Status.SLIP)
+    if isinstance(law, ViscousJoint):
+        slip = np.hypot(*(gap[:, 1:] - state.gap[:, 1:]).T)
+        steps = np.where(slip > 0, np.minimum(steps, 3e-7 * slip), steps)
     worst, share = largest_error(lambda g: branch(law, g, state), gap, steps)
     print(f"\n{name}: largest relative error of the tangent {worst:.1e} over {COUNT} states")
     assert worst <= TOLERANCE
@@ -197,3 +204,33 @@ def test_tangent_of_the_local_solution(name):
     print(f"\n{name}, local: largest relative error {worst:.1e} over {COUNT} states")
     assert worst <= TOLERANCE
     assert share > 0.999
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_tractions_are_continuous(name):
+    """Between random gaps: what is left of a jump after 45 bisections towards its place.
+
+    Halving a way of some um 45 times leaves 1e-19 m: below 1e-9 of the tractions, of about a MPa,
+    also where a slip of some nm gives the direction. Where an intact bond breaks, and only there,
+    the traction jumps.
+    """
+    law = LAWS[name]
+    gap, state = random_states(law, COUNT, seed=4)
+    gap, other = gap.astype(float), random_states(law, COUNT, seed=5)[0].astype(float)
+    state = JointState(
+        gap=state.gap.astype(float),
+        elastic_slip=state.elastic_slip.astype(float),
+        internal=state.internal.astype(float),
+        dt=state.dt,
+    )
+    if law.internal_variables:
+        state.internal[:, 0] = 1.0
+    ends, values = [gap, other], [law.end_point(g, state).traction for g in (gap, other)]
+    for _ in range(45):
+        middle = 0.5 * (ends[0] + ends[1])
+        there = law.end_point(middle, state).traction
+        jumps = [np.abs(there - value).max(axis=1) for value in values]
+        for end, side in ((0, jumps[0] < jumps[1]), (1, jumps[0] >= jumps[1])):
+            ends[end][side], values[end][side] = middle[side], there[side]
+    stiffness = max(getattr(law, "law", law).closed_stiffness())
+    assert np.abs(values[0] - values[1]).max() < 1e-15 * stiffness

@@ -1,0 +1,373 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Error against work of every time scheme on problems with contact and friction.
+
+Displacement, velocity and joint force are compared with exact motions, or for the solids with a
+run of much finer steps (`_problems.errors` says in which norms); the energy error is the paper's.
+Lines that are not said to be adaptive have equal steps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dolfinx_joints as dj
+from benchmarks._problems import (
+    BOUNCING,
+    MIDPOINT,
+    ON_WALL,
+    SCHEMES,
+    Problem,
+    bar,
+    blocks,
+    coulomb,
+    errors,
+    first_state,
+    impact,
+    march,
+    sliding,
+    wall,
+    with_fine_motion,
+)
+from dolfinx_joints import JointsError
+from dolfinx_joints.energy import EnergyLedger
+from dolfinx_joints.interface import make_solver
+
+Row = dict[str, Any]
+
+# (steps per period, tolerance, halvings) of the adaptive runs, coarse to fine.
+IMPACT_CONTROL = ((60, 1e-4, 8), (120, 3e-5, 8), (300, 2e-6, 9), (800, 1e-7, 9))
+FRICTION_CONTROL = ((125, 1e-5, 8), (250, 1e-6, 9), (1000, 1e-7, 9))
+WALL_STEP = 0.005  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A problem and how it is marched.
+
+    Attributes:
+        title: For the figures.
+        problem: Makes the problem.
+        steps: Steps per period of the runs with equal steps, coarse to fine.
+        schemes: Names in `SCHEMES`.
+        control: (steps per period, tolerance, halvings) of the adaptive runs.
+        adaptive: Schemes that run adaptively as well.
+    """
+
+    title: str
+    problem: Callable[[], Problem]
+    steps: tuple[float, ...]
+    schemes: tuple[str, ...] = tuple(SCHEMES)
+    control: tuple[tuple[int, float, int], ...] = ()
+    adaptive: tuple[str, ...] = ("ec", "newmark")
+
+
+def cases(*, quick: bool) -> dict[str, Case]:
+    """All problems by name."""
+    impact_steps = (20, 200) if quick else (20, 60, 200, 700)
+    friction_steps = (60, 250) if quick else (60, 250, 1000)
+    courant = (0.5,) if quick else (0.25, 0.5, 1, 2)
+    elements = 50 if quick else 100
+    found = {}
+    for power in (0, 2, 4, 8, 12):
+        found[f"impact_1e{power}"] = Case(
+            title=f"impact, $k_{{stop}}/k = 10^{{{power}}}$",
+            problem=lambda ratio=10.0**power: impact(ratio),
+            steps=impact_steps,
+            control=IMPACT_CONTROL[1:2] if quick else IMPACT_CONTROL,
+        )
+    for name, title, exact, end in (
+        ("bar_on_wall", "fast bar on a wall", ON_WALL, 1.4e-4),
+        ("bouncing_bar", "bouncing bar", BOUNCING, 5.0),
+    ):
+        for massless in (False, True):
+            found[name + "_massless" * massless] = Case(
+                title=title + ", mass redistributed" * massless,
+                problem=lambda exact=exact, end=end, massless=massless: bar(
+                    exact, elements=elements, end=end, massless=massless
+                ),
+                steps=courant,
+            )
+    for name, title, ratio in (
+        ("coulomb_1e4", "Coulomb oscillator, $k_s/k = 10^4$", 1e4),
+        ("coulomb_1e8", "Coulomb oscillator, $k_s/k = 10^8$", 1e8),
+        ("coulomb_rigid", "Coulomb oscillator, rigid joint", math.inf),
+    ):
+        found[name] = Case(
+            title=title,
+            problem=lambda ratio=ratio: coulomb(ratio),
+            steps=friction_steps,
+            schemes=tuple(SCHEMES) if math.isfinite(ratio) else ("ec",),
+            control=() if quick else FRICTION_CONTROL,
+            adaptive=("ec", "newmark") if math.isfinite(ratio) else ("ec",),
+        )
+    for name, title, stiffness in (
+        ("sliding_block", "sliding block, $k_s = 10^8$ N/m", 1e8),
+        ("sliding_block_rigid", "sliding block, rigid joint", math.inf),
+    ):
+        found[name] = Case(
+            title=title,
+            problem=lambda stiffness=stiffness: sliding(stiffness),
+            steps=(50, 200) if quick else (20, 50, 200, 1000),
+            schemes=tuple(SCHEMES) if math.isfinite(stiffness) else ("ec",),
+        )
+    found["blocks"] = Case(
+        title="two blocks, impact and friction",
+        problem=lambda: with_fine_motion(blocks(), 2e-6 if quick else 5e-7, 1e-4),
+        steps=(20, 80) if quick else (10, 20, 40, 80, 160, 320),
+    )
+    refinement = 16 if quick else 64
+    found["jointed_wall"] = Case(
+        title="jointed wall, shaken",
+        problem=lambda: with_fine_motion(_wall(quick=quick), WALL_STEP / refinement, WALL_STEP),
+        steps=(1, 4) if quick else (1, 2, 4, 8),
+    )
+    return found
+
+
+def ground(time: float) -> np.ndarray:
+    """A motion of the ground along the three axes, setting in smoothly [m/s^2]."""
+    onset = math.sin(math.pi * time / 0.2) ** 2 if time < 0.1 else 1.0
+    phases = 2.0 * math.pi * time * np.array([4.1, 5.2, 7.9]) + np.array([0.0, 0.7, 1.9])
+    return onset * np.array([2.0, 2.0, 1.0]) * np.sin(phases)
+
+
+def _wall(*, quick: bool) -> Problem:
+    return wall(ground, end=0.2 if quick else 0.4, divisions=(4, 1, 4) if quick else (8, 2, 8))
+
+
+# ---------------------------------------------------------------- runs
+
+
+def take(
+    problem: Problem, name: str, steps: float, control: tuple[float, int] | None = None
+) -> Row:
+    """One run as a row; errors are null where it failed."""
+    row: Row = {
+        "scheme": name,
+        "tolerance": control[0] if control else None,
+        "max_halvings": control[1] if control else None,
+        "dt_max": problem.period / steps,
+    }
+    asked = None
+    if control:
+        asked = dj.StepControl(tolerance=control[0], max_halvings=control[1])
+    try:
+        run = march(problem, SCHEMES[name], problem.period / steps, asked)
+    except JointsError as failure:
+        return row | {"failure": str(failure)}
+    found = errors(problem, run, midpoint=name in MIDPOINT)
+    return row | {
+        "steps": run.steps,
+        "solves": run.solves,
+        "iterations": run.iterations,
+        "seconds": run.seconds,
+        **{f"error_{key}": value for key, value in found.items()},
+        "error_energy": run.energy_error,
+        "ledger": run.ledger,
+    }
+
+
+def rows_of(case: Case) -> Iterator[Row]:
+    """All runs of a case."""
+    problem = case.problem()
+    for name in case.schemes:
+        for steps in case.steps:
+            yield take(problem, name, steps)
+    for name in case.adaptive:
+        for steps, *control in case.control:
+            yield take(problem, name, steps, tuple(control))
+
+
+def with_paper_steps() -> float:
+    """Energy error of the energy-consistent scheme in the steps of the paper's impact.
+
+    T/20 in flight and T/1500 near the stop, which is 100 times as stiff as the spring.
+    """
+    problem, scheme = impact(100.0), SCHEMES["ec"]
+    solver = make_solver(problem.system, rule=scheme.rule)
+    state, ledger = first_state(problem, solver), EnergyLedger(problem.system)
+    ledger.start(state)
+    while state.time < problem.end:
+        away = state.joints.state.gap[0, 0] > 0.0
+        after, report = scheme.advance(solver, state, problem.period / (20 if away else 1500))
+        if away and after.joints.state.gap[0, 0] <= 0.0:
+            after, report = scheme.advance(solver, state, problem.period / 1500)
+        state = after
+        ledger.record(ledger.after(state, report))
+    return ledger.relative_error
+
+
+def long_impact(steps: int) -> Row:
+    """Ledger and energy error of the energy-consistent scheme over many impacts at T/100."""
+    problem = impact(1e4, periods=steps / 100)
+    run = march(problem, SCHEMES["ec"], problem.period / 100)
+    return {
+        "steps": run.steps,
+        "ledger": run.ledger,
+        "error_energy": run.energy_error,
+        "seconds": run.seconds,
+    }
+
+
+# ---------------------------------------------------------------- output
+
+
+def line(name: str, row: Row) -> str:
+    """A row of the table."""
+    control = "" if row["tolerance"] is None else f"{row['tolerance']:.0e}/{row['max_halvings']}"
+    start = f"{name:24s} {row['scheme']:18s} {row['dt_max']:9.2e} {control:8s}"
+    if "failure" in row:
+        return f"{start} {row['failure']}"
+    ledger = "" if row["ledger"] is None else f"{row['ledger']:.1e}"
+    return (
+        f"{start} {row['steps']:6d} {row['solves']:6d} {row['iterations']:6d} "
+        f"{row['seconds']:7.2f} {row['error_displacement']:9.2e} {row['error_velocity']:9.2e} "
+        f"{row['error_force']:9.2e} {row['error_energy']:9.2e} {ledger:>8s}"
+    )
+
+
+def header() -> str:
+    """Heads of the columns."""
+    return (
+        f"{'problem':24s} {'scheme':18s} {'dt [s]':>9s} {'adaptive':8s} {'steps':>6s} "
+        f"{'solves':>6s} {'Newton':>6s} {'s':>7s} {'displ.':>9s} {'velocity':>9s} {'force':>9s} "
+        f"{'energy':>9s} {'ledger':>8s}"
+    )
+
+
+MARKERS = {"ec": "o", "implicit": "v", "newmark": "x", "hht": "+", "generalized_alpha": "^"}
+COLOURS = {
+    "ec": "tab:blue",
+    "implicit": "tab:green",
+    "newmark": "tab:red",
+    "hht": "tab:orange",
+    "generalized_alpha": "tab:purple",
+}
+LABELS = {
+    "ec": "energy-consistent",
+    "implicit": "implicit contact",
+    "newmark": "Newmark",
+    "hht": "HHT, $\\alpha = 0.1$",
+    "generalized_alpha": "generalized-$\\alpha$, 0.8",
+}
+# Name of the figure: error, its label and range, the measure of work and its label.
+FIGURES = {
+    "displacement": ("error_displacement", "displacement error", (1e-5, 10), "solves"),
+    "velocity": ("error_velocity", "velocity error", (1e-5, 10), "solves"),
+    "force": ("error_force", "force error", (1e-4, 2), "solves"),
+    "energy": ("error_energy", "energy error", (1e-16, 1), "solves"),
+    "time": ("error_displacement", "displacement error", (1e-5, 10), "seconds"),
+}
+WORK = {"solves": "steps solved, rejected ones included", "seconds": "processor time [s]"}
+
+
+def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -> None:
+    """One figure per error, one panel per problem."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = 4
+    count = math.ceil(len(problems) / columns)
+    for name, (error, label, limits, work) in FIGURES.items():
+        figure, axes = plt.subplots(
+            count, columns, figsize=(13.0, 2.9 * count), sharey=True, layout="constrained"
+        )
+        for axis, (problem, rows) in zip(axes.flat, problems.items(), strict=False):
+            draw_panel(axis, rows, error, work, limits)
+            axis.set_title(titles[problem], fontsize=10)
+        for axis in axes.flat[len(problems) :]:
+            axis.set_axis_off()
+        for axis in axes[:, 0]:
+            axis.set_ylabel(f"{label} [-]")
+        figure.supxlabel(WORK[work], fontsize=10)
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9)
+        figure.savefig(folder / f"work_precision_{name}.png", dpi=110)
+        plt.close(figure)
+
+
+def draw_panel(
+    axis: Any, rows: list[Row], error: str, work: str, limits: tuple[float, float]
+) -> None:
+    """A line per scheme, dashed where it is adaptive; what is beyond the axis sits on its edge."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for adaptive in (False, True):
+        for scheme, colour in COLOURS.items():
+            kept = [
+                row
+                for row in rows
+                if row["scheme"] == scheme
+                and (row["tolerance"] is not None) == adaptive
+                and "failure" not in row
+            ]
+            if kept:
+                kept.sort(key=lambda row: row[work])
+                axis.plot(
+                    [row[work] for row in kept],
+                    np.clip([row[error] for row in kept], *limits),
+                    linestyle="--" if adaptive else "-",
+                    marker=MARKERS[scheme],
+                    color=colour,
+                    markersize=5,
+                    linewidth=1.2,
+                    markerfacecolor="none" if adaptive else colour,
+                    label=LABELS[scheme] + (", adaptive" if adaptive else ""),
+                )
+    axis.set(xscale="log", yscale="log", ylim=(0.6 * limits[0], 1.6 * limits[1]))
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.grid(which="major", linewidth=0.4, alpha=0.6)
+
+
+def main() -> None:
+    """Print a table, or one JSON object as the last line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="few runs, less than a minute")
+    parser.add_argument("--only", nargs="+", default=[], help="problems whose name begins so")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
+    parser.add_argument("--plot", type=Path, help="write figures to this folder")
+    options = parser.parse_args()
+    chosen = {
+        name: case
+        for name, case in cases(quick=options.quick).items()
+        if not options.only or name.startswith(tuple(options.only))
+    }
+    print(header())
+    problems: dict[str, list[Row]] = {}
+    for name, case in chosen.items():
+        problems[name] = []
+        for row in rows_of(case):
+            problems[name].append(row)
+            print(line(name, row), flush=True)
+    ec = [row for rows in problems.values() for row in rows if row["scheme"] == "ec"]
+    ledger = max((row["ledger"] for row in ec if "failure" not in row), default=None)
+    result = {"ledger_max": ledger, "problems": problems}
+    print(f"largest imbalance of the energy lines, energy-consistent: {ledger:.1e}")
+    if not options.only:
+        result["energy_paper_steps"] = with_paper_steps()
+        print(f"energy error in the steps of the paper: {result['energy_paper_steps']:.1e}")
+        result["long_impact"] = long_impact(2_000 if options.quick else 100_000)
+        print("impact, {steps} steps: ledger {ledger:.1e}".format(**result["long_impact"]))
+    if options.plot:
+        draw(options.plot, problems, {name: case.title for name, case in chosen.items()})
+    if options.json:
+        print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

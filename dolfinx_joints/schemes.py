@@ -49,6 +49,8 @@ class _Midpoint:
         b = mean.copy()
         b.axpy(rate, state.momentum)
         b.axpy(-1.0, state.elastic_force)
+        if state.remainder is not None:
+            b.axpy(-1.0, state.remainder)
         x = state.velocity.copy()
         x.scale(dt)
         held = system.constrained
@@ -77,6 +79,7 @@ class _Midpoint:
             momentum=momentum,
             elastic_force=_sum(state.elastic_force, products.stiffness),
             joints=joints,
+            remainder=products.remainder,
         )
         work = StepWork(
             loads=float(mean.dot(x)),

@@ -37,6 +37,8 @@ class DynamicState:
         momentum: M v [N s].
         elastic_force: K u [N].
         joints: Response of the joints, None without joints.
+        remainder: What rounding left of the last step's equation at the free dofs, None at the
+            start [N]. Taken into the next step it does not add up over many of them.
     """
 
     time: float
@@ -48,6 +50,7 @@ class DynamicState:
     momentum: PETSc.Vec
     elastic_force: PETSc.Vec
     joints: Response | None
+    remainder: PETSc.Vec | None = None
 
     @property
     def kinetic_energy(self) -> float:
@@ -124,6 +127,7 @@ class Products:
         damping: C x.
         stiffness: K x.
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
+        remainder: The same at the free dofs [N].
     """
 
     def __init__(
@@ -160,6 +164,8 @@ class Products:
         self.reaction.set(0.0)
         held = system.constrained
         self.reaction.getArray()[held] = residual.getArray(readonly=True)[held]
+        residual.getArray()[held] = 0.0
+        self.remainder = residual
 
 
 def joint_work(system: MatrixSystem, traction: Floats, moved: Floats) -> Floats:

@@ -18,7 +18,7 @@ Tolerance: 1e-11 of the largest value of a quantity in the run; differences of u
 measured on one rank. They come from rounding, 1e-16 of the forces in each solve, and grow with the
 softness of states in which most points are open and impacts from step to step. Joints much stiffer
 than the body would lose digits of the tractions (see `test_series_bar`); here k_n h/E is 1.
-Newton's method stops at 1e-12 of the forces, or at what rounding leaves.
+Newton's method stops at 1e-14 of the forces, or at what rounding leaves.
 """
 
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ pytestmark = [
 
 COMM = MPI.COMM_WORLD
 TOLERANCE = 1e-11
-NEWTON = NewtonOptions(relative_tolerance=1e-12)
+NEWTON = NewtonOptions(relative_tolerance=1e-14)
 RISE = np.tan(np.radians(15.0))
 BLOCKS = ("lower", "left", "right")
 # Normals in the model's own axes, from - to + as the plain model has them.

@@ -53,8 +53,6 @@ from dolfinx_joints import (
 from dolfinx_joints.parallel import on_root
 from geometry.two_blocks import two_blocks
 
-pytestmark = pytest.mark.mpi
-
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH = 2.0, 1.0  # of the pad [m]
 MU = math.tan(math.radians(30.0))
@@ -293,6 +291,7 @@ def test_every_direction_down_the_plane(share, direction):
     check(incline, *settle(incline, direction, cell="tet"), 2e-9 if incline.slides else 1e-12)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("share", [0.99, 1.01])
 @pytest.mark.parametrize(("cell", "rule"), [("hex", "nodal"), ("hex", "gauss"), ("tet", "gauss")])
 def test_self_weight(cell, rule, share):
@@ -309,6 +308,7 @@ def test_self_weight_on_elements_of_order_1(cell):
     check(SELF_WEIGHT, slip, counts, 1e-6)
 
 
+@pytest.mark.mpi
 def test_load_taken_away_and_reversed():
     """The pad slides, stays where it is as the shear goes to 30 %, and slides back as far.
 

@@ -60,8 +60,6 @@ from dolfinx_joints import (
 from dolfinx_joints.parallel import on_root
 from geometry.two_blocks import two_blocks
 
-pytestmark = pytest.mark.mpi
-
 COMM = MPI.COMM_WORLD
 LENGTH, SIDE, YOUNG = 2.0, 0.5, 30e9  # m, m, Pa
 PUSH = 1e-3  # m of shortening at time 1
@@ -227,6 +225,7 @@ def test_stress_without_a_gap(cell, order, k_n):
     assert force < of_force
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("as_field", [False, True], ids=["number", "field"])
 @pytest.mark.parametrize(("cell", "order"), ELEMENTS)
 def test_stress_with_an_initial_gap(cell, order, as_field):
@@ -278,6 +277,7 @@ def test_any_joint_stiffness(cell, degree, rule, power):
         assert max(traction, force) < 1e-10
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("cell", "rule"),
     [

@@ -53,8 +53,6 @@ from dolfinx_joints import (
 from dolfinx_joints.parallel import on_root
 from geometry.two_blocks import two_blocks
 
-pytestmark = pytest.mark.mpi
-
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.02  # of the block [m]; flat, so that it hardly rocks
 # Without lateral contraction self weight leaves the joint without shear.
@@ -495,6 +493,7 @@ def test_slip_at_a_soft_joint(ratio, steps):
     assert last.friction[-1] == pytest.approx(work, rel=2e-3)
 
 
+@pytest.mark.mpi
 def test_both_solvers_agree():
     """To the tolerances of their iterations."""
     options = {"steps": 50, "k_s": SOFT, "cell": "tet"}

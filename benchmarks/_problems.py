@@ -122,9 +122,7 @@ def first_state(problem: Problem, solver: object) -> DynamicState:
     u, v = problem.system.mass.createVecRight(), problem.system.mass.createVecRight()
     u.setArray(problem.displacement)
     v.setArray(problem.velocity)
-    joints = problem.joints.state if isinstance(problem.joints, Response) else problem.joints
-    state = initial_state(solver, displacement=u, velocity=v, joints=joints)
-    return replace(state, joints=problem.joints) if isinstance(problem.joints, Response) else state
+    return initial_state(solver, displacement=u, velocity=v, joints=problem.joints)
 
 
 def march(
@@ -169,7 +167,7 @@ def march(
         iterations=iterations,
         seconds=seconds,
         energy_error=ledger.relative_error,
-        ledger=ledger.relative_imbalance if scheme.conserves else None,
+        ledger=ledger.relative_imbalance if scheme.conserves(problem.system) else None,
     )
 
 

@@ -214,15 +214,6 @@ def free_dofs(system: MatrixSystem) -> PETSc.Vec:
     return free
 
 
-def split_residual(residual: PETSc.Vec, free: PETSc.Vec) -> tuple[float, PETSc.Vec]:
-    """Norm of a residual at the free dofs, and the reactions: its part at the others."""
-    at_free = residual.duplicate()
-    at_free.pointwiseMult(residual, free)
-    reaction = residual.copy()
-    reaction.axpy(-1.0, at_free)
-    return float(at_free.norm()), reaction
-
-
 def _mean_diagonal(matrix: PETSc.Mat) -> float:
     diagonal = matrix.getDiagonal()
     return float(diagonal.norm(PETSc.NormType.NORM_1) / max(matrix.getSize()[0], 1)) or 1.0

@@ -17,6 +17,7 @@ from dolfinx_joints.laws import Floats, Response
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.solver import StepSolver
 from dolfinx_joints.states import DynamicState, Products, StepReport, StepWork, joint_work
+from dolfinx_joints.system import MatrixSystem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +32,11 @@ class _Midpoint:
     and that of the joints, to rounding.
     """
 
-    conserves: ClassVar[bool] = True
     rule: ClassVar[Rule] = "step"
+
+    def conserves(self, system: MatrixSystem) -> bool:
+        """Whether the balance is exact: where K has an energy."""
+        return system.symmetric
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
@@ -55,17 +59,21 @@ class _Midpoint:
         x.scale(dt)
         held = system.constrained
         x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
+        turn = _Turn(system, state, x, rate, time, dt)
+        b.axpy(-0.5 * rate, turn.momentum)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
         effective = Effective(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule)
         products = Products(solver, effective, b, x, joints)
         velocity = x.copy()
         velocity.axpby(-1.0, rate, state.velocity)
+        velocity.axpy(1.0, turn.velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[system.massless] = x.array[system.massless] / dt
         momentum = products.mass.copy()
         momentum.axpby(-1.0, rate, state.momentum)
+        momentum.axpy(1.0, turn.momentum)
         acceleration = velocity.copy()
         acceleration.axpy(-1.0, state.velocity)
         acceleration.scale(1.0 / dt)
@@ -83,7 +91,7 @@ class _Midpoint:
         )
         work = StepWork(
             loads=float(mean.dot(x)),
-            supports=float(products.reaction.dot(x)),
+            supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=0.5 * rate * float(products.damping.dot(x)),
             joints=_work(solver, state, joints, mean_traction=False),
         )
@@ -136,10 +144,10 @@ class _Alpha:
         """Weight of the start of the step in the other forces."""
         return 0.0
 
-    @property
-    def conserves(self) -> bool:
-        """Whether the balance of a linear system is exact: for average acceleration alone."""
-        return (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
+    def conserves(self, system: MatrixSystem) -> bool:
+        """Whether the body's balance is exact: for average acceleration on supports at rest."""
+        average = (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
+        return average and system.symmetric and system.values is None
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
@@ -330,6 +338,44 @@ class GeneralizedAlpha(_Alpha):
     def gamma(self) -> float:  # type: ignore[override]
         """Newmark's gamma."""
         return 0.5 - self.alpha_m + self.alpha_f
+
+
+class _Turn:
+    """What prescribed dofs do besides the midpoint rule: their velocities are prescribed as well.
+
+    Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
+
+    Attributes:
+        velocity: v1 - (2 x / dt - v0), zero at free dofs [m/s].
+        momentum: M times that [N s].
+    """
+
+    def __init__(
+        self,
+        system: MatrixSystem,
+        state: DynamicState,
+        x: PETSc.Vec,
+        rate: float,
+        time: float,
+        dt: float,
+    ) -> None:
+        """Nothing where supports rest (collective)."""
+        self.velocity, self.momentum = x.duplicate(), x.duplicate()
+        self.velocity.set(0.0)
+        self.momentum.set(0.0)
+        rates = system.prescribed_rates(time, 0.5 * dt)
+        self._moves = rates is not None
+        if rates is not None:
+            held = system.constrained
+            by_rule = rate * x.array[held] - state.velocity.array[held]
+            self.velocity.getArray()[held] = rates[0] - by_rule
+            system.mass.mult(self.velocity, self.momentum)
+
+    def work(self, before: PETSc.Vec, after: PETSc.Vec) -> float:
+        """Work of the supports on this part of the motion, from momenta of the body [J]."""
+        if not self._moves:
+            return 0.0
+        return 0.5 * float(self.velocity.dot(after) - self.velocity.dot(before))
 
 
 def _exact_square(rate: float) -> float:

@@ -102,16 +102,14 @@ class Scheme(Protocol):
 
     Attributes:
         rule: What it asks the laws for.
-        conserves: Whether its energy balance is exact, so that what is missing tells of the solve.
     """
 
     @property
     def rule(self) -> Rule:
         """See above."""
 
-    @property
-    def conserves(self) -> bool:
-        """See above."""
+    def conserves(self, system: MatrixSystem) -> bool:
+        """Whether its balance is exact for a system: what is missing then tells of the solve."""
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
@@ -181,7 +179,7 @@ def initial_state(
     time: float = 0.0,
     displacement: PETSc.Vec | None = None,
     velocity: PETSc.Vec | None = None,
-    joints: JointState | None = None,
+    joints: JointState | Response | None = None,
 ) -> DynamicState:
     """State whose acceleration balances the forces at the start of the motion (collective).
 
@@ -190,7 +188,8 @@ def initial_state(
         time: Start [s].
         displacement: u [m]; zero unless given, but for prescribed dofs.
         velocity: v [m/s], zero unless given.
-        joints: State of the joints, at rest at ``displacement`` unless given.
+        joints: State of the joints, asked for their tractions at ``displacement``, or the response
+            that led there, taken as it is; at rest at ``displacement`` unless given.
     """
     system = solver.system
     u = system.stiffness.createVecRight() if displacement is None else displacement.copy()
@@ -217,7 +216,10 @@ def initial_state(
     system.stiffness.mult(u, elastic_force)
     response = None
     if system.contact is not None:
-        response = system.contact.trial(u, joints or system.contact.at_rest(u))
+        response = joints if isinstance(joints, Response) else None
+        if not isinstance(joints, Response):
+            response = system.contact.trial(u, joints or system.contact.at_rest(u))
+        assert response is not None
         system.contact.operator.force(response.traction, work)
         force.axpy(-1.0, work)
     a = _balance(system, force)

@@ -148,7 +148,7 @@ class Stepper:
         shortest: bool,
     ) -> bool:
         """Whether a try is to be cut (collective)."""
-        if self._scheme.conserves:
+        if self._scheme.conserves(self._solver.system):
             scale = max(self._ledger.scale, row.stored, abs(row.input))
             missing = abs(row.imbalance - self._ledger.row.imbalance)
             if missing > LARGEST_IMBALANCE * scale:
@@ -157,8 +157,8 @@ class Stepper:
                     raise JointsError(
                         f"The energy lines of the step to t = {after.time:.6g} s do not add up: "
                         f"{missing / scale:.1e} of the largest energy is missing, "
-                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough for "
-                        "joints as stiff as these."
+                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough, as "
+                        "for joints very much stiffer than the body."
                     )
                 return True
         if not shortest and self._too_rough(after, report):

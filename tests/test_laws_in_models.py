@@ -19,6 +19,7 @@ from dolfinx_joints import (
     MohrCoulombJoint,
     Newmark,
     NewtonOptions,
+    RigidJoint,
     ViscousJoint,
 )
 from dolfinx_joints.interface import make_solver
@@ -151,6 +152,27 @@ class TestMixed:
         friction, mohr, _ = outcome.energy.joint_numerical
         assert abs(friction) < 1e-10 * outcome.energy.stored
         assert mohr > 1e-6 * outcome.energy.stored  # impacts lose energy, none is made
+
+    @pytest.mark.parametrize(("first", "then"), [("rigid", None), ("soft", Newmark())])
+    def test_a_stage_goes_on_from_another(self, jointed, comm, first, then):
+        """With rigid joints, and from one scheme into another, the lines go on adding up."""
+        from dolfinx_joints import Elastic, Fixed, Model, Simulation, synthetic_motion
+
+        law = RigidJoint(friction_angle_deg=30.0) if first == "rigid" else None
+        model = Model(
+            jointed,
+            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+            joints=law or FrictionNoTension(**FRICTION),
+            supports=[Fixed(group="base")],
+        )
+        simulation, motion = Simulation(model), synthetic_motion(duration=2.0)
+        once = simulation.dynamics(dt=0.005, steps=30, motion=motion)
+        again = simulation.dynamics(
+            dt=0.005, steps=20, motion=motion, start=once.state, scheme=then
+        )
+        assert again.counts.rejected == 0
+        assert again.imbalance < 1e-10
+        assert again.state.time == pytest.approx(0.25)
 
     def test_keys_leave_no_slip(self, jointed, comm):
         stiff = {"normal_stiffness": 1e11, "shear_stiffness": 1e11}

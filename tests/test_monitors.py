@@ -166,7 +166,9 @@ class GivesUp:
 
     time: float
     rule: str = "end_point"
-    conserves: bool = True
+
+    def conserves(self, system: Any) -> bool:
+        return True
 
     def advance(self, solver: Any, state: Any, dt: float) -> Any:
         if state.time + dt > self.time * (1 + 1e-9):

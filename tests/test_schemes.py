@@ -13,12 +13,15 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import (
+    EnergyConsistent,
     FrictionNoTension,
+    ImplicitContact,
     JointsError,
     MatrixSystem,
     Newmark,
     NewtonOptions,
 )
+from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.interface import make_solver
 from dolfinx_joints.states import initial_state
 
@@ -162,6 +165,69 @@ def test_a_moving_support_moves_as_told():
         r = -10.0 * (1.0 - np.cos(w * step * dt)) / w**2
         assert state.velocity.getArray()[0] == pytest.approx(10.0 * step * dt, rel=1e-8)
         assert state.reaction.getArray()[0] == pytest.approx(10.0 * m1 - k * r, abs=0.1)
+
+
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), ImplicitContact(), Newmark()])
+def test_a_support_that_stops_stays_at_rest(scheme):
+    # Moved by 1 mm in 20 ms and then held: no velocity is left at the support, and the energy of
+    # the damped mass behind it dies out.
+    m1, m2, k, c = 3.0, 2.0, 800.0, 40.0
+    plain = MatrixSystem.from_arrays(
+        mass=[[m1, 0.5], [0.5, m2]], stiffness=[[k, -k], [-k, k]], damping=[[c, -c], [-c, c]]
+    )
+    system = dataclasses.replace(
+        plain, constrained=np.array([0]), values=lambda t: np.array([1e-3 * min(t / 0.02, 1.0)])
+    )
+    solver, dt = make_solver(system, rule=scheme.rule), 1e-3
+    state = initial_state(solver)
+    ledger = EnergyLedger(system)
+    ledger.start(state)
+    for _ in range(1500):
+        state, report = scheme.advance(solver, state, dt)
+        ledger.record(ledger.after(state, report))
+    assert abs(state.velocity.getArray()[0]) < 1e-12
+    assert state.kinetic_energy < 1e-10
+    assert abs(state.reaction.getArray()[0]) < 1e-6
+    if scheme.conserves(system):
+        assert ledger.relative_imbalance < 1e-12
+
+
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), ImplicitContact()])
+def test_moving_supports_keep_the_balance(scheme):
+    # Whatever they do: t^3, a sine, a corner.
+    rng = np.random.default_rng(8)
+    a, b = rng.normal(size=(2, 4, 4))
+    system = dataclasses.replace(
+        MatrixSystem.from_arrays(
+            mass=a @ a.T + 4 * np.eye(4), stiffness=100 * (b @ b.T + np.eye(4))
+        ),
+        constrained=np.array([0, 2]),
+        values=lambda t: np.array([np.sin(7 * t) + t**3, abs(t - 0.31)]),
+    )
+    solver = make_solver(system, rule=scheme.rule)
+    state = initial_state(solver)
+    ledger = EnergyLedger(system)
+    ledger.start(state)
+    for dt in (0.01, 0.02, 0.005, 0.04) * 20:
+        state, report = scheme.advance(solver, state, dt)
+        ledger.record(ledger.after(state, report))
+        assert state.velocity.getArray()[0] == pytest.approx(
+            7 * np.cos(7 * state.time) + 3 * state.time**2, abs=0.05
+        )
+    assert ledger.relative_imbalance < 1e-12
+
+
+def test_a_balance_that_a_scheme_cannot_keep_is_not_asked_for():
+    moved = dataclasses.replace(
+        MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.eye(2)),
+        constrained=np.array([0]),
+        values=lambda t: np.array([t**3]),
+    )
+    skew = dataclasses.replace(moved, values=None, symmetric=False)
+    assert EnergyConsistent().conserves(moved)
+    assert not Newmark().conserves(moved)
+    assert not EnergyConsistent().conserves(skew)
+    assert not Newmark(gamma=0.6, beta=0.3025).conserves(dataclasses.replace(moved, values=None))
 
 
 # The initial state.

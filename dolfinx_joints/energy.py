@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ class EnergyRow:
         strain: u.K u / 2, bulk and springs.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
+        input_by_load: Work of each load by name.
         viscous: Work done against the damping.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
         joint_numerical: What each joint took in besides, lost or (negative) made up by the time
@@ -35,6 +37,7 @@ class EnergyRow:
     strain: float
     joint_elastic: Floats
     input: float
+    input_by_load: Mapping[str, float]
     viscous: float
     joint_friction: Floats
     joint_numerical: Floats
@@ -91,6 +94,7 @@ class EnergyLedger:
             strain=state.strain_energy,
             joint_elastic=self._elastic(state),
             input=0.0,
+            input_by_load=dict.fromkeys(self._system.load_names or ["load"], 0.0),
             viscous=0.0,
             joint_friction=self._none,
             joint_numerical=self._none,
@@ -108,7 +112,7 @@ class EnergyLedger:
         if self._system.contact is not None and state.joints is not None:
             friction = self._system.contact.integrals(state.joints.dissipation)
         numerical = work.joints - (elastic - last.joint_elastic) - friction
-        entered = last.input + work.loads + work.supports
+        entered = last.input + sum(work.loads.values()) + work.supports
         viscous, rubbed = last.viscous + work.viscous, last.joint_friction + friction
         kinetic, strain = state.kinetic_energy, state.strain_energy
         stored = kinetic + strain + float(elastic.sum())
@@ -118,6 +122,10 @@ class EnergyLedger:
             strain=strain,
             joint_elastic=elastic,
             input=entered,
+            input_by_load={
+                name: value + work.loads.get(name, 0.0)
+                for name, value in last.input_by_load.items()
+            },
             viscous=viscous,
             joint_friction=rubbed,
             joint_numerical=last.joint_numerical + numerical,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -210,13 +211,16 @@ class Model:
 
     def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective)."""
-        patterns = [p for load in (*self.loads, *extra_loads) for p in load.patterns(self)]
+        loads = (*self.loads, *extra_loads)
+        each = zip(_names(loads), loads, strict=True)
+        named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]
         return MatrixSystem(
             mass=self.mass,
             damping=self.damping,
             stiffness=self.stiffness,
             contact=self.contact,
-            patterns=patterns,
+            patterns=[pattern for _, pattern in named],
+            load_names=[name for name, _ in named],
             constrained=self.constraints.dofs,
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
@@ -258,6 +262,21 @@ class Model:
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _names(loads: Sequence[Load]) -> list[str]:
+    """A name for each load: its kind and group, with a number where that is not enough."""
+    plain = [
+        re.sub(r"[^\w.+-]", "_", "_".join([type(load).__name__, *_group(load)])) for load in loads
+    ]
+    return [
+        name if plain.count(name) == 1 else f"{name}_{plain[: i + 1].count(name)}"
+        for i, name in enumerate(plain)
+    ]
+
+
+def _group(load: Any) -> list[str]:
+    return [load.group] if isinstance(getattr(load, "group", None), str) else []
 
 
 def _factor(load: Any) -> tuple[Any, bool]:

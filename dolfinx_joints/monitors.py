@@ -142,7 +142,8 @@ class ResultsMonitor:
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
-            declare_energy(writer, [] if model.operator is None else model.operator.names)
+            names = [] if model.operator is None else model.operator.names
+            declare_energy(writer, names, first.energy.input_by_load)
             declare_states(writer, self._nodes.positions, surface, joints)
             writer.start()
             self._writer = writer
@@ -173,6 +174,8 @@ class ResultsMonitor:
             for term in JOINT_ENERGY_TERMS:
                 value = getattr(record.energy, f"joint_{term}")[i]
                 energies[f"joints/{name}/{term}"] = value
+        for name, work in record.energy.input_by_load.items():
+            energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies)
         if record.step % self._every == 0:

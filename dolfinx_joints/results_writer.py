@@ -312,12 +312,15 @@ def declare_histories(writer: ResultsWriter, points: ArrayLike) -> None:
     writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
 
 
-def declare_energy(writer: ResultsWriter, joints: Sequence[str] = ()) -> None:
+def declare_energy(
+    writer: ResultsWriter, joints: Sequence[str] = (), loads: Iterable[str] = ()
+) -> None:
     """Declare the stream ``energy``, one record per step, a number [J] per ledger line.
 
     Args:
         writer: The writer.
         joints: Names of the joints; the lines of joints are there for each of them as well.
+        loads: Names of the loads, whose works make up the input together with moving supports.
     """
     for term in ENERGY_TERMS:
         writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")
@@ -325,6 +328,8 @@ def declare_energy(writer: ResultsWriter, joints: Sequence[str] = ()) -> None:
         for term in JOINT_ENERGY_TERMS:
             name = f"joints/{joint}/{term}"
             writer.series("energy", name, (), "J", f"{term} energy of {joint}")
+    for load in loads:
+        writer.series("energy", f"loads/{load}", (), "J", f"work of {load}")
 
 
 def declare_states(

@@ -90,7 +90,7 @@ class _Midpoint:
             remainder=products.remainder,
         )
         work = StepWork(
-            loads=float(mean.dot(x)),
+            loads=system.work_of_loads(x, state.time, time),
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=0.5 * rate * float(products.damping.dot(x)),
             joints=_work(solver, state, joints, mean_traction=False),
@@ -201,7 +201,7 @@ class _Alpha:
             joints=joints,
         )
         work = StepWork(
-            loads=0.5 * float(state.load.dot(x) + load.dot(x)),
+            loads=system.work_of_loads(x, state.time, time),
             supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
             viscous=float(products.damping.dot(x)) / dt,
             joints=_work(solver, state, joints, mean_traction=True),

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -68,13 +69,13 @@ class StepWork:
     """Works of a step as the scheme itself balances them.
 
     Attributes:
-        loads: Of the loads [J].
+        loads: Of each load by name [J].
         supports: Of moving supports [J].
         viscous: Against the damping [J].
         joints: Of the body on each joint, shape (number of joints,), [J].
     """
 
-    loads: float
+    loads: Mapping[str, float]
     supports: float
     viscous: float
     joints: Floats

@@ -38,6 +38,7 @@ class MatrixSystem:
         stiffness: K of the bulk and its springs [N/m].
         contact: The joints, or None.
         patterns: Nodal forces [N] with their factors of time [s].
+        load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
         symmetric: Whether K and C are symmetric.
@@ -49,6 +50,7 @@ class MatrixSystem:
     stiffness: PETSc.Mat
     contact: Contact | None = None
     patterns: Sequence[Pattern] = ()
+    load_names: Sequence[str] = ()
     constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
@@ -132,6 +134,16 @@ class MatrixSystem:
             if value:
                 out.axpy(value, vector)
         return out
+
+    def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
+        names = self.load_names or ["load"] * len(self.patterns)
+        works = dict.fromkeys(names, 0.0)
+        for name, (vector, factor) in zip(names, self.patterns, strict=True):
+            mean = 0.5 * (factor(start) + factor(end))
+            if mean:
+                works[name] += mean * float(vector.dot(x))
+        return works
 
     def prescribed_rates(
         self, time: float, spacing: float

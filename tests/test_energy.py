@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,7 +12,13 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, NewtonOptions
+from dolfinx_joints import (
+    EnergyConsistent,
+    FrictionNoTension,
+    MatrixSystem,
+    Newmark,
+    NewtonOptions,
+)
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.interface import make_solver
 from dolfinx_joints.states import initial_state
@@ -68,6 +75,28 @@ def test_linear_damped_driven_system():
         start = rows[0].stored
         balance = last.stored - start - last.input + last.viscous + last.friction
         assert last.error == pytest.approx(balance, abs=1e-12 * abs(last.input))
+
+
+def test_works_of_loads_by_name():
+    # Two loads and a moving support: the works of all three are the input.
+    plain = MatrixSystem.from_arrays(
+        mass=np.eye(2), stiffness=[[3.0, -1.0], [-1.0, 2.0]], load=lambda t: [np.sin(5 * t), 1.0]
+    )
+    assert run(plain, 0.01, 5)[1][-1].input_by_load.keys() == {"load"}
+    named = dataclasses.replace(
+        plain,
+        load_names=["shaking", "weight"],
+        constrained=np.array([0]),
+        values=lambda t: np.array([t**2]),
+    )
+    _, rows, path = run(named, 0.01, 50, scheme=EnergyConsistent(), u0=[0.0, 0.0])
+    last = rows[-1]
+    assert last.input_by_load["weight"] == pytest.approx(path[-1, 1], rel=1e-12)
+    t, moved = 0.01 * np.arange(51), np.diff(path[:, 0])
+    shaken = np.sin(5 * t)
+    by_hand = np.sum(0.5 * (shaken[1:] + shaken[:-1]) * moved)
+    assert last.input_by_load["shaking"] == pytest.approx(by_hand, rel=1e-12)
+    assert abs(last.input - sum(last.input_by_load.values())) > 0.1 * abs(last.input)
 
 
 def test_nothing_moves_nothing_counts():

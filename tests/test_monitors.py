@@ -113,6 +113,10 @@ def test_results_of_a_run(comm, wall_file, read, new_path):
             lines = [results.series("energy", f"joints/{j}/friction") for j in results.joints]
             total = results.series("energy", "friction")
             np.testing.assert_allclose(np.sum(lines, axis=0), total, rtol=1e-12)
+            works = [results.series("energy", f"loads/{n}") for n in ("Gravity", "BaseMotion")]
+            total = results.series("energy", "input")
+            scale = np.abs(works).max()
+            np.testing.assert_allclose(np.sum(works, axis=0), total, rtol=0, atol=1e-12 * scale)
             shares = [results.series("histories", f"joint_{s}") for s in ("open", "stick", "slip")]
             np.testing.assert_allclose(np.sum(shares, axis=0), 1.0, atol=1e-12)
             assert max(shares[0]) > 0

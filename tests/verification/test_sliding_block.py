@@ -147,7 +147,8 @@ def test_newmark_block(cell):
     assert np.ptp(rest) < 1e-3 * EXACT.final_slip
     work = LEVEL_MU * MASS * LEVEL_GRAVITY * history.slip[-1]  # mu N slip
     assert history.friction[-1] == pytest.approx(work, rel=1e-3)
-    assert outcome.energy_error < 1e-10
+    # Rounding of K u, the body being moved by half a metre: 1e-7 N, of a work of 960 J.
+    assert outcome.energy_error < 1e-9
 
 
 def test_error_of_the_slip_falls_with_the_step():

@@ -302,7 +302,7 @@ finest, outcome = runs[STEPS[-1]]
 assert abs(slip_error(finest)) < 1e-4
 for dt, (history, outcome) in runs.items():
     assert abs(slip_error(history) / expected_error(dt) - 1.0) < 0.05
-    assert outcome.energy_error < 1e-10
+    assert outcome.energy_error < 1e-9  # rounding of K u, the body moving by half a metre
     assert np.abs(history.slip[:, 1]).max() < 1e-6
     work = mu * weight * history.slip[-1, 0]
     assert abs(history.friction[-1] / work - 1.0) < 1e-3

@@ -5,8 +5,8 @@
 
 A plate of two layers of 8-node hexahedra with one joint between the layers, inclined so that no
 local axis is a global one; a third each of the points is open, sticks and slides. Times are medians
-of several calls, by the slowest rank. A growth of n^1 is linear cost; products with B grow a little
-faster between sizes that fit and do not fit the processor's cache.
+of several calls, by the slowest rank. A growth of n^1 is linear cost; products with B grow
+faster, about n^1.3, between sizes that fit and do not fit the processor's cache.
 """
 
 from __future__ import annotations

@@ -313,7 +313,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     _decorate(ax, "time [s]", f"energy [{unit}]")
     ax.set_title("energy balance", loc="left")
     ax.margins(x=0.0)
-    _legend(ax)
+    _legend(ax, "below")
     return ax
 
 
@@ -448,7 +448,7 @@ def _legend(ax: Axes, where: str = "inside") -> None:
             "frameon": False,
             "ncols": 2,
             "loc": "upper left",
-            "bbox_to_anchor": (0.0, -0.12),
+            "bbox_to_anchor": (0.0, -0.14),
         },
     }
     ax.legend(fontsize="small", **places[where])

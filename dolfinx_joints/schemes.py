@@ -60,20 +60,20 @@ class _Midpoint:
         held = system.constrained
         x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
         turn = _Turn(system, state, x, rate, time, dt)
-        b.axpy(-0.5 * rate, turn.momentum)
+        turn.add(turn.momentum, b, -0.5 * rate)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
         effective = Effective(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule)
         products = Products(solver, effective, b, x, joints)
         velocity = x.copy()
         velocity.axpby(-1.0, rate, state.velocity)
-        velocity.axpy(1.0, turn.velocity)
+        turn.add(turn.velocity, velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[system.massless] = x.array[system.massless] / dt
         momentum = products.mass.copy()
         momentum.axpby(-1.0, rate, state.momentum)
-        momentum.axpy(1.0, turn.momentum)
+        turn.add(turn.momentum, momentum)
         acceleration = velocity.copy()
         acceleration.axpy(-1.0, state.velocity)
         acceleration.scale(1.0 / dt)
@@ -346,8 +346,8 @@ class _Turn:
     Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
 
     Attributes:
-        velocity: v1 - (2 x / dt - v0), zero at free dofs [m/s].
-        momentum: M times that [N s].
+        velocity: v1 - (2 x / dt - v0), zero at free dofs; None where supports rest [m/s].
+        momentum: M times that, or None [N s].
     """
 
     def __init__(
@@ -360,20 +360,26 @@ class _Turn:
         dt: float,
     ) -> None:
         """Nothing where supports rest (collective)."""
-        self.velocity, self.momentum = x.duplicate(), x.duplicate()
-        self.velocity.set(0.0)
-        self.momentum.set(0.0)
+        self.velocity: PETSc.Vec | None = None
+        self.momentum: PETSc.Vec | None = None
         rates = system.prescribed_rates(time, 0.5 * dt)
-        self._moves = rates is not None
         if rates is not None:
+            self.velocity, self.momentum = x.duplicate(), x.duplicate()
             held = system.constrained
             by_rule = rate * x.array[held] - state.velocity.array[held]
+            self.velocity.set(0.0)
             self.velocity.getArray()[held] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
 
+    @staticmethod
+    def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
+        """Add a part to a vector, if there is one."""
+        if part is not None:
+            to.axpy(factor, part)
+
     def work(self, before: PETSc.Vec, after: PETSc.Vec) -> float:
         """Work of the supports on this part of the motion, from momenta of the body [J]."""
-        if not self._moves:
+        if self.velocity is None:
             return 0.0
         return 0.5 * float(self.velocity.dot(after) - self.velocity.dot(before))
 

@@ -22,7 +22,6 @@ from dolfinx_joints.laws import (
     contact_fraction,
     gap_under,
 )
-from dolfinx_joints.midpoint_law import Stiffness, solve_step
 
 
 def frictionless(*, normal_stiffness: float) -> FrictionNoTension:
@@ -91,6 +90,8 @@ class KeyedJoint:
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """What satisfies `step`; see `FrictionNoTension.local_solve`."""
+        from dolfinx_joints.midpoint_law import Stiffness, solve_step
+
         overlap = np.minimum(state.gap[:, 0], 0.0)
         answer = solve_step(
             free_gap - state.gap,

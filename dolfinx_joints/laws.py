@@ -13,13 +13,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_number
-from dolfinx_joints.midpoint_law import StepAnswer, Stiffness, solve_step
+
+if TYPE_CHECKING:
+    from dolfinx_joints.midpoint_law import StepAnswer
 
 Floats = NDArray[np.float64]
 
@@ -188,23 +190,25 @@ class FrictionNoTension:
         Returns:
             The answer at that gap, its tangent being d traction / d free_gap.
         """
-        traction, tangent, status = self._project(free_gap, state, compliance)
-        gap, t_s = gap_under(free_gap, compliance, traction), traction[:, 1:]
-        # Of a stiff joint the traction holds more digits of the overlap than the gaps do.
-        solved = (status != Status.OPEN) & (compliance[:, 0] > 0.0)
-        gap[:, 0] = np.where(solved, traction[:, 0] / self.normal_stiffness, gap[:, 0])
-        elastic_slip: NDArray[Any] = t_s / (self.shear_stiffness or 1.0)
-        # Slip in flight, before a point touches, meets no friction.
-        fraction = contact_fraction(state.gap[:, 0], np.minimum(gap[:, 0], 0.0))
-        rubbed = fraction[:, None] * (gap[:, 1:] - state.gap[:, 1:])
-        plastic = rubbed - (elastic_slip - state.elastic_slip)
-        mean = 0.5 * (t_s + self.shear_stiffness * state.elastic_slip)
+        from dolfinx_joints.end_point_law import solve_end_point
+
+        k_s = self.shear_stiffness
+        answer = solve_end_point(
+            free_gap,
+            compliance,
+            state.gap,
+            state.elastic_slip,
+            normal_compliance=1.0 / self.normal_stiffness,
+            shear_compliance=1.0 / k_s if k_s else math.inf,
+            ratio=self.normal_stiffness / k_s if k_s else math.inf,
+            friction=self.friction_coefficient,
+        )
         return Response(
-            traction=traction,
-            tangent=tangent,
-            state=JointState(gap=gap, elastic_slip=elastic_slip),
-            dissipation=np.einsum("ij,ij->i", mean, plastic),
-            status=status,
+            traction=answer.traction,
+            tangent=answer.tangent,
+            state=JointState(gap=answer.gap, elastic_slip=answer.elastic_slip),
+            dissipation=answer.dissipation,
+            status=answer.status,
         )
 
     def step(self, gap: Floats, state: JointState) -> Response:
@@ -222,6 +226,8 @@ class FrictionNoTension:
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """What satisfies `step` at gap = free_gap - compliance * t; see `local_solve`."""
+        from dolfinx_joints.midpoint_law import Stiffness, solve_step
+
         # Without shear stiffness friction is never mobilised, as if there were none.
         k_s = self.shear_stiffness or self.normal_stiffness
         stiffness = Stiffness(
@@ -241,7 +247,7 @@ class FrictionNoTension:
         )
         gap = gap_under(free_gap, compliance, answer.traction)
         gap[:, 0] = answer.gap
-        elastic_slip: NDArray[Any] = answer.slip_root / (root or 1.0)
+        elastic_slip: Floats = answer.slip_root / (root or 1.0)
         return Response(
             traction=answer.traction,
             tangent=answer.tangent,
@@ -249,46 +255,6 @@ class FrictionNoTension:
             dissipation=answer.dissipation,
             status=step_status(answer),
         )
-
-    def _project(
-        self, gap: Floats, state: JointState, compliance: Floats
-    ) -> tuple[Floats, Floats, NDArray[np.int8]]:
-        """Traction, tangent and status on a compliance (normal, shear) of shape (n or 1, 2)."""
-        mu, c_s = self.friction_coefficient, compliance[:, 1]
-        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
-        closed = ~(gap[:, 0] > 0.0)  # not a number is closed, so that it shows
-        t_n = np.where(closed, k_n * gap[:, 0], 0.0)
-        fraction = contact_fraction(state.gap[:, 0], t_n / self.normal_stiffness)
-        k_s = fraction * self.shear_stiffness / (1.0 + c_s * fraction * self.shear_stiffness)
-        slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
-        trial = k_s[:, None] * slip
-        size, limit = np.hypot(trial[:, 0], trial[:, 1]), -mu * t_n
-        slides = closed & (size > limit)
-        safe = np.where(size > 0.0, size, 1.0)
-        ratio = np.where(slides, limit / safe, closed)
-        tangent = np.zeros((len(gap), 3, 3))
-        tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
-        slope = np.where(slides, -mu * k_n / safe, 0.0)
-        tangent[:, 1:, 0] = slope[:, None] * trial
-        landing = np.flatnonzero(closed & ~slides & (state.gap[:, 0] > 0.0))
-        if len(landing):
-            # k_s depends on the fraction, and this on the normal gap.
-            opening = state.gap[landing, 0]
-            way = opening - t_n[landing] / self.normal_stiffness
-            rate = -(opening / way) / way
-            rate *= np.broadcast_to(k_n, len(gap))[landing] / self.normal_stiffness
-            softened = 1.0 + np.broadcast_to(c_s, len(gap))[landing] * (
-                fraction[landing] * self.shear_stiffness
-            )
-            rate *= self.shear_stiffness / softened**2
-            tangent[landing, 1:, 0] = rate[:, None] * slip[landing]
-        stiffness = ratio * k_s
-        across = np.where(slides, stiffness / safe**2, 0.0)
-        tangent[:, 1, 1] = stiffness - across * trial[:, 0] ** 2
-        tangent[:, 2, 2] = stiffness - across * trial[:, 1] ** 2
-        tangent[:, 1, 2] = tangent[:, 2, 1] = -across * trial[:, 0] * trial[:, 1]
-        status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
-        return np.column_stack([t_n, ratio[:, None] * trial]), tangent, status.astype(np.int8)
 
 
 def gap_under(free_gap: Floats, compliance: Floats, traction: Floats) -> Floats:

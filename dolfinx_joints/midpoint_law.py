@@ -25,6 +25,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -71,21 +73,6 @@ class StepAnswer:
     slides: Mask
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Normal:
-    """Normal part of a step: traction, its derivative, end gap and energy, and zeta.
-
-    zeta = sqrt(1 / k_s) / theta, with its derivative; infinite where the point carries nothing.
-    """
-
-    traction: Floats
-    slope: Floats
-    gap: Floats
-    energy: Floats
-    zeta: Floats
-    zeta_slope: Floats
-
-
 def solve_step(
     free: Floats,
     compliance: Floats,
@@ -96,6 +83,8 @@ def solve_step(
 ) -> StepAnswer:
     """Tractions of a step, each point on its own compliance, in closed form.
 
+    Compiled for double precision; arrays of any other type are worked on by the interpreter.
+
     Args:
         free: h, change of the gap (n, s1, s2) if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n, 2) or (1, 2), [m/Pa].
@@ -104,124 +93,156 @@ def solve_step(
         slip_root: q at the start, shape (n, 2), [(J/m^2)^(1/2)].
         stiffness: Of the joint.
     """
-    c = np.broadcast_to(compliance, (len(free), 2))
-    normal = _normal(free[:, 0], c[:, 0], gap, energy, stiffness)
-    mu = stiffness.friction
-    limit = -mu * normal.traction
-    zeta = normal.zeta
-    # A rigid point that nothing can move tangentially has no shear to be found.
-    acts = np.isfinite(zeta) & (normal.traction < 0.0) & (zeta**2 + 0.5 * c[:, 1] > 0.0)
-    zeta = np.where(acts, zeta, 1.0)
-    own = zeta**2 + 0.5 * c[:, 1]
-    reach = zeta[:, None] * slip_root + 0.5 * free[:, 1:]
-    size = np.hypot(reach[:, 0], reach[:, 1])
-    slides = acts & ((size > limit * own) | (mu == 0.0))
-    safe = np.where(size > 0.0, size, 1.0)
-    ratio = np.where(slides, limit / safe, np.where(acts, 1.0 / own, 0.0))
-    shear = ratio[:, None] * reach
-    # Derivatives of reach and own with respect to h_n come through zeta alone.
-    drift = np.where(acts, normal.zeta_slope, 0.0)[:, None] * slip_root
-    direction = np.where(slides[:, None], reach / safe[:, None], 0.0)
-    turned = ratio[:, None] * (drift - direction * np.sum(direction * drift, axis=1)[:, None])
-    growing = 2.0 * zeta * np.where(acts & ~slides, normal.zeta_slope, 0.0) * ratio
-    tangent = np.zeros((len(free), 3, 3))
-    tangent[:, 0, 0] = normal.slope
-    tangent[:, 1:, 0] = turned - growing[:, None] * shear
-    tangent[:, 1:, 0] -= mu * normal.slope[:, None] * direction
-    tangent[:, 1, 1] = 0.5 * ratio * (1.0 - direction[:, 0] ** 2)
-    tangent[:, 2, 2] = 0.5 * ratio * (1.0 - direction[:, 1] ** 2)
-    tangent[:, 1, 2] = tangent[:, 2, 1] = -0.5 * ratio * direction[:, 0] * direction[:, 1]
-    end = np.where(acts[:, None], 2.0 * zeta[:, None] * shear - slip_root, slip_root)
-    most = mu * np.sqrt(2.0 * stiffness.ratio * normal.energy)
-    reached = np.hypot(end[:, 0], end[:, 1])
-    end = end * np.where(reached > most, most / np.where(reached > 0.0, reached, 1.0), 1.0)[:, None]
-    slip = free[:, 1:] - c[:, 1:] * shear
-    stored = 0.5 * (np.sum(end**2, axis=1) - np.sum(slip_root**2, axis=1))
-    return StepAnswer(
-        traction=np.column_stack([normal.traction, shear]),
-        tangent=tangent,
-        gap=normal.gap,
-        energy=normal.energy,
-        slip_root=end,
-        dissipation=np.sum(shear * slip, axis=1) - stored,
-        slides=slides,
+    count, kind = len(free), free.dtype
+    answer = StepAnswer(
+        traction=np.zeros((count, 3), kind),
+        tangent=np.zeros((count, 3, 3), kind),
+        gap=np.empty(count, kind),
+        energy=np.empty(count, kind),
+        slip_root=np.empty((count, 2), kind),
+        dissipation=np.empty(count, kind),
+        slides=np.zeros(count, np.bool_),
     )
-
-
-def _normal(h: Floats, c: Floats, gap: Floats, energy: Floats, stiffness: Stiffness) -> _Normal:
-    """The normal part; of its four cases exactly one holds for each point."""
-    d = stiffness.normal_compliance
-    open_before = gap > 0.0
-    ahead = gap + h
-    pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else np.zeros(len(h))
-    stays = ~open_before & (ahead <= -0.5 * c * pressure) & ((d > 0.0) | (energy == 0.0))
-    closes = open_before & (ahead < 0.0)
-    opens = ~open_before & ~stays & (energy > 0.0)
-    traction, slope, zeta_slope = np.zeros(len(h)), np.zeros(len(h)), np.zeros(len(h))
-    zeta = np.full(len(h), math.inf)
-    end_gap, end_energy = ahead.copy(), np.zeros(len(h))
-    i = np.flatnonzero(stays)
-    if len(i):
-        lead = c[i] + 2.0 * d  # zero where both sides of a rigid point are held
-        slope[i] = np.where(lead > 0.0, 1.0 / np.where(lead > 0.0, lead, 1.0), 0.0)
-        traction[i] = (h[i] - 2.0 * d * pressure[i]) * slope[i]
-        after = np.maximum(-2.0 * traction[i] - pressure[i], 0.0)
-        end_gap[i], end_energy[i] = -d * after, 0.5 * d * after**2
-        zeta[i] = math.sqrt(stiffness.shear_compliance)
-    i = np.flatnonzero(opens)
-    if len(i):
-        root = np.sqrt(h[i] ** 2 + 4.0 * c[i] * energy[i])
-        forward = h[i] >= 0.0
-        y = np.where(
-            forward,
-            0.5 * (h[i] + root),
-            2.0 * c[i] * energy[i] / np.where(forward, 1.0, root - h[i]),
-        )
-        traction[i] = -energy[i] / y
-        slope[i] = energy[i] / (y**2 + c[i] * energy[i])
-        end_gap[i] = gap[i] + y
-        scale = np.sqrt(0.5 * stiffness.ratio / energy[i])
-        zeta[i], zeta_slope[i] = y * scale, scale * y / root
-    i = np.flatnonzero(closes)
-    if len(i):
-        _close(i, c[i], gap[i], ahead[i], stiffness, traction, slope, end_gap, end_energy)
-        way = gap[i] - end_gap[i]
-        zeta[i] = np.sqrt(0.5 * stiffness.ratio * way / -traction[i])
-        zeta_slope[i] = 0.5 * zeta[i] * (slope[i] / -traction[i] - (1.0 - c[i] * slope[i]) / way)
-    return _Normal(
-        traction=traction,
-        slope=slope,
-        gap=end_gap,
-        energy=end_energy,
-        zeta=zeta,
-        zeta_slope=zeta_slope,
+    march = _solve_step if kind == np.float64 else _solve_step.py_func
+    march(
+        free,
+        np.broadcast_to(compliance, (count, 2)),
+        gap,
+        energy,
+        slip_root,
+        stiffness.normal_compliance,
+        stiffness.ratio,
+        math.sqrt(stiffness.shear_compliance),
+        stiffness.friction,
+        answer.traction,
+        answer.tangent,
+        answer.gap,
+        answer.energy,
+        answer.slip_root,
+        answer.dissipation,
+        answer.slides,
     )
+    return answer
 
 
-def _close(
-    i: NDArray[np.int64],
-    c: Floats,
+@njit(cache=True, error_model="numpy")
+def _solve_step(
+    free: Floats,
+    compliance: Floats,
     gap: Floats,
-    ahead: Floats,
-    stiffness: Stiffness,
+    energy: Floats,
+    slip_root: Floats,
+    d: float,
+    kappa: float,
+    zeta_closed: float,
+    mu: float,
     traction: Floats,
-    slope: Floats,
+    tangent: Floats,
     end_gap: Floats,
     end_energy: Floats,
+    end_root: Floats,
+    dissipation: Floats,
+    slides: Mask,
 ) -> None:
-    """Points that close in the step: y = -g1 from (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0."""
-    d = stiffness.normal_compliance
+    """`solve_step` into arrays: d = 1/k_n, kappa = k_n/k_s, zeta_closed = sqrt(1/k_s)."""
+    for i in range(len(free)):
+        c_n, c_t = compliance[i, 0], compliance[i, 1]
+        t_n, slope, end_gap[i], end_energy[i], zeta, zeta_slope = _normal(
+            free[i, 0], c_n, gap[i], energy[i], d, kappa, zeta_closed
+        )
+        traction[i, 0], tangent[i, 0, 0] = t_n, slope
+        q_1, q_2 = slip_root[i, 0], slip_root[i, 1]
+        end_1, end_2, t_1, t_2 = q_1, q_2, 0.0 * q_1, 0.0 * q_2
+        own = zeta * zeta + 0.5 * c_t
+        # A rigid point that nothing can move tangentially has no shear to be found.
+        if np.isfinite(zeta) and t_n < 0.0 and own > 0.0:
+            reach_1, reach_2 = zeta * q_1 + 0.5 * free[i, 1], zeta * q_2 + 0.5 * free[i, 2]
+            size, limit = np.hypot(reach_1, reach_2), -mu * t_n
+            slides[i] = size > limit * own or mu == 0.0
+            # Derivatives of reach and own with respect to h_n come through zeta alone.
+            drift_1, drift_2 = zeta_slope * q_1, zeta_slope * q_2
+            if slides[i]:
+                safe = size if size > 0.0 else 1.0
+                ratio = limit / safe
+                along_1, along_2 = reach_1 / safe, reach_2 / safe
+                along = along_1 * drift_1 + along_2 * drift_2
+                growing = 0.0 * zeta
+            else:
+                ratio = 1.0 / own
+                along_1, along_2, along = 0.0 * zeta, 0.0 * zeta, 0.0 * zeta
+                growing = 2.0 * zeta * zeta_slope * ratio
+            t_1, t_2 = ratio * reach_1, ratio * reach_2
+            tangent[i, 1, 0] = (
+                ratio * (drift_1 - along_1 * along) - growing * t_1 - mu * slope * along_1
+            )
+            tangent[i, 2, 0] = (
+                ratio * (drift_2 - along_2 * along) - growing * t_2 - mu * slope * along_2
+            )
+            tangent[i, 1, 1] = 0.5 * ratio * (1.0 - along_1 * along_1)
+            tangent[i, 2, 2] = 0.5 * ratio * (1.0 - along_2 * along_2)
+            tangent[i, 1, 2] = tangent[i, 2, 1] = -0.5 * ratio * along_1 * along_2
+            end_1, end_2 = 2.0 * zeta * t_1 - q_1, 2.0 * zeta * t_2 - q_2
+        traction[i, 1], traction[i, 2] = t_1, t_2
+        most = mu * np.sqrt(2.0 * kappa * end_energy[i])
+        reached = np.hypot(end_1, end_2)
+        if reached > most:
+            end_1, end_2 = end_1 * (most / reached), end_2 * (most / reached)
+        end_root[i, 0], end_root[i, 1] = end_1, end_2
+        slipped = t_1 * (free[i, 1] - c_t * t_1) + t_2 * (free[i, 2] - c_t * t_2)
+        stored = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
+        dissipation[i] = slipped - 0.5 * stored
+
+
+@register_jitable
+def _normal(
+    h: float, c: float, gap: float, energy: float, d: float, kappa: float, zeta_closed: float
+) -> tuple[float, float, float, float, float, float]:
+    """The normal part; of its four cases exactly one holds.
+
+    Returns:
+        Traction, its derivative, end gap, end energy, zeta = sqrt(1/k_s) / theta (infinite where
+        the point carries nothing) and its derivative, the derivatives with respect to h.
+    """
+    nothing, ahead = 0.0 * c, gap + h
+    if gap > 0.0:
+        if ahead < 0.0:
+            return _closes(c, gap, ahead, d, kappa)
+        return nothing, nothing, ahead, nothing, np.inf, nothing
+    pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else nothing
+    if ahead <= -0.5 * c * pressure and (d > 0.0 or energy == 0.0):
+        lead = c + 2.0 * d
+        if lead == 0.0:  # both sides of a rigid point are held
+            return nothing, nothing, nothing, nothing, zeta_closed + nothing, nothing
+        traction = (h - 2.0 * d * pressure) / lead
+        after = max(-2.0 * traction - pressure, nothing)
+        return traction, 1.0 / lead, -d * after, 0.5 * d * after**2, zeta_closed + nothing, nothing
+    if energy > 0.0:
+        root = np.sqrt(h * h + 4.0 * c * energy)
+        y = 0.5 * (h + root) if h >= 0.0 else 2.0 * c * energy / (root - h)
+        scale = np.sqrt(0.5 * kappa / energy)
+        slope = energy / (y * y + c * energy)
+        return -energy / y, slope, gap + y, nothing, y * scale, scale * y / root
+    return nothing, nothing, ahead, nothing, np.inf, nothing
+
+
+@register_jitable
+def _closes(
+    c: float, gap: float, ahead: float, d: float, kappa: float
+) -> tuple[float, float, float, float, float, float]:
+    """A point that closes: y = -g1 from (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0."""
     if d == 0.0:
-        traction[i], slope[i], end_gap[i] = ahead / c, 1.0 / c, 0.0
-        end_energy[i] = -traction[i] * gap
-        return
-    lead, half, last = c + 2.0 * d, d * (gap + ahead), 2.0 * d * ahead * gap
-    root = np.sqrt(half**2 - lead * last)
-    y = np.where(half > 0.0, -last / (half + root), (root - half) / lead)
+        y, traction, slope = 0.0 * c, ahead / c, 1.0 / c
+        energy = -traction * gap
+    else:
+        lead, half, last = c + 2.0 * d, d * (gap + ahead), 2.0 * d * ahead * gap
+        root = np.sqrt(half * half - lead * last)
+        y = -last / (half + root) if half > 0.0 else (root - half) / lead
+        share = y / (y + gap)
+        weight = share * (2.0 - share)
+        energy = 0.5 * y * y / d
+        traction = -energy / (y + gap)
+        slope = weight / (2.0 * d + c * weight)
     way = y + gap
-    share = y / way
-    weight = share * (2.0 - share)
-    end_energy[i] = 0.5 * y**2 / d
-    traction[i] = -end_energy[i] / way
-    slope[i] = weight / (2.0 * d + c * weight)
-    end_gap[i] = -y
+    zeta = np.sqrt(0.5 * kappa * way / -traction)
+    zeta_slope = 0.5 * zeta * (slope / -traction - (1.0 - c * slope) / way)
+    return traction, slope, -y, energy, zeta, zeta_slope

@@ -21,7 +21,6 @@ from dolfinx_joints.laws import (
     gap_under,
     step_status,
 )
-from dolfinx_joints.midpoint_law import Stiffness, solve_step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +106,8 @@ class RigidJoint:
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """Answer over a step on a point's own compliance; see `FrictionNoTension.local_step`."""
+        from dolfinx_joints.midpoint_law import Stiffness, solve_step
+
         answer = solve_step(
             free_gap - state.gap,
             compliance,

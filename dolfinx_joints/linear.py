@@ -9,10 +9,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+# Columns that `DirectSolver.solve_block` is best given at once: fewer read the factor more often
+# per column, more gain nothing (measurements in docs/design.md).
+BLOCK = 64
+
+SINGULAR = (
+    "The matrix is singular to working precision: is every block held by supports, springs or a "
+    "closed joint?"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,19 +91,47 @@ class DirectSolver:
         Raises:
             JointsError: The factorization failed.
         """
-        factored = self._stale
-        if factored:
-            self._ksp.setOperators(self._matrix)
-            self._factor()
-            self._stale = False
+        factored = self._factor_if_stale()
         self._ksp.solve(b, x)
         if self._ksp.getConvergedReason() < 0 or (factored and not self._solves(b, x)):
             self._stale = True
-            raise JointsError(
-                "The matrix is singular to working precision: is every block held by supports, "
-                "springs or a closed joint?"
-            )
+            raise JointsError(SINGULAR)
         return factored
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Solve A X = B for many right-hand sides at once (collective).
+
+        A factor is read once per block and not once per column, which makes a column several
+        times cheaper; `BLOCK` columns are a good number.
+
+        Args:
+            right: Owned rows of B, shape (local rows, columns), [N]; all ranks give as many
+                columns.
+
+        Returns:
+            Owned rows of X, of the same shape, [m].
+
+        Raises:
+            JointsError: The factorization failed.
+        """
+        factored = self._factor_if_stale()
+        if right.shape[1] == 0:
+            return right.copy()
+        b, x = self._dense(right), self._dense(np.empty_like(right))
+        factor = self._ksp.getPC().getFactorMatrix()
+        factor.matSolve(b, x)
+        if factored and not self._solves_block(b, x):
+            self._stale = True
+            raise JointsError(SINGULAR)
+        solution = x.getDenseArray(readonly=True).copy()
+        b.destroy()
+        x.destroy()
+        return solution
+
+    def _dense(self, rows: Floats) -> PETSc.Mat:
+        """A dense matrix of the ranks' rows."""
+        size = (self._matrix.getSizes()[0], (PETSc.DECIDE, rows.shape[1]))
+        return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=self._matrix.comm)
 
     def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Whether a new factor gives a solution: LU of a singular matrix may end without error."""
@@ -98,6 +139,23 @@ class DirectSolver:
         self._matrix.mult(x, residual)
         residual.axpy(-1.0, b)
         return bool(residual.norm() <= 1e-2 * b.norm())
+
+    def _solves_block(self, b: PETSc.Mat, x: PETSc.Mat) -> bool:
+        """The same for a block."""
+        residual = self._matrix.matMult(x)
+        residual.axpy(-1.0, b)
+        solves = bool(residual.norm() <= 1e-2 * b.norm())
+        residual.destroy()
+        return solves
+
+    def _factor_if_stale(self) -> bool:
+        """Factor the matrix if it has changed; whether it has."""
+        if not self._stale:
+            return False
+        self._ksp.setOperators(self._matrix)
+        self._factor()
+        self._stale = False
+        return True
 
     def _factor(self) -> None:
         try:

@@ -1,0 +1,114 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Solvers of the effective matrices: what they return is put back into the equations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("petsc4py")
+
+from petsc4py import PETSc
+
+from dolfinx_joints.errors import JointsError
+from dolfinx_joints.linear import DirectSolver
+
+pytestmark = pytest.mark.mpi
+
+
+def chain(
+    comm: Any, size: int = 40, *, held: bool = True, skew: float = 0.0, empty: bool = False
+) -> PETSc.Mat:
+    """Springs in a row between walls, or free at both ends; ``empty``: all on the last rank."""
+    rows = (size if comm.rank == comm.size - 1 else 0) if empty else PETSc.DECIDE
+    matrix = PETSc.Mat().createAIJ(((rows, size), (rows, size)), nnz=3, comm=comm)
+    for i in range(*matrix.getOwnershipRange()):
+        ends = (i == 0) + (i == size - 1)
+        matrix[i, i] = 2.0 if held else 2.0 - ends
+        if i > 0:
+            matrix[i, i - 1] = -1.0 - skew
+        if i < size - 1:
+            matrix[i, i + 1] = -1.0 + skew
+    matrix.assemble()
+    return matrix
+
+
+def columns(matrix: PETSc.Mat, number: int) -> np.ndarray:
+    """Owned rows of right-hand sides that do not depend on the number of ranks."""
+    whole = np.random.default_rng(1).standard_normal((matrix.getSize()[0], number))
+    return whole[slice(*matrix.getOwnershipRange())]
+
+
+def product(matrix: PETSc.Mat, block: np.ndarray) -> np.ndarray:
+    """A X, one column after the other."""
+    x, y = matrix.createVecRight(), matrix.createVecLeft()
+    out = np.empty_like(block)
+    for k in range(block.shape[1]):
+        x.setArray(block[:, k])
+        matrix.mult(x, y)
+        out[:, k] = y.getArray(readonly=True)
+    return out
+
+
+@pytest.mark.parametrize(("symmetric", "skew"), [(True, 0.0), (False, 0.3)])
+@pytest.mark.parametrize("empty", [False, True])
+@pytest.mark.parametrize("number", [1, 7])
+def test_a_block_solves_every_column(comm, symmetric, skew, empty, number):
+    # A X = B is the definition; the chain's inverse is at most size^2/8 = 200.
+    matrix = chain(comm, skew=skew, empty=empty)
+    solver = DirectSolver(matrix, symmetric=symmetric)
+    right = columns(matrix, number)
+    given = right.copy()
+    found = solver.solve_block(right)
+    assert found.shape == right.shape
+    np.testing.assert_array_equal(right, given)
+    np.testing.assert_allclose(product(matrix, found), right, rtol=0, atol=1e-12)
+    solver.destroy()
+
+
+def test_block_and_single_solves_share_a_factor(comm):
+    matrix = chain(comm)
+    solver = DirectSolver(matrix, symmetric=True)
+    right = columns(matrix, 3)
+    block = solver.solve_block(right)
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    b.setArray(right[:, 1])
+    assert not solver.solve(b, x)  # the block has factored the matrix
+    np.testing.assert_allclose(x.getArray(readonly=True), block[:, 1], rtol=0, atol=1e-11)
+    solver.destroy()
+
+
+def test_no_columns_are_no_work(comm):
+    matrix = chain(comm)
+    solver = DirectSolver(matrix, symmetric=True)
+    rows = matrix.getLocalSize()[0]
+    assert solver.solve_block(np.empty((rows, 0))).shape == (rows, 0)
+    solver.destroy()
+
+
+def test_a_changed_matrix_is_factored_anew(comm):
+    matrix = chain(comm)
+    solver = DirectSolver(matrix, symmetric=True)
+    right = columns(matrix, 2)
+    before = solver.solve_block(right)
+    matrix.scale(2.0)
+    solver.refresh()
+    np.testing.assert_allclose(solver.solve_block(right), 0.5 * before, rtol=0, atol=1e-11)
+    solver.destroy()
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_free_bodies_are_refused(comm, symmetric):
+    # Springs without a wall: moving all of them costs nothing, and the columns push them.
+    matrix = chain(comm, held=False)
+    solver = DirectSolver(matrix, symmetric=symmetric)
+    with pytest.raises(JointsError, match="held by supports"):
+        solver.solve_block(columns(matrix, 2))
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    b.set(1.0)
+    with pytest.raises(JointsError, match="held by supports"):
+        solver.solve(b, x)
+    solver.destroy()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_kind_of
-from dolfinx_joints.errors import MeshError
+from dolfinx_joints.errors import JointsError, MeshError
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
 from dolfinx_joints.parallel import raised_together
@@ -191,12 +191,28 @@ class Contact:
         """Sum of area times a value per point over all ranks (collective)."""
         return float(self.operator.comm.allreduce(float(self.operator.areas @ density)))
 
-    def closed_tangent(self) -> Floats:
-        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m]."""
-        tangent = np.zeros((len(self.operator.areas), 3, 3))
+    def closed_compliance(self) -> Floats:
+        """1/k_n and 1/k_s of every point while closed and sticking, shape (n, 2), [m/Pa]."""
+        compliance = np.zeros((len(self.operator.areas), 2))
         for law, points in self._laws:
-            k_n, k_s = law.closed_stiffness()
-            tangent[points] = np.diag([k_n, k_s, k_s])
+            compliance[points] = [1.0 / k if k else np.inf for k in law.closed_stiffness()]
+        return compliance
+
+    def closed_tangent(self) -> Floats:
+        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
+
+        Raises:
+            JointsError: A law is rigid.
+        """
+        compliance = self.closed_compliance()
+        with raised_together(self.operator.comm):
+            if np.any(compliance == 0.0):
+                raise JointsError(
+                    "A rigid joint has no stiffness: modes and the monolithic solver need a "
+                    "finite one."
+                )
+        tangent = np.zeros((len(compliance), 3, 3))
+        tangent[:, [0, 1, 2], [0, 1, 2]] = 1.0 / np.repeat(compliance, (1, 2), axis=1)
         return tangent
 
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:

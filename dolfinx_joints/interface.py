@@ -9,17 +9,24 @@ iteration on F alone, and one expansion. F solves
     r(F) = F - w Res(g_free - G F + diag(G) F) = 0,
 
 Res being the law solved at each point on the point's own compliance: closed and regular however
-stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh.
+stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh. All of
+it is done in the scaled forces f and gaps of `compliance`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.compliance import DenseCompliance
 from dolfinx_joints.contact import Contact, Rule
+from dolfinx_joints.corrections import Correction, Corrections
 from dolfinx_joints.errors import JointsError
+from dolfinx_joints.joint_springs import JointSprings
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import (
@@ -33,11 +40,14 @@ from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
 
-# A dense G of this many unknowns takes 0.8 GB on every rank.
+# A dense G of this many unknowns takes 0.8 GB.
 LARGEST_DENSE = 10_000
 
 # What several of them, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
+
+# A linear system inside an iteration is solved to this part of its right-hand side.
+INNER_TOLERANCE = 1e-4
 
 KINDS = ("auto", "condensed", "monolithic")
 
@@ -86,55 +96,72 @@ def make_solver(
     return NewtonSolver(system, options)
 
 
-class _Compliance:
-    """The factored bulk and the dense compliance of the joint points, the same on every rank.
+class _Condensed:
+    """The bulk factored for one set of coefficients, with its compliance at the joints.
 
     Attributes:
-        effective: The bulk.
-        split: G less the points' own compliances on its diagonal, shape (m, m), [m/N], m three
-            times the number of joint points.
-        own: Compliance of each local point on its own area, normal and tangential (the mean of
-            the directions in which it can move), shape (n, 2), [m/Pa].
-        dead: Directions in which a point cannot move, such as the third in a plane, (n, 3).
+        matrix: The bulk, in statics with springs across the joints.
+        springs: These springs, None in dynamics.
+        compliance: G, scaled.
+        corrections: Solver of Newton's corrections.
     """
 
-    def __init__(self, effective: EffectiveMatrix, contact: Contact, operator: PETSc.Mat) -> None:
-        self.effective = effective
-        areas = contact.operator.areas
-        size = operator.getSize()[0]
-        start, stop = operator.getOwnershipRange()
-        unit, gap = operator.createVecLeft(), operator.createVecLeft()
-        force, moved = operator.createVecRight(), operator.createVecRight()
-        local = np.empty((stop - start, size))
-        for column in range(size):
-            unit.set(0.0)
-            if start <= column < stop:
-                unit.getArray()[column - start] = 1.0
-            operator.multTranspose(unit, force)
-            effective.solver.solve(force, moved)
-            operator.mult(moved, gap)
-            local[:, column] = gap.getArray(readonly=True)
-        self.split = np.vstack(operator.comm.tompi4py().allgather(local))
-        self.dead = (self.split.diagonal() == 0.0).reshape(-1, 3)
-        each = self.split.diagonal()[start:stop].reshape(-1, 3)
-        live = np.maximum(np.count_nonzero(each[:, 1:], axis=1), 1)
-        own = np.column_stack([each[:, 0], (each[:, 1] + each[:, 2]) / live])
-        self.own = areas[:, None] * own
-        spread = np.where(each > 0.0, np.repeat(own, (1, 2), axis=1), 0.0).ravel()
-        every = np.concatenate(operator.comm.tompi4py().allgather(spread))
-        self.split[np.diag_indices(size)] -= every
+    def __init__(
+        self, system: MatrixSystem, effective: Effective, operator: PETSc.Mat, rule_weight: float
+    ) -> None:
+        """Factor, and find the compliance (collective)."""
+        assert system.contact is not None
+        self.springs = None if effective.mass else JointSprings(system)
+        added = None if self.springs is None else self.springs.matrix
+        self.matrix = EffectiveMatrix(system, effective, added)
+        areas = system.contact.operator.areas
+        largest = None if self.springs is None else self.springs.largest_compliance
+        self.compliance = DenseCompliance(self.matrix, operator, areas, largest)
+        stuck = None
+        if self.springs is None:
+            stuck = self._stuck(system.contact, rule_weight)
+        self.corrections = Corrections(self.compliance.split, stuck)
+
+    def _stuck(self, contact: Contact, weight: float) -> Floats:
+        """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
+        own = np.repeat(self.compliance.own, (1, 2), axis=1)
+        law = np.repeat(contact.closed_compliance(), (1, 2), axis=1)
+        total = own + weight * law
+        ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
+        every = np.concatenate(contact.operator.comm.allgather(ratio))
+        return np.where(self.compliance.dead, 0.0, every)
 
     def destroy(self) -> None:
-        """Free the bulk's matrices and factor."""
-        self.effective.destroy()
+        """Free matrices and factor."""
+        self.matrix.destroy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Iterate:
+    """Scaled forces with what follows from them.
+
+    Attributes:
+        force: f, shape (m,), the same on every rank.
+        coupled: S f.
+        residual: r.
+        tangent: T, shape (points, 3, 3).
+        response: Of the rank's points.
+    """
+
+    force: Floats
+    coupled: Floats
+    residual: Floats
+    tangent: Floats
+    response: Response
 
 
 class InterfaceSolver:
-    """Semi-smooth Newton on the joint forces with a dense compliance.
+    """Semi-smooth Newton on the joint forces.
 
     Gives what `NewtonSolver` gives. The compliance costs one back-substitution per joint unknown
     for each set of coefficients; after that a step costs two of them, however many iterations the
-    joints need.
+    joints need. In statics springs across the joints hold blocks that nothing else does; what they
+    carry is taken off the law's tractions again, so that the solution does not depend on them.
 
     Args:
         system: What is to be solved; all its laws offer ``local_solve``.
@@ -149,18 +176,23 @@ class InterfaceSolver:
         if system.contact is None:
             raise ValueError("A system without joints has nothing to condense onto.")
         self._contact: Contact = system.contact
-        self._comm = self._contact.operator.comm
+        comm = self._contact.operator.comm
         self._free = free_dofs(system)
         self._operator = self._contact.operator.constrained(self._free)
-        self._areas = np.concatenate(self._comm.allgather(self._contact.operator.areas))
+        self._areas = np.repeat(np.concatenate(comm.allgather(self._contact.operator.areas)), 3)
         start, stop = self._operator.getOwnershipRange()
         self._mine = slice(start, stop)
-        self._force = np.zeros(self._operator.getSize()[0])
-        self._compliances = Cache(
-            lambda key: _Compliance(
-                EffectiveMatrix(self.system, key), self._contact, self._operator
-            ),
-            size=int(min(8, max(2, KEPT_BYTES // (8 * len(self._force) ** 2 or 1)))),
+        size = self._operator.getSize()[0]
+        self._points = self._operator.createVecLeft()
+        self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
+        self._last: tuple[_Condensed | None, Floats, Floats] = (
+            None,
+            np.zeros(size),
+            np.zeros(size),
+        )
+        self._condensed = Cache(
+            lambda key: _Condensed(self.system, key[0], self._operator, key[1]),
+            size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
     def solve(
@@ -174,119 +206,140 @@ class InterfaceSolver:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        compliance: _Compliance = self._compliances(effective)
-        matrix = compliance.effective
-        factored = matrix.solve_linear(b, x, self._free)
+        condensed: _Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
+        factored = condensed.matrix.solve_linear(b, x, self._free)
         free_gap = state.gap + self._contact.operator.gap(x)
-        step = _Step(self, compliance, free_gap, state, rule)
-        force, response, iterations, residual = self._iterate(step)
-        if not residual <= self.options.relative_tolerance:
-            raise joint_failure(self._contact, response, state, iterations, residual, self.options)
-        self._expand(matrix, force, x)
-        self._force = force
-        return response, SolveReport(
+        step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
+        found, iterations, relative = self._iterate(step, *self._start(condensed))
+        if not relative <= self.options.relative_tolerance:
+            raise joint_failure(
+                self._contact, found.response, state, iterations, relative, self.options
+            )
+        self._expand(condensed, found.force - found.residual, x)
+        return found.response, SolveReport(
             iterations=iterations,
             factorizations=int(factored),
-            residual=residual,
-            counts=self._contact.counts(response.status),
+            residual=relative,
+            counts=self._contact.counts(found.response.status),
         )
 
-    def _expand(self, matrix: EffectiveMatrix, force: Floats, x: PETSc.Vec) -> None:
-        """Add the displacements that the joint forces cause, -A^-1 B^T F."""
-        points, nodal, moved = self._operator.createVecLeft(), x.duplicate(), x.duplicate()
-        points.setArray(force[self._mine])
-        self._operator.multTranspose(points, nodal)
-        matrix.solver.solve(nodal, moved)
-        x.axpy(-1.0, moved)
+    def _start(self, condensed: _Condensed) -> tuple[Floats, Floats]:
+        """The last step's forces f, and S f."""
+        known, force, coupled = self._last
+        if known is condensed:
+            return force, coupled
+        if known is not None:
+            force = force / known.compliance.scale * condensed.compliance.scale
+        return force, condensed.compliance.split.product(force, np.flatnonzero(force))
 
-    def _iterate(self, step: _Step) -> tuple[Floats, Response, int, float]:
-        """Joint forces, response, iterations, and residual relative to the largest force."""
-        force = self._force
-        residual, tangent, response = step.evaluate(force)
+    def _expand(self, condensed: _Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements that the joint forces cause, -A^-1 B^T F.
+
+        The gaps they cause give S f without the rounding of the iteration's sums.
+        """
+        scale = condensed.compliance.scale
+        self._points.setArray((force / scale)[self._mine])
+        self._operator.multTranspose(self._points, self._nodal)
+        condensed.matrix.solver.solve(self._nodal, self._moved)
+        x.axpy(-1.0, self._moved)
+        self._operator.mult(self._moved, self._points)
+        comm = self._contact.operator.comm
+        gaps = self._points.getArray(readonly=True)
+        every = gaps.copy() if comm.size == 1 else np.concatenate(comm.allgather(gaps))
+        coupled = np.where(condensed.compliance.dead.ravel(), 0.0, every / scale - force)
+        self._last = (condensed, force, coupled)
+
+    def _iterate(self, step: _Step, force: Floats, coupled: Floats) -> tuple[_Iterate, int, float]:
+        """The solution, iterations, and residual relative to the largest force."""
+        at = step.evaluate(force, coupled)
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         while True:
-            size = float(np.abs(residual).max(initial=0.0))
-            scale = max(float(np.abs(force).max(initial=0.0)), size) or 1.0
+            size = float(np.abs(at.residual).max(initial=0.0))
+            scale = max(float(np.abs(at.force).max(initial=0.0)), size) or 1.0
             relative = size / scale
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
             done = relative <= 0.01 * tolerance or (relative <= tolerance and size >= last)
             if done or iteration == self.options.max_iterations or not np.isfinite(size):
-                return force - residual, response, iteration, relative
+                return at, iteration, relative
             last = size
-            correction = _correction(step.split, residual, tangent)
-            force, residual, tangent, response = self._search(step, force, residual, correction)
+            correction = step.condensed.corrections.solve(at.residual, at.tangent, INNER_TOLERANCE)
+            at = self._search(step, at, correction)
             iteration += 1
 
-    def _search(
-        self, step: _Step, force: Floats, residual: Floats, correction: Floats
-    ) -> tuple[Floats, Floats, Floats, Response]:
+    def _search(self, step: _Step, at: _Iterate, correction: Correction) -> _Iterate:
         """Take the correction, halved while it does not make the residual smaller."""
-        norm, smallest = float(np.linalg.norm(residual)), np.inf
+        norm, smallest = float(np.linalg.norm(at.residual)), np.inf
         for cut in range(self.options.max_cuts + 1):
-            trial = force - 0.5**cut * correction
-            answer = step.evaluate(trial)
-            size = float(np.linalg.norm(answer[0]))
+            share = 0.5**cut
+            trial = step.evaluate(
+                at.force - share * correction.step, at.coupled - share * correction.coupled
+            )
+            size = float(np.linalg.norm(trial.residual))
             if size < smallest or cut == 0:
-                smallest, best = size, (trial, *answer)
+                smallest, best = size, trial
             if size < norm:
                 break
         return best
 
 
 class _Step:
-    """The residual r(F) of one step.
-
-    Attributes:
-        split: Compliance less the points' own, shape (m, m), [m/N].
-    """
+    """The residual r(f) of one step."""
 
     def __init__(
         self,
-        solver: InterfaceSolver,
-        compliance: _Compliance,
+        contact: Contact,
+        condensed: _Condensed,
+        areas: Floats,
+        mine: slice,
         free_gap: Floats,
         state: JointState,
         rule: Rule,
     ) -> None:
-        self.split = compliance.split
-        self._mine, self._areas = solver._mine, solver._areas
-        self._contact, self._own, self._dead = solver._contact, compliance.own, compliance.dead
+        self.condensed, self._contact, self._mine = condensed, contact, mine
+        self._compliance, self._areas = condensed.compliance, areas
         self._free_gap, self._state, self._rule = free_gap, state, rule
 
-    def evaluate(self, force: Floats) -> tuple[Floats, Floats, Response]:
-        """r(F) and w T of all points, shapes (m,) and (n, 3, 3), and the local response."""
-        comm = self._contact.operator.comm
-        coupled = (self.split[self._mine] @ force).reshape(-1, 3)
-        response = self._contact.respond_locally(
-            self._free_gap - coupled, self._own, self._state, self._rule
-        )
-        traction, tangent = response.traction, response.tangent
+    def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
+        """r and T of all points, and the response of the rank's (collective)."""
+        scale, comm = self._compliance.scale, self._contact.operator.comm
+        gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
+        own, springs = self._compliance.own, self.condensed.springs
+        if springs is None:
+            response = self._contact.respond_locally(gap, own, self._state, self._rule)
+            traction, tangent = response.traction, response.tangent
+        else:
+            response = self._contact.respond_locally(
+                *springs.without(gap, own, self._state.gap), self._state, self._rule
+            )
+            traction, tangent = springs.taken_off(response, own, self._state.gap)
         if comm.size > 1:
             traction = np.concatenate(comm.allgather(traction))
             tangent = np.concatenate(comm.allgather(tangent))
-        residual = force - (self._areas[:, None] * traction).ravel()
-        # Nothing can change there, whatever a rigid joint answers.
-        tangent = np.where(self._dead[:, :, None] | self._dead[:, None, :], 0.0, tangent)
-        return residual, self._areas[:, None, None] * tangent, response
+        residual, scaled = _scaled(
+            force, traction, tangent, scale, self._areas, self._compliance.dead
+        )
+        return _Iterate(
+            force=force, coupled=coupled, residual=residual, tangent=scaled, response=response
+        )
 
 
-def _correction(split: Floats, residual: Floats, tangent: Floats) -> Floats:
-    """Solve (I + w T (G - diag G)) d = r on the points that carry force or would."""
-    active = np.flatnonzero(tangent.any(axis=(1, 2)))
-    rows = (3 * active[:, None] + np.arange(3)).ravel()
-    step = residual.copy()
-    if len(rows) == 0:
-        return step
-    others = np.ones(len(residual), dtype=bool)
-    others[rows] = False
-    coupled = split[rows]
-    known = (coupled[:, others] @ residual[others]).reshape(-1, 3, 1)
-    right = residual[rows] - (tangent[active] @ known).ravel()
-    block = coupled[:, rows].reshape(len(active), 3, -1)
-    matrix = (tangent[active] @ block).reshape(len(rows), -1)
-    matrix[np.diag_indices(len(rows))] += 1.0
-    try:
-        step[rows] = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        step[:] = np.nan  # the iteration ends as not converged
-    return step
+@njit(cache=True)
+def _scaled(
+    force: Floats,
+    traction: Floats,
+    tangent: Floats,
+    scale: Floats,
+    areas: Floats,
+    dead: NDArray[np.bool_],
+) -> tuple[Floats, Floats]:
+    """f - s w t, and s w T s; nothing changes in directions in which a point cannot move."""
+    residual, scaled = force.copy(), np.zeros_like(tangent)
+    for i in range(len(tangent)):
+        for a in range(3):
+            k = 3 * i + a
+            root = scale[k] * areas[k]
+            residual[k] -= root * traction[i, a]
+            for b in range(3):
+                if not (dead[i, a] or dead[i, b]):
+                    scaled[i, a, b] = root * tangent[i, a, b] * scale[3 * i + b]
+    return residual, scaled

@@ -181,6 +181,7 @@ class EffectiveMatrix:
     Args:
         system: Where M, C, K and the constraints come from.
         effective: The coefficients.
+        added: What A holds besides.
 
     Attributes:
         full: A.
@@ -188,7 +189,9 @@ class EffectiveMatrix:
         norm: Infinity norm of A.
     """
 
-    def __init__(self, system: MatrixSystem, effective: Effective) -> None:
+    def __init__(
+        self, system: MatrixSystem, effective: Effective, added: PETSc.Mat | None = None
+    ) -> None:
         """Add the matrices up (collective)."""
         self.full = system.stiffness.copy()
         self.full.scale(effective.stiffness)
@@ -198,6 +201,8 @@ class EffectiveMatrix:
         ):
             if factor:
                 self.full.axpy(factor, matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        if added is not None:
+            self.full.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self.held = self.full.copy()
         rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))

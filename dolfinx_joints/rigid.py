@@ -63,12 +63,8 @@ class RigidJoint:
         return math.tan(math.radians(self.friction_angle_deg))
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """There is none.
-
-        Raises:
-            JointsError: Always.
-        """
-        raise JointsError("A rigid joint has no stiffness: modes and statics need a finite one.")
+        """Infinite, both."""
+        return math.inf, math.inf
 
     def stored_energy(self, state: JointState) -> Floats:
         """Energy of each point, shape (n,), [J/m^2]."""
@@ -103,6 +99,32 @@ class RigidJoint:
             JointsError: Always.
         """
         raise JointsError("A rigid joint needs the condensed solver.")
+
+    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """Answer at the end of a step; see `FrictionNoTension.local_solve`. It stores no energy."""
+        from dolfinx_joints.end_point_law import solve_end_point
+
+        answer = solve_end_point(
+            free_gap,
+            compliance,
+            state.gap,
+            state.elastic_slip,
+            normal_compliance=0.0,
+            shear_compliance=0.0,
+            ratio=self.stiffness_ratio,
+            friction=self.friction_coefficient,
+        )
+        return Response(
+            traction=answer.traction,
+            tangent=answer.tangent,
+            state=JointState(
+                gap=answer.gap,
+                elastic_slip=answer.elastic_slip,
+                internal=np.zeros_like(state.internal),
+            ),
+            dissipation=answer.dissipation,
+            status=answer.status,
+        )
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """Answer over a step on a point's own compliance; see `FrictionNoTension.local_step`."""

@@ -1,0 +1,80 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Springs across the joints that hold loose blocks while statics are solved, without a trace.
+
+K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b with t' = t - s (g - g0). At a point
+with its own compliance c, springs included, gap = h - c t'; this is the law on a compliance c' at
+a free gap h',
+
+    gap = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.laws import Response
+from dolfinx_joints.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+# A point that nothing but its own spring holds has c s = 1; any c below does as well.
+LARGEST_SHARE = 0.9
+
+
+class JointSprings:
+    """Springs as stiff as the elements beside the joints.
+
+    Args:
+        system: The system.
+
+    Attributes:
+        stiffness: s of each local point, shape (n,), [Pa/m].
+        matrix: B^T w s B [N/m].
+        largest_compliance: Largest c to be used at each local point, shape (n,), [m/Pa].
+    """
+
+    def __init__(self, system: MatrixSystem) -> None:
+        """Take the stiffness from the diagonal of K (collective)."""
+        assert system.contact is not None
+        operator = system.contact.operator
+        nodes = system.stiffness.getDiagonal()
+        nodes.reciprocal()
+        squares = operator.matrix.copy()
+        starts, columns, values = squares.getValuesCSR()
+        squares.setValuesCSR(starts, columns, values**2)
+        squares.assemble()
+        rows = squares.createVecLeft()
+        squares.mult(nodes, rows)
+        soft = rows.getArray().reshape(-1, 3).max(axis=1, initial=0.0)
+        self.stiffness: Floats = 1.0 / (operator.areas * np.where(soft > 0.0, soft, np.inf))
+        rows.setArray(np.repeat(operator.areas * self.stiffness, 3))
+        squares = operator.matrix.copy()
+        squares.diagonalScale(L=rows)
+        self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(squares)
+        self.largest_compliance: Floats = LARGEST_SHARE / np.where(
+            self.stiffness > 0.0, self.stiffness, np.finfo(float).tiny
+        )
+
+    def without(self, free_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
+        """h' and c', shapes (n, 3) and (n, 2).
+
+        Args:
+            free_gap: h, shape (n, 3), [m].
+            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            before: g0, shape (n, 3), [m].
+        """
+        share = self.stiffness[:, None] * own
+        wide = np.repeat(share, (1, 2), axis=1)
+        return (free_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
+
+    def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
+        """t' and its derivative with respect to h, shapes (n, 3) and (n, 3, 3)."""
+        s = self.stiffness[:, None]
+        rest = 1.0 - s * np.repeat(own, (1, 2), axis=1)
+        traction = response.traction - s * (response.state.gap - before)
+        tangent = response.tangent / rest[:, :, None]
+        tangent[:, [0, 1, 2], [0, 1, 2]] -= s
+        return traction, tangent / rest[:, None, :]

@@ -92,11 +92,14 @@ class RowMatrix:
     Args:
         columns: The rank's columns, shape (size, local).
         comm: Communicator of the ranks.
+
+    Attributes:
+        size: Number of rows.
     """
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep them."""
-        self._columns, self._comm = columns, comm
+        self._columns, self._comm, self.size = columns, comm, len(columns)
         stop = comm.scan(columns.shape[1])
         self._mine = (stop - columns.shape[1], stop)
 

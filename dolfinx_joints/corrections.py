@@ -69,6 +69,7 @@ class Corrections:
         """Nothing is made yet."""
         self._split, self._stuck = split, stuck
         self._held: Rows = np.empty(0, dtype=np.int64)
+        self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Block | None = None
         self._tied: _Tied | None = None
         self._missed = 0.0
@@ -126,9 +127,11 @@ class Corrections:
 
     def _block_of(self, active: Rows) -> tuple[Rows, Block]:
         """Rows and part of S of a set that holds the active points, kept while it does."""
-        inside = np.isin(active, self._held, assume_unique=True).all()
+        inside = self._inside[active].all()
         if self._block is None or not inside or len(self._held) > 2 * len(active) + 20:
             self._held = active
+            self._inside[:] = False
+            self._inside[active] = True
             self._block = self._split.block(_rows_of(active))
         return _rows_of(self._held), self._block
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -31,42 +32,55 @@ def gmres(
     if size == 0.0 or most == 0:
         return right.copy(), 0
     basis = np.empty((most + 1, len(right)))
-    triangle = np.zeros((most, most))
-    turns = np.empty((most, 2))
+    triangle, turns = np.zeros((most, most)), np.empty((most, 2))
     left = np.zeros(most + 1)
     basis[0], left[0] = right / size, size
     for j in range(most):
-        new = apply(basis[j])
-        known = basis[: j + 1]
-        column = known @ new
-        new -= column @ known
-        again = known @ new  # once more: a single pass loses orthogonality
-        new -= again @ known
-        column += again
-        length = float(np.sqrt(new @ new))
-        for i in range(j):
-            c, s = turns[i]
-            column[i], column[i + 1] = (
-                c * column[i] + s * column[i + 1],
-                c * column[i + 1] - s * column[i],
-            )
-        norm = float(np.hypot(column[j], length))
-        if norm == 0.0:
-            return _combined(basis, triangle, left, j), j + 1
-        turns[j] = column[j] / norm, length / norm
-        triangle[: j + 1, j] = column
-        triangle[j, j] = norm
-        left[j + 1] = -turns[j, 1] * left[j]
-        left[j] *= turns[j, 0]
-        if abs(left[j + 1]) <= tolerance * size or length == 0.0:
-            return _combined(basis, triangle, left, j + 1), j + 1
+        ended = _orthogonalise(basis, triangle, turns, left, apply(basis[j]), j)
+        if ended or abs(left[j + 1]) <= tolerance * size:
+            break
+    return _combined(basis, triangle, left, j + 1), j + 1
+
+
+@njit(cache=True)
+def _orthogonalise(
+    basis: Floats, triangle: Floats, turns: Floats, left: Floats, new: Floats, j: int
+) -> bool:
+    """Add a direction and rotate its column of the Hessenberg matrix; whether it is the last."""
+    column = np.zeros(j + 2)
+    for _ in range(2):  # twice: a single pass loses orthogonality
+        for i in range(j + 1):
+            part = 0.0
+            for k in range(len(new)):
+                part += basis[i, k] * new[k]
+            column[i] += part
+            for k in range(len(new)):
+                new[k] -= part * basis[i, k]
+    length = np.sqrt((new * new).sum())
+    column[j + 1] = length
+    for i in range(j):
+        c, s = turns[i]
+        a, b = column[i], column[i + 1]
+        column[i], column[i + 1] = c * a + s * b, c * b - s * a
+    norm = np.hypot(column[j], length)
+    turns[j, 0], turns[j, 1] = (column[j] / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
+    column[j] = norm
+    triangle[: j + 1, j] = column[: j + 1]
+    left[j + 1] = -turns[j, 1] * left[j]
+    left[j] *= turns[j, 0]
+    if length > 0.0:
         basis[j + 1] = new / length
-    return _combined(basis, triangle, left, most), most
+    return not length > 1e-14 * norm
 
 
+@njit(cache=True)
 def _combined(basis: Floats, triangle: Floats, left: Floats, count: int) -> Floats:
     """The solution in the space found so far."""
-    weights = np.zeros(count)
+    weights, solution = np.zeros(count), np.zeros(basis.shape[1])
     for i in range(count - 1, -1, -1):
-        weights[i] = (left[i] - triangle[i, i + 1 : count] @ weights[i + 1 :]) / triangle[i, i]
-    return weights @ basis[:count]
+        rest = left[i]
+        for k in range(i + 1, count):
+            rest -= triangle[i, k] * weights[k]
+        weights[i] = rest / triangle[i, i] if triangle[i, i] != 0.0 else 0.0
+        solution += weights[i] * basis[i]
+    return solution

@@ -46,8 +46,9 @@ LARGEST_DENSE = 10_000
 # What several of them, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
 
-# A linear system inside an iteration is solved to this part of its right-hand side.
-INNER_TOLERANCE = 1e-4
+# The linear systems inside are solved to this part of their right-hand sides at first; later as
+# well as the iteration converges (Eisenstat and Walker 1996).
+INNER_TOLERANCE = 1e-2
 
 KINDS = ("auto", "condensed", "monolithic")
 
@@ -253,6 +254,7 @@ class InterfaceSolver:
         """The solution, iterations, and residual relative to the largest force."""
         at = step.evaluate(force, coupled)
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
+        inner = INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
             scale = max(float(np.abs(at.force).max(initial=0.0)), size) or 1.0
@@ -261,8 +263,12 @@ class InterfaceSolver:
             done = relative <= 0.01 * tolerance or (relative <= tolerance and size >= last)
             if done or iteration == self.options.max_iterations or not np.isfinite(size):
                 return at, iteration, relative
+            if iteration:
+                inner = min(INNER_TOLERANCE, (size / last) ** 2)
             last = size
-            correction = step.condensed.corrections.solve(at.residual, at.tangent, INNER_TOLERANCE)
+            correction = step.condensed.corrections.solve(
+                at.residual, at.tangent, max(inner, 0.003 * tolerance / relative)
+            )
             at = self._search(step, at, correction)
             iteration += 1
 

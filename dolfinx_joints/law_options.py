@@ -90,23 +90,19 @@ class KeyedJoint:
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """What satisfies `step`; see `FrictionNoTension.local_solve`."""
-        from dolfinx_joints.midpoint_law import Stiffness, solve_step
+        from dolfinx_joints.midpoint_law import Stiffness, solve_step, stored_by
 
-        overlap = np.minimum(state.gap[:, 0], 0.0)
+        k_n = self.normal_stiffness
         answer = solve_step(
-            free_gap - state.gap,
+            free_gap,
             compliance,
-            state.gap[:, 0],
-            0.5 * self.normal_stiffness * overlap**2,
-            np.zeros((len(free_gap), 2)),
+            state.gap,
+            stored_by(state.gap, np.zeros_like(state.elastic_slip), k_n, k_n),
             Stiffness(
-                normal_compliance=1.0 / self.normal_stiffness,
-                shear_compliance=1.0 / self.normal_stiffness,
-                ratio=1.0,
-                friction=0.0,
+                normal_compliance=1.0 / k_n, shear_compliance=1.0 / k_n, ratio=1.0, friction=0.0
             ),
         )
-        normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap)
+        normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap[:, 0])
         return self._with_keys(free_gap, compliance, state, normal, mean=0.5)
 
     def _with_keys(

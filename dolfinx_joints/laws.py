@@ -13,15 +13,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_number
-
-if TYPE_CHECKING:
-    from dolfinx_joints.midpoint_law import StepAnswer
 
 Floats = NDArray[np.float64]
 
@@ -226,34 +223,32 @@ class FrictionNoTension:
 
     def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
         """What satisfies `step` at gap = free_gap - compliance * t; see `local_solve`."""
-        from dolfinx_joints.midpoint_law import Stiffness, solve_step
+        from dolfinx_joints.midpoint_law import Stiffness, solve_step, stored_by
 
         # Without shear stiffness friction is never mobilised, as if there were none.
         k_s = self.shear_stiffness or self.normal_stiffness
-        stiffness = Stiffness(
-            normal_compliance=1.0 / self.normal_stiffness,
-            shear_compliance=1.0 / k_s,
-            ratio=self.normal_stiffness / k_s,
-            friction=self.friction_coefficient if self.shear_stiffness else 0.0,
+        stored = stored_by(
+            state.gap, state.elastic_slip, self.normal_stiffness, self.shear_stiffness
         )
-        overlap, root = np.minimum(state.gap[:, 0], 0.0), math.sqrt(self.shear_stiffness)
         answer = solve_step(
-            free_gap - state.gap,
+            free_gap,
             compliance,
-            state.gap[:, 0],
-            0.5 * self.normal_stiffness * overlap**2,
-            root * state.elastic_slip,
-            stiffness,
+            state.gap,
+            stored,
+            Stiffness(
+                normal_compliance=1.0 / self.normal_stiffness,
+                shear_compliance=1.0 / k_s,
+                ratio=self.normal_stiffness / k_s,
+                friction=self.friction_coefficient if self.shear_stiffness else 0.0,
+            ),
         )
-        gap = gap_under(free_gap, compliance, answer.traction)
-        gap[:, 0] = answer.gap
-        elastic_slip: Floats = answer.slip_root / (root or 1.0)
+        root = math.sqrt(self.shear_stiffness) or 1.0
         return Response(
             traction=answer.traction,
             tangent=answer.tangent,
-            state=JointState(gap=gap, elastic_slip=elastic_slip),
+            state=JointState(gap=answer.gap, elastic_slip=answer.stored[:, 1:] / root),
             dissipation=answer.dissipation,
-            status=step_status(answer),
+            status=answer.status,
         )
 
 
@@ -263,12 +258,6 @@ def gap_under(free_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
     gap[:, 0] -= compliance[:, 0] * traction[:, 0]
     gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
     return gap
-
-
-def step_status(answer: StepAnswer) -> NDArray[np.int8]:
-    """Status of points at the end of a step."""
-    closed = np.where(answer.slides, Status.SLIP, Status.STICK)
-    return np.where(answer.gap > 0.0, Status.OPEN, closed).astype(np.int8)
 
 
 def contact_fraction(before: Floats, after: Floats) -> Floats:

@@ -30,7 +30,9 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+
+# Values of `dolfinx_joints.laws.Status`.
+STICK, SLIP = 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,29 +58,26 @@ class StepAnswer:
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
-        tangent: d traction / d h, shape (n, 3, 3), [Pa/m].
-        gap: Normal gap at the end, shape (n,), [m].
-        energy: psi at the end, shape (n,), [J/m^2].
-        slip_root: q at the end, shape (n, 2), [(J/m^2)^(1/2)].
+        tangent: d traction / d free_gap, shape (n, 3, 3), [Pa/m].
+        gap: Gap at the end, shape (n, 3), [m].
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the end, shape (n, 3).
         dissipation: Friction work of the step, shape (n,), [J/m^2].
-        slides: Whether friction is at its limit, shape (n,).
+        status: `Status` at the end of the step, shape (n,).
     """
 
     traction: Floats
     tangent: Floats
     gap: Floats
-    energy: Floats
-    slip_root: Floats
+    stored: Floats
     dissipation: Floats
-    slides: Mask
+    status: NDArray[np.int8]
 
 
 def solve_step(
-    free: Floats,
+    free_gap: Floats,
     compliance: Floats,
     gap: Floats,
-    energy: Floats,
-    slip_root: Floats,
+    stored: Floats,
     stiffness: Stiffness,
 ) -> StepAnswer:
     """Tractions of a step, each point on its own compliance, in closed form.
@@ -86,30 +85,27 @@ def solve_step(
     Compiled for double precision; arrays of any other type are worked on by the interpreter.
 
     Args:
-        free: h, change of the gap (n, s1, s2) if the point carried no traction, shape (n, 3), [m].
+        free_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n, 2) or (1, 2), [m/Pa].
-        gap: Normal gap at the start, shape (n,), [m].
-        energy: psi at the start, shape (n,), [J/m^2].
-        slip_root: q at the start, shape (n, 2), [(J/m^2)^(1/2)].
+        gap: Gap at the start, shape (n, 3), [m].
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
         stiffness: Of the joint.
     """
-    count, kind = len(free), free.dtype
+    count, kind = len(free_gap), free_gap.dtype
     answer = StepAnswer(
         traction=np.zeros((count, 3), kind),
         tangent=np.zeros((count, 3, 3), kind),
-        gap=np.empty(count, kind),
-        energy=np.empty(count, kind),
-        slip_root=np.empty((count, 2), kind),
+        gap=np.empty((count, 3), kind),
+        stored=np.empty((count, 3), kind),
         dissipation=np.empty(count, kind),
-        slides=np.zeros(count, np.bool_),
+        status=np.zeros(count, np.int8),
     )
     march = _solve_step if kind == np.float64 else _solve_step.py_func
     march(
-        free,
+        free_gap,
         np.broadcast_to(compliance, (count, 2)),
         gap,
-        energy,
-        slip_root,
+        stored,
         stiffness.normal_compliance,
         stiffness.ratio,
         math.sqrt(stiffness.shear_compliance),
@@ -117,21 +113,30 @@ def solve_step(
         answer.traction,
         answer.tangent,
         answer.gap,
-        answer.energy,
-        answer.slip_root,
+        answer.stored,
         answer.dissipation,
-        answer.slides,
+        answer.status,
     )
     return answer
 
 
+def stored_by(
+    gap: Floats, elastic_slip: Floats, normal_stiffness: float, shear_stiffness: float
+) -> Floats:
+    """psi and q of elastic points, shape (n, 3); see `solve_step`."""
+    stored = np.empty((len(gap), 3), gap.dtype)
+    overlap = np.minimum(gap[:, 0], 0.0)
+    stored[:, 0] = 0.5 * normal_stiffness * overlap * overlap
+    stored[:, 1:] = math.sqrt(shear_stiffness) * elastic_slip
+    return stored
+
+
 @njit(cache=True, error_model="numpy")
 def _solve_step(
-    free: Floats,
+    free_gap: Floats,
     compliance: Floats,
     gap: Floats,
-    energy: Floats,
-    slip_root: Floats,
+    stored: Floats,
     d: float,
     kappa: float,
     zeta_closed: float,
@@ -139,29 +144,30 @@ def _solve_step(
     traction: Floats,
     tangent: Floats,
     end_gap: Floats,
-    end_energy: Floats,
-    end_root: Floats,
+    end_stored: Floats,
     dissipation: Floats,
-    slides: Mask,
+    status: NDArray[np.int8],
 ) -> None:
     """`solve_step` into arrays: d = 1/k_n, kappa = k_n/k_s, zeta_closed = sqrt(1/k_s)."""
-    for i in range(len(free)):
+    for i in range(len(free_gap)):
         c_n, c_t = compliance[i, 0], compliance[i, 1]
-        t_n, slope, end_gap[i], end_energy[i], zeta, zeta_slope = _normal(
-            free[i, 0], c_n, gap[i], energy[i], d, kappa, zeta_closed
+        h_n = free_gap[i, 0] - gap[i, 0]
+        h_1, h_2 = free_gap[i, 1] - gap[i, 1], free_gap[i, 2] - gap[i, 2]
+        t_n, slope, end_gap[i, 0], end_energy, zeta, zeta_slope = _normal(
+            h_n, c_n, gap[i, 0], stored[i, 0], d, kappa, zeta_closed
         )
         traction[i, 0], tangent[i, 0, 0] = t_n, slope
-        q_1, q_2 = slip_root[i, 0], slip_root[i, 1]
+        q_1, q_2 = stored[i, 1], stored[i, 2]
         end_1, end_2, t_1, t_2 = q_1, q_2, 0.0 * q_1, 0.0 * q_2
-        own = zeta * zeta + 0.5 * c_t
+        own, slides = zeta * zeta + 0.5 * c_t, False
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(zeta) and t_n < 0.0 and own > 0.0:
-            reach_1, reach_2 = zeta * q_1 + 0.5 * free[i, 1], zeta * q_2 + 0.5 * free[i, 2]
+            reach_1, reach_2 = zeta * q_1 + 0.5 * h_1, zeta * q_2 + 0.5 * h_2
             size, limit = np.hypot(reach_1, reach_2), -mu * t_n
-            slides[i] = size > limit * own or mu == 0.0
+            slides = size > limit * own or mu == 0.0
             # Derivatives of reach and own with respect to h_n come through zeta alone.
             drift_1, drift_2 = zeta_slope * q_1, zeta_slope * q_2
-            if slides[i]:
+            if slides:
                 safe = size if size > 0.0 else 1.0
                 ratio = limit / safe
                 along_1, along_2 = reach_1 / safe, reach_2 / safe
@@ -183,14 +189,17 @@ def _solve_step(
             tangent[i, 1, 2] = tangent[i, 2, 1] = -0.5 * ratio * along_1 * along_2
             end_1, end_2 = 2.0 * zeta * t_1 - q_1, 2.0 * zeta * t_2 - q_2
         traction[i, 1], traction[i, 2] = t_1, t_2
-        most = mu * np.sqrt(2.0 * kappa * end_energy[i])
+        most = mu * np.sqrt(2.0 * kappa * end_energy)
         reached = np.hypot(end_1, end_2)
         if reached > most:
             end_1, end_2 = end_1 * (most / reached), end_2 * (most / reached)
-        end_root[i, 0], end_root[i, 1] = end_1, end_2
-        slipped = t_1 * (free[i, 1] - c_t * t_1) + t_2 * (free[i, 2] - c_t * t_2)
-        stored = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
-        dissipation[i] = slipped - 0.5 * stored
+        end_stored[i, 0], end_stored[i, 1], end_stored[i, 2] = end_energy, end_1, end_2
+        end_gap[i, 1] = free_gap[i, 1] - c_t * t_1
+        end_gap[i, 2] = free_gap[i, 2] - c_t * t_2
+        gained = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
+        dissipation[i] = t_1 * (h_1 - c_t * t_1) + t_2 * (h_2 - c_t * t_2) - 0.5 * gained
+        if not end_gap[i, 0] > 0.0:
+            status[i] = SLIP if slides else STICK
 
 
 @register_jitable

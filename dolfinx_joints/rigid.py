@@ -18,8 +18,6 @@ from dolfinx_joints.laws import (
     Response,
     Status,
     check_friction_angle,
-    gap_under,
-    step_status,
 )
 
 
@@ -131,11 +129,10 @@ class RigidJoint:
         from dolfinx_joints.midpoint_law import Stiffness, solve_step
 
         answer = solve_step(
-            free_gap - state.gap,
+            free_gap,
             compliance,
-            state.gap[:, 0],
-            state.internal[:, 0],
-            state.internal[:, 1:],
+            state.gap,
+            state.internal,
             Stiffness(
                 normal_compliance=0.0,
                 shear_compliance=0.0,
@@ -143,16 +140,14 @@ class RigidJoint:
                 friction=self.friction_coefficient,
             ),
         )
-        gap = gap_under(free_gap, compliance, answer.traction)
-        gap[:, 0] = answer.gap
         return Response(
             traction=answer.traction,
             tangent=answer.tangent,
             state=JointState(
-                gap=gap,
-                elastic_slip=np.zeros((len(gap), 2)),
-                internal=np.column_stack([answer.energy, answer.slip_root]),
+                gap=answer.gap,
+                elastic_slip=np.zeros((len(free_gap), 2)),
+                internal=answer.stored,
             ),
             dissipation=answer.dissipation,
-            status=step_status(answer),
+            status=answer.status,
         )

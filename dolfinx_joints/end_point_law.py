@@ -81,7 +81,7 @@ def solve_end_point(
     march = _solve_end_point if kind == np.float64 else _solve_end_point.py_func
     march(
         free_gap,
-        np.broadcast_to(compliance, (count, 2)),
+        compliance,
         gap,
         elastic_slip,
         normal_compliance,
@@ -118,7 +118,8 @@ def _solve_end_point(
     """`solve_end_point` into arrays; end_gap holds the free gap at first."""
     shears = d_s < np.inf
     for i in range(len(free_gap)):
-        c_n, c_s = compliance[i, 0], compliance[i, 1]
+        j = i if len(compliance) > 1 else 0
+        c_n, c_s = compliance[j, 0], compliance[j, 1]
         e_1, e_2 = elastic_slip[i, 0], elastic_slip[i, 1]
         opening = max(gap[i, 0], 0.0 * c_n)
         zero = 0.0 * c_n

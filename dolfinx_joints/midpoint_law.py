@@ -103,7 +103,7 @@ def solve_step(
     march = _solve_step if kind == np.float64 else _solve_step.py_func
     march(
         free_gap,
-        np.broadcast_to(compliance, (count, 2)),
+        compliance,
         gap,
         stored,
         stiffness.normal_compliance,
@@ -150,7 +150,8 @@ def _solve_step(
 ) -> None:
     """`solve_step` into arrays: d = 1/k_n, kappa = k_n/k_s, zeta_closed = sqrt(1/k_s)."""
     for i in range(len(free_gap)):
-        c_n, c_t = compliance[i, 0], compliance[i, 1]
+        j = i if len(compliance) > 1 else 0
+        c_n, c_t = compliance[j, 0], compliance[j, 1]
         h_n = free_gap[i, 0] - gap[i, 0]
         h_1, h_2 = free_gap[i, 1] - gap[i, 1], free_gap[i, 2] - gap[i, 2]
         t_n, slope, end_gap[i, 0], end_energy, zeta, zeta_slope = _normal(

@@ -27,7 +27,7 @@ from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solver import NewtonOptions, NewtonSolver, SolveReport, StepSolver
+from dolfinx_joints.solver import NewtonOptions, SolveReport, StepSolver
 from dolfinx_joints.stages import Monitor, Outcome, Record, StaticState
 from dolfinx_joints.states import DynamicState, Products, Scheme, StepReport, initial_state
 from dolfinx_joints.stepping import StepControl, Stepper, check_step, located
@@ -50,9 +50,7 @@ class Simulation:
         model: The model.
         monitors: What watches the run.
         newton: Tolerances and limits of Newton's method.
-        solver: Solver of the time steps, ``auto``, ``condensed`` or ``monolithic``; see
-            `make_solver`. Static stages are always solved on the monolithic path, which also
-            holds blocks that nothing but closed joints supports.
+        solver: ``auto``, ``condensed`` or ``monolithic``; see `make_solver`.
 
     Attributes:
         model: The model.
@@ -124,7 +122,7 @@ class Simulation:
         """March through (time, load factor), time None for a ramp at time zero."""
         with self._phase("static"):
             system = self.model.system()
-            solver = NewtonSolver(system, self._newton)
+            solver = make_solver(system, self._newton, self._kind)
             u = system.stiffness.createVecRight()
             u.set(0.0)
             joints = system.contact.at_rest(u) if system.contact else None

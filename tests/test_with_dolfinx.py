@@ -102,6 +102,15 @@ def test_project_is_importable_from_any_directory(tmp_path: Path) -> None:
     assert result.stdout.splitlines() == [str(PROJECT), str(tmp_path)]
 
 
+def test_python_path_of_the_user_is_kept_but_for_another_pythons_packages() -> None:
+    path = ":".join(
+        ["/mine", "/a b", "/env/lib/python3.9/site-packages/", "/usr/lib/python3/dist-packages"]
+    )
+    code = 'set_common_environment; set_private_environment; echo "$PYTHONPATH"'
+    result = run_function(code, PYTHONPATH=path)
+    assert result.stdout == f"{PROJECT}:/mine:/a b\n"
+
+
 def test_project_path_may_contain_spaces(tmp_path: Path) -> None:
     copy = tmp_path / "a project" / "with-dolfinx"
     copy.parent.mkdir()
@@ -292,3 +301,82 @@ def test_want_of_tools_is_one_clear_sentence() -> None:
     assert result.returncode == SETUP_FAILED
     assert "this system lacks mmdebstrap" in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+# ---------------------------------------------------------------- packages from PyPI
+
+# Replaces the part that needs PyPI: $1 is the folder that pip would fill.
+FAKE_PIP = """
+fetch_wheels() { mkdir -p "$1/numba"; echo fetched >>"$XDG_CACHE_HOME/count"; %s; }
+PYTHONPATH=/mine; mkdir -p "$1/usr/bin"; ln -sf python3.13 "$1/usr/bin/python3"
+ensure_wheels "$1" env; echo "$PYTHONPATH"
+"""
+
+
+def install(tmp_path: Path, behaviour: str = "true") -> subprocess.CompletedProcess:
+    """Let the script make sure that the packages are there, with a pip that is a mock."""
+    root = str(tmp_path / "root")
+    return run_function(FAKE_PIP % behaviour, root, XDG_CACHE_HOME=str(tmp_path))
+
+
+def test_packages_are_installed_once_and_found_after_those_of_the_user(tmp_path: Path) -> None:
+    first, second = install(tmp_path), install(tmp_path)
+    assert first.returncode == second.returncode == 0, first.stderr
+    (folder,) = tmp_path.glob("dolfinx_joints/wheels-python3.13-*")
+    assert (folder / "numba").is_dir()
+    assert first.stdout == second.stdout == f"/mine:{folder}\n"
+    assert (tmp_path / "count").read_text() == "fetched\n"
+    assert second.stderr == ""
+
+
+def test_pip_out_of_reach_of_pypi_leaves_nothing_and_shows_its_log(tmp_path: Path) -> None:
+    result = install(tmp_path, "echo 'ERROR: No matching distribution found'; return 1")
+    assert result.returncode == SETUP_FAILED
+    assert "ERROR: No matching distribution found" in result.stderr
+    assert "pip could not install numba" in result.stderr
+    assert "within reach?" in result.stderr
+    assert result.stdout == ""
+    assert not list(tmp_path.glob("dolfinx_joints/*wheels-*"))
+
+
+def test_half_installed_packages_are_not_taken_for_whole(tmp_path: Path) -> None:
+    killed = install(tmp_path, "kill -9 $$; sleep 0.2")
+    assert killed.returncode < 0
+    (leftover,) = tmp_path.glob("dolfinx_joints/building-wheels-*")
+    assert not list(tmp_path.glob("dolfinx_joints/wheels-*"))
+
+    again = install(tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert not leftover.exists()
+    assert (tmp_path / "count").read_text() == "fetched\n" * 2
+
+
+def test_packages_depend_on_the_python_and_the_versions(tmp_path: Path) -> None:
+    for name in ("3.13", "3.14"):
+        python = tmp_path / name / "usr" / "bin" / "python3"
+        python.parent.mkdir(parents=True)
+        python.symlink_to(f"python{name}")
+    code = 'wheels_path "$1"; wheels_path "$2"; wheels+=(one-more); wheels_path "$2"'
+    arguments = (str(tmp_path / "3.13"), str(tmp_path / "3.14"))
+    paths = run_function(code, *arguments, XDG_CACHE_HOME=str(tmp_path)).stdout.split()
+    assert len(set(paths)) == 3
+
+
+def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
+    # NumPy, which numba depends on, must stay Debian's: no other name may reach pip.
+    fake = tmp_path / "python3"
+    fake.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    fake.chmod(0o755)
+    result = run_function(f'PATH={tmp_path}:$PATH; fetch_wheels "$1" env', str(tmp_path / "new"))
+    lines = result.stdout.splitlines()
+    pip = lines[: lines.index("-c")]
+    assert "--no-deps" in pip
+    assert pip[pip.index("--target") + 1] == str(tmp_path / "new")
+    assert [line.partition("==")[0] for line in pip[pip.index("--target") + 2 :]] == [
+        "numba",
+        "llvmlite",
+    ]
+
+
+def test_numba_is_importable_in_the_environment() -> None:
+    assert run("python3", "-c", "import numba").returncode == 0

@@ -191,28 +191,28 @@ class Contact:
         """Sum of area times a value per point over all ranks (collective)."""
         return float(self.operator.comm.allreduce(float(self.operator.areas @ density)))
 
-    def closed_compliance(self) -> Floats:
-        """1/k_n and 1/k_s of every point while closed and sticking, shape (n, 2), [m/Pa]."""
-        compliance = np.zeros((len(self.operator.areas), 2))
+    def closed_stiffness(self) -> Floats:
+        """k_n and k_s of every point while closed and sticking, shape (n, 2), [Pa/m]."""
+        stiffness = np.zeros((len(self.operator.areas), 2))
         for law, points in self._laws:
-            compliance[points] = [1.0 / k if k else np.inf for k in law.closed_stiffness()]
-        return compliance
+            stiffness[points] = law.closed_stiffness()
+        return stiffness
 
     def closed_tangent(self) -> Floats:
-        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
+        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m] (collective).
 
         Raises:
             JointsError: A law is rigid.
         """
-        compliance = self.closed_compliance()
+        stiffness = self.closed_stiffness()
         with raised_together(self.operator.comm):
-            if np.any(compliance == 0.0):
+            if np.any(np.isinf(stiffness)):
                 raise JointsError(
                     "A rigid joint has no stiffness: modes and the monolithic solver need a "
                     "finite one."
                 )
-        tangent = np.zeros((len(compliance), 3, 3))
-        tangent[:, [0, 1, 2], [0, 1, 2]] = 1.0 / np.repeat(compliance, (1, 2), axis=1)
+        tangent = np.zeros((len(stiffness), 3, 3))
+        tangent[:, [0, 1, 2], [0, 1, 2]] = np.repeat(stiffness, (1, 2), axis=1)
         return tangent
 
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:

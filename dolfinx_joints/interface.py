@@ -126,8 +126,9 @@ class _Condensed:
     def _stuck(self, contact: Contact, weight: float) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
         own = np.repeat(self.compliance.own, (1, 2), axis=1)
-        law = np.repeat(contact.closed_compliance(), (1, 2), axis=1)
-        total = own + weight * law
+        stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
+        with np.errstate(divide="ignore"):
+            total = own + weight / stiffness
         ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
         every = np.concatenate(contact.operator.comm.allgather(ratio))
         return np.where(self.compliance.dead, 0.0, every)

@@ -52,6 +52,7 @@ class Scene:
         shear_ratio: k_s / k_n of the joints.
         load_steps: Steps of the static stage.
         shaking: Ground acceleration, given how long the run is to last [s].
+        onset: How long it takes to become strong [s].
         crest: Point whose peaks are reported [m].
         tied_peaks_mm: What these are without joints in `TIED_STEPS` steps, where others know it.
     """
@@ -65,6 +66,7 @@ class Scene:
     load_steps: int
     shaking: Callable[[float], Acceleration]
     crest: Sequence[float]
+    onset: float = 0.0
     tied_peaks_mm: Sequence[float] | None = None
 
     @contextmanager
@@ -76,6 +78,11 @@ class Scene:
             on_root(comm, lambda: self.write(path))
             yield path
             comm.barrier()
+
+    def strong_shaking(self, length: float) -> Acceleration:
+        """Ground acceleration that is strong from the first step on, for ``length`` [s]."""
+        shaking = self.shaking(self.onset + length)
+        return lambda time: shaking(self.onset + time)
 
     def law(self, stiffness: float = 1e11, angle: float = 30.0) -> Law:
         """Friction without tension, k_n in [Pa/m] and the angle in degrees; rigid if infinite."""
@@ -106,6 +113,7 @@ class Scene:
 # ---------------------------------------------------------------- jointed wall
 
 GRAVITY = 9.81
+ONSET = 0.2  # [s]
 FREQUENCIES = np.array([[2.3, 4.1, 6.7], [2.9, 5.2, 7.4], [3.1, 5.9, 7.9]])
 PHASES = np.array([[0.0, 1.1, 2.3], [0.7, 2.0, 0.4], [1.9, 0.3, 2.8]])
 PEAKS = np.array([0.4, 0.4, 0.3]) * GRAVITY
@@ -113,7 +121,7 @@ PEAKS = np.array([0.4, 0.4, 0.3]) * GRAVITY
 
 def _sines(time: float) -> np.ndarray:
     """Sum of the sines of each axis with its onset, not yet scaled."""
-    onset = np.sin(np.pi * time / 0.4) ** 2 if time < 0.2 else 1.0
+    onset = np.sin(0.5 * np.pi * time / ONSET) ** 2 if time < ONSET else 1.0
     return onset * np.sin(2 * np.pi * FREQUENCIES * time + PHASES).sum(axis=1)
 
 
@@ -154,6 +162,7 @@ def wall(
         shear_ratio=1.0,
         load_steps=1,
         shaking=lambda _: ground_acceleration,
+        onset=ONSET,
         crest=(10.0, 2.0, 20.0),
         tied_peaks_mm=None if divisions else TIED_PEAKS.get(mesh),
     )

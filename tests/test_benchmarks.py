@@ -14,7 +14,8 @@ pytest.importorskip("gmsh")
 
 from mpi4py import MPI
 
-from benchmarks import jointed_wall
+import dolfinx_joints as dj
+from benchmarks import agreement, jointed_wall, stiffness_range
 from benchmarks._scenes import wall
 
 pytestmark = pytest.mark.mpi
@@ -56,3 +57,46 @@ def test_the_tied_peaks_are_checked():
     wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))
     with pytest.raises(AssertionError):
         jointed_wall.measure(wrong, 200)
+
+
+def test_stiffness_range(capsys):
+    cases = ["--stiffness", "1e11", "1e13", "--angle", "30", "--factor", "1", "10"]
+    status = stiffness_range.main(["--scenes", "tiny", "--steps", "5", "--json", *cases])
+    assert status == 0
+    found = printed(capsys)
+    if found is None:
+        return
+    assert found["cases"] == found["passed"] == len(found["results"]) == 4
+    assert found["largest_ledger"] <= stiffness_range.LARGEST_LEDGER
+    # Vertical joints of a shaken wall open.
+    assert all(result["open"] > 0.1 for result in found["results"])
+
+
+def test_a_case_that_fails_is_shown(capsys, monkeypatch):
+    # 89.9 degrees and long steps take more than one iteration from the first step on.
+    options = {"max_iterations": 1}
+    monkeypatch.setattr(stiffness_range, "NEWTON", dj.NewtonOptions(**options))
+    one = ["--stiffness", "1e11", "--angle", "89.9", "--factor", "10"]
+    status = stiffness_range.main(["--scenes", "tiny", "--steps", "5", "--json", *one])
+    assert status == 1
+    found = printed(capsys)
+    if found is not None:
+        assert found["passed"] == 0
+        assert "did not converge" in found["results"][0]["failure"]
+
+
+def test_agreement(capsys):
+    status = agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8", "--json"])
+    assert status == 0
+    found = printed(capsys)
+    if found is None:
+        return
+    assert found["tiny"]["by_step"]["unsolved"] == 0
+    assert 0.0 < found["tiny"]["by_step"]["joint_force"] <= agreement.BOUNDS["steps"]
+    assert 0.0 < found["tiny"]["history"]["displacement"] <= agreement.BOUNDS["histories"]
+
+
+def test_a_disagreement_is_seen(monkeypatch):
+    # A reference that stops at 1e-2 of the forces is not equal to nine digits.
+    monkeypatch.setattr(agreement, "REFERENCE", dj.NewtonOptions(relative_tolerance=1e-2))
+    assert agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8"]) == 1

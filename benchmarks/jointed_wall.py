@@ -1,169 +1,211 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Time per step of the jointed wall, tied and with joints, in one process.
+"""What joints cost: time per step of a wall and a dam, tied and with joints, in one process.
 
-A wall of 20 x 4 x 20 m in four blocks, base clamped, self weight, then three sines per axis that
-reach 0.4, 0.4 and 0.3 g: severe enough that most of the joint points are open at once. The tied
-crest peaks are compared with the values that independent programs gave for the same scene.
+The wall has 20 x 4 x 20 m in four blocks, base clamped, self weight, then three sines per axis
+that reach 0.4, 0.4 and 0.3 g: severe enough that most of the joint points are open at once.
+``--pressure`` presses its end faces as well, through the whole run, so that joints close and slide.
+The crest peaks of the tied wall are compared with the values that independent programs gave for the
+same scene. ``--dam`` is the arch dam of demo 03 from where its synthetic motion is strong.
+
+Times are medians over ``--repeat`` runs, linear and jointed in turn. Of several ranks the slowest
+counts; memory is their sum.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import resource
 import statistics
-import tempfile
-import time as clock
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from benchmarks._measure import March, march
+from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.interface import KINDS
-from dolfinx_joints.parallel import on_root
-from dolfinx_joints.stages import Record
-from geometry.jointed_wall import jointed_wall
 
-TIME_STEP, GRAVITY = 0.00488, 9.81
-DIVISIONS = {"tiny": (8, 2, 8), "coarse": (20, 4, 20), "medium": (40, 8, 40)}
-# Crest peaks (x, y, z) of the tied wall [mm], node at x = 10, mid thickness, top.
-TIED_PEAKS = {"coarse": (0.48662, 28.5432, 0.060020), "medium": (0.48805, 29.3562, 0.060061)}
-FREQUENCIES = np.array([[2.3, 4.1, 6.7], [2.9, 5.2, 7.4], [3.1, 5.9, 7.9]])
-PHASES = np.array([[0.0, 1.1, 2.3], [0.7, 2.0, 0.4], [1.9, 0.3, 2.8]])
-PEAKS = np.array([0.4, 0.4, 0.3]) * GRAVITY
+Row = dict[str, Any]
 
 
-def shape_of_motion(time: float) -> np.ndarray:
-    """Sum of the sines of each axis with its onset, not yet scaled."""
-    onset = np.sin(np.pi * time / 0.4) ** 2 if time < 0.2 else 1.0
-    return onset * np.sin(2 * np.pi * FREQUENCIES * time + PHASES).sum(axis=1)
+def measure(scene: Scene, steps: int, solver: str = "auto", repeat: int = 1) -> Row:
+    """Both runs of a scene, ``repeat`` times in turn (collective)."""
+    pairs = []
+    with scene.mesh_file() as mesh:
+        for _ in range(repeat):
+            linear = march(scene, mesh, steps, law=None)
+            joints = march(scene, mesh, steps, law=scene.law(), solver=solver)
+            if scene.tied_peaks_mm is not None and steps == TIED_STEPS:
+                np.testing.assert_allclose(linear.peaks_mm, scene.tied_peaks_mm, rtol=1e-4)
+            pairs.append((linear, joints))
+    return summary([linear for linear, _ in pairs], [joints for _, joints in pairs], steps)
 
 
-SCALE = PEAKS / np.abs([shape_of_motion(i * TIME_STEP) for i in range(201)]).max(axis=0)
-
-
-def ground_acceleration(time: float) -> np.ndarray:
-    """Acceleration (x, y, z) [m/s^2]."""
-    return SCALE * shape_of_motion(time)
-
-
-class StepTimes:
-    """Monitor that keeps the wall time, iterations and crest displacement of each step."""
-
-    def __init__(self) -> None:
-        self.milliseconds: list[float] = []
-        self.iterations: list[int] = []
-        self.open: list[float] = []
-        self.slip: list[float] = []
-        self.crest: list[np.ndarray] = []
-
-    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
-        """Find the crest node and start the clock."""
-        from dolfinx_joints.monitors import NodeGather, PointProbe
-
-        self._probe = PointProbe(model, [(10.0, 2.0, 20.0)], NodeGather(model))
-        self._static = self._probe.read(first.displacement)[0]
-        self._last = clock.perf_counter()
-
-    def record(self, record: Record) -> None:
-        """Stop and restart the clock."""
-        self.milliseconds.append(1e3 * (clock.perf_counter() - self._last))
-        assert record.solve is not None
-        self.iterations.append(record.solve.iterations)
-        counts = record.solve.counts
-        if counts is not None:
-            self.open.append(counts.open / counts.total)
-            self.slip.append(counts.slip / counts.total)
-        self.crest.append(self._probe.read(record.displacement)[0] - self._static)
-        self._last = clock.perf_counter()
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Nothing to close."""
-
-
-def march(mesh: Path, steps: int, *, tied: bool, solver: str) -> tuple[StepTimes, dict[str, Any]]:
-    """Self weight and the motion."""
-    jointed = dj.read_msh(mesh, MPI.COMM_WORLD, joints=[] if tied else None)
-    law = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30)
-    model = dj.Model(
-        jointed,
-        material=dj.Elastic(young=24e9, poisson=0.2, density=2400),
-        joints=None if tied else law,
-        supports=[dj.Fixed(group="base")],
-        loads=[dj.Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
-        damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
-    times = StepTimes()
-    simulation = dj.Simulation(model, monitors=[times], solver=solver)
-    simulation.statics(steps=1)
-    outcome = simulation.dynamics(dt=TIME_STEP, steps=steps, motion=ground_acceleration)
-    facts = {
-        "dofs": model.num_dofs,
-        "joint_points": model.operator.num_points if model.operator else 0,
-        "ledger": outcome.imbalance,
-        "energy_error": outcome.energy_error,
-        "accepted": outcome.counts.accepted,
-    }
-    return times, facts
-
-
-def measure(name: str, steps: int, solver: str) -> dict[str, Any]:
-    """Both runs on one mesh."""
-    comm = MPI.COMM_WORLD
-    with tempfile.TemporaryDirectory() as folder:
-        mesh = Path(comm.bcast(folder)) / "wall.msh"
-        on_root(comm, lambda: jointed_wall(mesh, divisions=DIVISIONS[name]))
-        linear, _ = march(mesh, steps, tied=True, solver=solver)
-        joints, facts = march(mesh, steps, tied=False, solver=solver)
-        comm.barrier()
+def summary(linear: list[March], joints: list[March], steps: int) -> Row:
+    """One row of JSON: medians over the repeats, facts of the last jointed run."""
+    last = joints[-1]
+    ratios = [b.step_ms / a.step_ms for a, b in zip(linear, joints, strict=True)]
     row = {
-        **facts,
+        "dofs": last.dofs,
+        "dofs_tied": linear[-1].dofs,
+        "joint_points": last.points,
         "steps": steps,
-        "linear_ms": statistics.median(linear.milliseconds),
-        "joints_ms": statistics.median(joints.milliseconds),
-        "newton_mean": statistics.mean(joints.iterations),
-        "newton_max": max(joints.iterations),
-        "open_mean": statistics.mean(joints.open),
-        "slip_mean": statistics.mean(joints.slip),
-        "tied_peaks_mm": list(1e3 * np.abs(linear.crest).max(axis=0)),
-        "joint_peaks_mm": list(1e3 * np.abs(joints.crest).max(axis=0)),
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "ranks": MPI.COMM_WORLD.size,
+        "repeats": len(joints),
+        "ratio": statistics.median(ratios),
+        "ratio_range": [min(ratios), max(ratios)],
+        "newton_mean": last.facts["iterations"] / last.facts["accepted"],
+        "newton_max": max(last.watch.iterations),
+        **last.facts,
+        **dict(zip(("open", "stick", "slip"), np.mean(last.watch.shares, axis=0), strict=True)),
+        "tied_peaks_mm": linear[-1].peaks_mm,
+        "joint_peaks_mm": last.peaks_mm,
+        "peak_mb": median_of(joints, lambda run: run.peak_mb),
     }
-    row["ratio"] = row["joints_ms"] / row["linear_ms"]
-    if name in TIED_PEAKS and steps == 200:
-        row["tied_peaks_expected_mm"] = list(TIED_PEAKS[name])
-        np.testing.assert_allclose(row["tied_peaks_mm"], TIED_PEAKS[name], rtol=1e-4)
+    for name, runs in (("linear", linear), ("joints", joints)):
+        row |= {
+            f"{name}_ms": median_of(runs, lambda run: run.step_ms),
+            f"{name}_cpu_ms": median_of(runs, lambda run: run.step_cpu_ms),
+            f"{name}_mean_ms": median_of(runs, lambda run: run.mean_ms),
+            f"{name}_total_s": median_of(runs, lambda run: run.total),
+            f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
+            f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
+        }
+    for kind in ("cpu", "mean"):
+        row[f"ratio_{kind}"] = row[f"joints_{kind}_ms"] / row[f"linear_{kind}_ms"]
     return row
 
 
-def main() -> None:
-    """Print a table, or one JSON object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--mesh", nargs="+", default=["coarse"], choices=sorted(DIVISIONS))
-    parser.add_argument("--steps", type=int, default=200)
-    parser.add_argument("--solver", default="auto", choices=KINDS)
-    parser.add_argument("--quick", action="store_true", help="the tiny mesh alone")
-    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
-    options = parser.parse_args()
-    meshes = ["tiny"] if options.quick else options.mesh
-    rows = {name: measure(name, options.steps, options.solver) for name in meshes}
-    if MPI.COMM_WORLD.rank != 0:
-        return
+def median_of(runs: list[March], value: Callable[[March], float]) -> float:
+    """Median of a number over runs."""
+    return statistics.median(value(run) for run in runs)
+
+
+def by_name(runs: list[March], values: Callable[[March], dict[str, float]]) -> dict[str, float]:
+    """Medians of several numbers over runs."""
+    return {name: statistics.median(values(run)[name] for run in runs) for name in values(runs[0])}
+
+
+def print_tables(rows: dict[str, Row]) -> None:
+    """Three tables: steps, joints, and set-up with memory."""
+    width = max(len(name) for name in rows)
+    first = next(iter(rows.values()))
+    print(
+        f"{first['ranks']} rank(s), {first['repeats']} repeat(s).\n\n"
+        "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
+        "linear: of wall times, with their range over the repeats; of processor times, which\n"
+        "others on the machine disturb less; of mean wall times, which rare expensive steps\n"
+        "enter.\n"
+    )
+    print(
+        f"{'':{width}}                        linear ms      jointed ms      ratios\n"
+        f"{'scene':{width}}    dofs points steps     wall    cpu     wall    cpu"
+        "   wall (range)         cpu  means  solver"
+    )
     for name, row in rows.items():
+        low, high = row["ratio_range"]
         print(
-            f"{name}: {row['dofs']} dofs, {row['joint_points']} joint points, {row['steps']} steps "
-            f"(medians per step): linear {row['linear_ms']:.2f} ms, with joints "
-            f"{row['joints_ms']:.2f} ms, ratio {row['ratio']:.2f}; Newton {row['newton_mean']:.2f} "
-            f"on average, at most {row['newton_max']}; ledger {row['ledger']:.1e}; "
-            f"{row['peak_mb']:.0f} MB"
+            f"{name:{width}} {row['dofs']:7d} {row['joint_points']:6d} {row['steps']:5d}"
+            f" {row['linear_ms']:8.2f} {row['linear_cpu_ms']:6.2f}"
+            f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f}"
+            f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
+            f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}  {row['solver']}"
         )
-    if options.json:
-        print(json.dumps(rows))
+    print(
+        "\nNewton iterations per step; mean share of the joint points by state; steps tried and\n"
+        "cut; ledger: what all energy lines leave unexplained, over the largest energy; crest\n"
+        "peaks.\n"
+    )
+    print(
+        f"{'scene':{width}}  Newton mean  max   open  stick   slip   cut   ledger"
+        "   crest peaks x, y, z [mm], tied -> jointed"
+    )
+    for name, row in rows.items():
+        tied, jointed = (
+            ", ".join(f"{p:.4g}" for p in row[key]) for key in ("tied_peaks_mm", "joint_peaks_mm")
+        )
+        shares = " ".join(f"{100 * row[key]:4.0f} %" for key in ("open", "stick", "slip"))
+        print(
+            f"{name:{width}} {row['newton_mean']:12.2f} {row['newton_max']:4d} {shares}"
+            f" {row['cut']:5d}  {row['ledger']:.1e}   {tied} -> {jointed}"
+        )
+    print(
+        "\nSeconds of the set-up and of the whole run, from reading the mesh to the last step;\n"
+        "compliance is what the first step takes besides the factor. Peak memory [MiB] by phase,\n"
+        "with what earlier phases still hold.\n"
+    )
+    print(
+        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run"
+        "   MiB: model statics steps"
+    )
+    for name, row in rows.items():
+        for run, label in (("linear", "linear"), ("joints", "jointed")):
+            s, mb = row[f"{run}_setup_s"], row[f"{run}_peaks_mb"]
+            print(
+                f"{name:{width}} {label:8} {s['mesh']:6.2f} {s['assembly']:8.2f} "
+                f"{s['statics']:7.2f} {s['factor']:6.2f} {s['compliance']:10.2f} "
+                f"{row[f'{run}_total_s']:11.2f} {mb['model']:12.0f} {mb['statics']:7.0f} "
+                f"{mb['steps']:5.0f}"
+            )
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    """Options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mesh", nargs="*", default=["coarse"], choices=sorted(DIVISIONS))
+    parser.add_argument(
+        "--pressure",
+        nargs="*",
+        type=float,
+        default=[],
+        metavar="MPA",
+        help="run the walls with these pressures on their end faces as well",
+    )
+    parser.add_argument("--dam", action="store_true", help="also the dam of demo 03, 8k dofs")
+    parser.add_argument("--dam-fine", action="store_true", help="also a finer one, 43k dofs")
+    parser.add_argument(
+        "--steps",
+        type=int,
+        default=TIED_STEPS,
+        help=f"time steps of 0.00488 s ({DAM_STEPS} are the whole motion of the dam)",
+    )
+    parser.add_argument("--repeat", type=int, default=1, help="runs over which medians are taken")
+    parser.add_argument("--solver", default="auto", choices=KINDS)
+    parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
+    return parser.parse_args(arguments)
+
+
+def scenes(options: argparse.Namespace) -> list[Scene]:
+    """What is to be run."""
+    if options.quick:
+        return [wall("tiny")]
+    chosen = [wall(m, pressure=p) for m in options.mesh for p in (0.0, *options.pressure)]
+    return [
+        *chosen,
+        *([dam("dam")] if options.dam else []),
+        *([dam("dam fine")] if options.dam_fine else []),
+    ]
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Row]:
+    """Print tables, or one JSON object as the last line."""
+    options = parse_arguments(arguments)
+    rows = {
+        scene.name: measure(scene, options.steps, options.solver, max(options.repeat, 1))
+        for scene in scenes(options)
+    }
+    if MPI.COMM_WORLD.rank == 0:
+        print_tables(rows)
+        if options.json:
+            print(json.dumps(rows))
+    return rows
 
 
 if __name__ == "__main__":
+    dj.abort_on_error(MPI.COMM_WORLD)
     main()

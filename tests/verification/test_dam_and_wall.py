@@ -13,9 +13,6 @@ Hz symmetric); crest peaks of the wall without joints that independent programs 
 the condensed solver and the monolithic Newton, which solve the same equations.
 """
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -24,18 +21,11 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from benchmarks._scenes import wall
+from benchmarks.jointed_wall import measure
 from geometry.ambiesta import ambiesta
 
 pytestmark = pytest.mark.slow
-ROOT = Path(__file__).parents[2]
-
-
-def benchmark():
-    """The module of the jointed wall's benchmark."""
-    spec = importlib.util.spec_from_file_location("wall", ROOT / "benchmarks/jointed_wall.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def dam(mesh, joints=None):
@@ -76,7 +66,7 @@ def test_both_solvers_on_the_dam(tmp_path):
 
 def test_the_jointed_wall_completes_on_both_paths():
     # `measure` compares the tied peaks with those of independent programs itself.
-    rows = [benchmark().measure("coarse", 200, solver) for solver in ("condensed", "monolithic")]
+    rows = [measure(wall("coarse"), 200, solver) for solver in ("condensed", "monolithic")]
     assert [row["accepted"] for row in rows] == [200, 200]
     np.testing.assert_allclose(rows[0]["joint_peaks_mm"], rows[1]["joint_peaks_mm"], rtol=1e-6)
     assert max(row["energy_error"] for row in rows) < 0.04

@@ -1,0 +1,239 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Runs of a scene with what they cost: wall and processor time, PETSc's own times, peak memory."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import statistics
+import time as clock
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx_joints as dj
+from benchmarks._scenes import TIME_STEP, Scene
+from dolfinx_joints.laws import Law
+from dolfinx_joints.parallel import free_petsc_garbage
+from dolfinx_joints.stages import Outcome, Record
+
+FACTOR = (
+    *("MatCholFctrSym", "MatCholFctrNum"),
+    *("MatLUFactorSym", "MatLUFactorNum"),
+)
+BACK_SUBSTITUTION = ("MatSolve", "MatMatSolve")
+
+
+def petsc_seconds(names: Sequence[str]) -> float:
+    """What PETSc's log has under these events on this rank so far [s]; the log is switched on."""
+    if not PETSc.Log.isActive():
+        PETSc.Log.begin()
+    return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+def free_memory() -> None:
+    """Hand back what earlier runs left, so that it does not count for the next (collective)."""
+    gc.collect()
+    free_petsc_garbage(MPI.COMM_WORLD)
+    ctypes.CDLL(None).malloc_trim(0)
+
+
+def reset_peak() -> None:
+    """Let the kernel's largest resident size of this process start anew."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_mb() -> float:
+    """Largest resident size since `reset_peak`, summed over the ranks, [MiB] (collective)."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    mine = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    return MPI.COMM_WORLD.allreduce(mine) / 1024.0
+
+
+def slowest(value: float) -> float:
+    """The largest of all ranks (collective)."""
+    return MPI.COMM_WORLD.allreduce(value, op=MPI.MAX)
+
+
+@dataclass(kw_only=True)
+class Phases:
+    """Wall time and peak memory by phase.
+
+    Attributes:
+        seconds: Wall time of the slowest rank [s].
+        peaks_mb: Largest memory of the phase, with what earlier phases still hold [MiB].
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    peaks_mb: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Account a block to a phase (collective)."""
+        reset_peak()
+        began = clock.perf_counter()
+        yield
+        self.seconds[name] = slowest(clock.perf_counter() - began)
+        self.peaks_mb[name] = peak_mb()
+
+
+class StepWatch:
+    """Monitor that keeps what each step took, and the crest's displacement.
+
+    The clock runs from the end of one call to the beginning of the next: it sees the whole loop
+    but for this monitor.
+
+    Attributes:
+        wall: Wall time of each step [ms].
+        cpu: Processor time of each step [ms].
+        iterations: Newton iterations of each step's last piece.
+        shares: Joint points open, sticking and sliding after each step, over all.
+        crest: Displacement of the crest from the start of each step's end, (3,) each [m].
+        factor: Seconds that PETSc factored in the first step [s].
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing is seen yet."""
+        self._scene = scene
+        self.wall: list[float] = []
+        self.cpu: list[float] = []
+        self.iterations: list[int] = []
+        self.shares: list[tuple[float, float, float]] = []
+        self.crest: list[np.ndarray] = []
+        self.factor = 0.0
+
+    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
+        """Find the crest and start the clock."""
+        from dolfinx_joints.monitors import NodeGather, PointProbe
+
+        self._probe = PointProbe(model, [self._scene.crest], NodeGather(model))
+        self._static = self._probe.read(first.displacement)[0]
+        self._factored = petsc_seconds(FACTOR)
+        self._last = clock.perf_counter(), clock.process_time()
+
+    def record(self, record: Record) -> None:
+        """Stop and restart the clock."""
+        now = clock.perf_counter(), clock.process_time()
+        self.wall.append(1e3 * (now[0] - self._last[0]))
+        self.cpu.append(1e3 * (now[1] - self._last[1]))
+        assert record.solve is not None
+        self.iterations.append(record.solve.iterations)
+        counts = record.solve.counts
+        if counts is not None:
+            shares = (counts.open, counts.stick, counts.slip)
+            self.shares.append(tuple(n / counts.total for n in shares))
+        if len(self.wall) == 1:
+            self.factor = petsc_seconds(FACTOR) - self._factored
+        self.crest.append(self._probe.read(record.displacement)[0] - self._static)
+        self._last = clock.perf_counter(), clock.process_time()
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Let go of the model."""
+        del self._probe
+
+
+@dataclass(frozen=True, kw_only=True)
+class March:
+    """A finished run of a scene.
+
+    Attributes:
+        dofs: Displacement dofs, constrained ones included.
+        points: Joint points.
+        step_ms: Median wall time of a step but the first, slowest rank [ms].
+        step_cpu_ms: The same in processor time [ms].
+        mean_ms: Mean wall time of a step but the first, slowest rank [ms].
+        seconds: Wall time by phase of the set-up [s]: ``mesh`` (read and split), ``assembly``,
+            ``statics``, ``factor`` of the bulk, and ``compliance``: what else the first step takes
+            more than the median.
+        total: Wall time from reading the mesh to the last step [s].
+        peaks_mb: Peak memory of ``model`` (mesh and assembly), ``statics`` and ``steps`` [MiB].
+        watch: What each step took on this rank.
+        facts: ``solver``, ``iterations``, ``accepted`` and ``cut`` steps, ``ledger``,
+            ``energy_error``; numbers alone, so that the next run finds the memory free.
+    """
+
+    dofs: int
+    points: int
+    step_ms: float
+    step_cpu_ms: float
+    mean_ms: float
+    seconds: dict[str, float]
+    total: float
+    peaks_mb: dict[str, float]
+    watch: StepWatch
+    facts: dict[str, Any]
+
+    @property
+    def peak_mb(self) -> float:
+        """Largest memory of all phases [MiB]."""
+        return max(self.peaks_mb.values())
+
+    @property
+    def peaks_mm(self) -> list[float]:
+        """Largest displacement of the crest from the static state along each axis [mm]."""
+        return list(1e3 * np.abs(self.watch.crest).max(axis=0))
+
+
+def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str = "auto") -> March:
+    """Static loads, then the motion, with a law for the joints or without joints (collective).
+
+    Raises:
+        ValueError: There are fewer than 2 steps.
+    """
+    if steps < 2:
+        raise ValueError(f"steps is {steps}; the first is not measured, so take at least 2.")
+    free_memory()
+    phases, watch = Phases(), StepWatch(scene)
+    began = clock.perf_counter()
+    with phases.phase("mesh"):
+        jointed = scene.read(mesh, tied=law is None)
+    with phases.phase("assembly"):
+        model = scene.model(jointed, law)
+        simulation = dj.Simulation(model, monitors=[watch], solver=solver)
+    with phases.phase("statics"):
+        simulation.statics(steps=scene.load_steps)
+    with phases.phase("steps"):
+        outcome = simulation.dynamics(
+            dt=TIME_STEP, steps=steps, motion=scene.shaking(steps * TIME_STEP)
+        )
+    median = statistics.median(watch.wall[1:])
+    once = max(watch.wall[0] - median, 0.0) / 1e3
+    peaks = phases.peaks_mb
+    return March(
+        dofs=model.num_dofs,
+        points=model.operator.num_points if model.operator else 0,
+        step_ms=slowest(median),
+        step_cpu_ms=slowest(statistics.median(watch.cpu[1:])),
+        mean_ms=slowest(statistics.mean(watch.wall[1:])),
+        seconds={
+            **{name: phases.seconds[name] for name in ("mesh", "assembly", "statics")},
+            "factor": slowest(watch.factor),
+            "compliance": slowest(max(once - watch.factor, 0.0)) if law else 0.0,
+        },
+        total=slowest(clock.perf_counter() - began),
+        peaks_mb={
+            "model": max(peaks["mesh"], peaks["assembly"]),
+            "statics": peaks["statics"],
+            "steps": peaks["steps"],
+        },
+        watch=watch,
+        facts=_facts(outcome),
+    )
+
+
+def _facts(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "solver": outcome.solver,
+        "iterations": outcome.iterations,
+        "accepted": outcome.counts.accepted,
+        "cut": outcome.counts.rejected,
+        "ledger": outcome.imbalance,
+        "energy_error": outcome.energy_error,
+    }

@@ -1,0 +1,102 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Small runs of the benchmarks: that they run, print what they promise and can fail.
+
+Expected: facts of the meshes counted by hand, and bounds that the programs assert themselves.
+"""
+
+import json
+
+import pytest
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("gmsh")
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from benchmarks import agreement, jointed_wall, stiffness_range
+from benchmarks._scenes import wall
+
+pytestmark = pytest.mark.mpi
+
+PROMISED = {"dofs", "joint_points", "steps", "linear_ms", "joints_ms", "ratio", "newton_mean"}
+PROMISED |= {"ledger", "peak_mb", "linear_cpu_ms", "joints_cpu_ms", "newton_max"}
+
+
+def printed(capsys):
+    """The JSON object of the last line, on rank 0; None elsewhere."""
+    lines = capsys.readouterr().out.splitlines()
+    return json.loads(lines[-1]) if MPI.COMM_WORLD.rank == 0 else None
+
+
+def test_jointed_wall(capsys):
+    jointed_wall.main(
+        ["--mesh", "tiny", "--pressure", "0.3", "--steps", "5", "--repeat", "2", "--json"]
+    )
+    rows = printed(capsys)
+    if rows is None:
+        return
+    assert list(rows) == ["tiny", "tiny 0.3 MPa"]
+    for row in rows.values():
+        assert row.keys() >= PROMISED
+        # 8 x 2 x 8 cells; each of 3 joints doubles its 3 x 9 nodes.
+        assert row["dofs_tied"] == 3 * 9 * 3 * 9
+        assert row["dofs"] == row["dofs_tied"] + 3 * row["joint_points"]
+        assert row["joint_points"] == 3 * 3 * 9
+        assert row["open"] + row["stick"] + row["slip"] == pytest.approx(1.0)
+        assert row["accepted"] == row["steps"] == 5
+        assert row["ledger"] < 1e-9
+        assert row["linear_ms"] > 0.0
+        assert row["ratio_range"][0] <= row["ratio"] <= row["ratio_range"][1]
+
+
+def test_the_tied_peaks_are_checked():
+    from dataclasses import replace
+
+    wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))
+    with pytest.raises(AssertionError):
+        jointed_wall.measure(wrong, 200)
+
+
+def test_stiffness_range(capsys):
+    cases = ["--stiffness", "1e11", "1e13", "--angle", "30", "--factor", "1", "10"]
+    status = stiffness_range.main(["--scenes", "tiny", "--steps", "5", "--json", *cases])
+    assert status == 0
+    found = printed(capsys)
+    if found is None:
+        return
+    assert found["cases"] == found["passed"] == len(found["results"]) == 4
+    assert found["largest_ledger"] <= stiffness_range.LARGEST_LEDGER
+    # Vertical joints of a shaken wall open.
+    assert all(result["open"] > 0.1 for result in found["results"])
+
+
+def test_a_case_that_fails_is_shown(capsys, monkeypatch):
+    # 89.9 degrees and long steps take more than one iteration from the first step on.
+    options = {"max_iterations": 1}
+    monkeypatch.setattr(stiffness_range, "NEWTON", dj.NewtonOptions(**options))
+    one = ["--stiffness", "1e11", "--angle", "89.9", "--factor", "10"]
+    status = stiffness_range.main(["--scenes", "tiny", "--steps", "5", "--json", *one])
+    assert status == 1
+    found = printed(capsys)
+    if found is not None:
+        assert found["passed"] == 0
+        assert "did not converge" in found["results"][0]["failure"]
+
+
+def test_agreement(capsys):
+    status = agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8", "--json"])
+    assert status == 0
+    found = printed(capsys)
+    if found is None:
+        return
+    assert found["tiny"]["by_step"]["unsolved"] == 0
+    assert 0.0 < found["tiny"]["by_step"]["joint_force"] <= agreement.BOUNDS["steps"]
+    assert 0.0 < found["tiny"]["history"]["displacement"] <= agreement.BOUNDS["histories"]
+
+
+def test_a_disagreement_is_seen(monkeypatch):
+    # A reference that stops at 1e-2 of the forces is not equal to nine digits.
+    monkeypatch.setattr(agreement, "REFERENCE", dj.NewtonOptions(relative_tolerance=1e-2))
+    assert agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8"]) == 1

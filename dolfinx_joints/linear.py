@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,17 @@ BLOCK = 64
 SINGULAR = (
     "The matrix is singular to working precision: is every block held by supports, springs or a "
     "closed joint?"
+)
+
+
+# MUMPS' option for the per cent by which its workspace exceeds the estimate.
+WORKSPACE = "mat_mumps_icntl_14"
+MORE_WORKSPACE = 300
+
+OUT_OF_MEMORY = int(PETSc.PC.FailedReason.FACTOR_OUTMEMORY)
+ZERO_PIVOT = (
+    int(PETSc.PC.FailedReason.FACTOR_STRUCT_ZEROPIVOT),
+    int(PETSc.PC.FailedReason.FACTOR_NUMERIC_ZEROPIVOT),
 )
 
 
@@ -51,35 +63,27 @@ class DirectSolver:
     def __init__(
         self, matrix: PETSc.Mat, *, symmetric: bool, options: Mapping[str, Any] | None = None
     ) -> None:
-        """Set the solver up; nothing is factored yet."""
-        DirectSolver._made += 1
-        self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setOptionsPrefix(f"dolfinx_joints_{DirectSolver._made}_")
+        """Choose the package; nothing is factored yet."""
         self._matrix = matrix
         serial = matrix.comm.size == 1
         package = "cholmod" if symmetric and serial and _has_cholmod() else "mumps"
-        chosen: dict[str, Any] = {
+        self._options: dict[str, Any] = {
             "ksp_type": "preonly",
             "pc_type": "cholesky" if symmetric else "lu",
             "pc_factor_mat_solver_type": package,
         }
         if package == "cholmod":
-            chosen["mat_cholmod_print"] = 0  # its failures are raised, not printed
+            self._options["mat_cholmod_print"] = 0  # its failures are raised, not printed
         if package == "mumps":
-            chosen["mat_mumps_icntl_14"] = 60
-        self._apply(chosen | dict(options or {}))
+            self._options[WORKSPACE] = 60
+        self._options |= dict(options or {})
+        self._create()
         self._stale = True
 
-    def _apply(self, options: Mapping[str, Any]) -> None:
-        """Set options under the own prefix and leave the global database clean."""
-        database = PETSc.Options()
-        prefix = self._ksp.getOptionsPrefix()
-        for key, value in options.items():
-            database.setValue(prefix + key, value)
-        self._ksp.setOperators(self._matrix)
-        self._ksp.setFromOptions()
-        self._ksp.getPC().setFromOptions()
-        self._names = [prefix + key for key in options]
+    def _create(self) -> None:
+        DirectSolver._made += 1
+        self._ksp = PETSc.KSP().create(self._matrix.comm)
+        self._ksp.setOptionsPrefix(f"dolfinx_joints_{DirectSolver._made}_")
 
     def refresh(self) -> None:
         """Factor the matrix anew at the next solve."""
@@ -152,23 +156,38 @@ class DirectSolver:
         """Factor the matrix if it has changed; whether it has."""
         if not self._stale:
             return False
-        self._ksp.setOperators(self._matrix)
-        self._factor()
+        failure = self._factor()
+        if failure == OUT_OF_MEMORY:
+            # MUMPS guesses its workspace before it knows the pivots: once with far more.
+            self._ksp.destroy()
+            self._create()
+            self._options[WORKSPACE] = MORE_WORKSPACE
+            failure = self._factor()
+        if failure == OUT_OF_MEMORY:
+            raise JointsError(
+                "The factor of the matrix does not fit into memory: take a coarser mesh, more "
+                "memory, or the iterative solver."
+            )
+        if failure in ZERO_PIVOT:
+            raise JointsError(SINGULAR)
+        if failure:
+            raise JointsError(f"The matrix could not be factored; PETSc's reason is {failure}.")
         self._stale = False
         return True
 
-    def _factor(self) -> None:
-        try:
-            self._ksp.setUp()
-        except PETSc.Error as exc:
-            raise JointsError(
-                "The matrix could not be factored (singular, or not positive definite: is every "
-                f"block held by supports?); PETSc's error code is {exc.ierr}."
-            ) from None
-        database = PETSc.Options()
-        for name in self._names:
-            database.delValue(name)
-        self._names = []
+    def _factor(self) -> int:
+        """Factor the matrix; PETSc's reason of a failure, or 0."""
+        with _options_set(self._ksp.getOptionsPrefix(), self._options):
+            self._ksp.setOperators(self._matrix)
+            self._ksp.setFromOptions()
+            try:
+                self._ksp.setUp()
+            except PETSc.Error as exc:
+                raise JointsError(
+                    "The matrix could not be factored (singular, or not positive definite: is "
+                    f"every block held by supports?); PETSc's error code is {exc.ierr}."
+                ) from None
+        return int(self._ksp.getPC().getFailedReason())
 
     def destroy(self) -> None:
         """Free the factor."""
@@ -275,6 +294,19 @@ def free_dofs(system: MatrixSystem) -> PETSc.Vec:
 def _mean_diagonal(matrix: PETSc.Mat) -> float:
     diagonal = matrix.getDiagonal()
     return float(diagonal.norm(PETSc.NormType.NORM_1) / max(matrix.getSize()[0], 1)) or 1.0
+
+
+@contextmanager
+def _options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
+    """Options under a prefix; the global database is left clean."""
+    database = PETSc.Options()
+    for key, value in options.items():
+        database.setValue(prefix + key, value)
+    try:
+        yield
+    finally:
+        for key in options:
+            database.delValue(prefix + key)
 
 
 def _has_cholmod() -> bool:

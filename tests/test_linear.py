@@ -13,6 +13,7 @@ pytest.importorskip("petsc4py")
 
 from petsc4py import PETSc
 
+from dolfinx_joints import linear
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.linear import DirectSolver
 
@@ -111,4 +112,50 @@ def test_free_bodies_are_refused(comm, symmetric):
     b.set(1.0)
     with pytest.raises(JointsError, match="held by supports"):
         solver.solve(b, x)
+    solver.destroy()
+
+
+def box(comm: Any, size: int = 8) -> PETSc.Mat:
+    """The 7-point Laplacian of a cube, whose factor fills in."""
+    matrix = PETSc.Mat().createAIJ((size**3, size**3), nnz=7, comm=comm)
+    for row in range(*matrix.getOwnershipRange()):
+        matrix[row, row] = 6.0
+        for step in (1, size, size**2):
+            place = row // step % size
+            if place > 0:
+                matrix[row, row - step] = -1.0
+            if place < size - 1:
+                matrix[row, row + step] = -1.0
+    matrix.assemble()
+    return matrix
+
+
+def test_workspace_too_small_is_asked_for_again(comm):
+    # MUMPS is given 5 % of the workspace that it estimates, which fails (see the next test).
+    matrix = box(comm)
+    options = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": -95}
+    solver = DirectSolver(matrix, symmetric=True, options=options)
+    right = columns(matrix, 2)
+    np.testing.assert_allclose(
+        product(matrix, solver.solve_block(right)), right, rtol=0, atol=1e-12
+    )
+    solver.destroy()
+
+
+def test_memory_that_does_not_suffice_is_said(comm, monkeypatch):
+    monkeypatch.setattr(linear, "MORE_WORKSPACE", -95)
+    matrix = box(comm)
+    options = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": -95}
+    solver = DirectSolver(matrix, symmetric=True, options=options)
+    with pytest.raises(JointsError, match="does not fit into memory"):
+        solver.solve_block(columns(matrix, 2))
+    solver.destroy()
+
+
+def test_options_do_not_leak(comm):
+    matrix = chain(comm)
+    before = PETSc.Options().getAll()
+    solver = DirectSolver(matrix, symmetric=True)
+    solver.solve_block(columns(matrix, 2))
+    assert PETSc.Options().getAll() == before
     solver.destroy()

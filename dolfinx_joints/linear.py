@@ -1,12 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Effective matrices A = m M + c C + k K with constraints, and their direct solvers."""
+"""Effective matrices A = m M + c C + k K with constraints, and their linear solvers."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.errors import JointsError
+from dolfinx_joints.krylov import IterativeSolver, options_set
+from dolfinx_joints.memory import factor_fits
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,9 @@ SINGULAR = (
     "closed joint?"
 )
 
+
+# Linear solvers of the effective matrix.
+LINEAR = ("auto", "direct", "iterative")
 
 # MUMPS' option for the per cent by which its workspace exceeds the estimate.
 WORKSPACE = "mat_mumps_icntl_14"
@@ -177,7 +181,7 @@ class DirectSolver:
 
     def _factor(self) -> int:
         """Factor the matrix; PETSc's reason of a failure, or 0."""
-        with _options_set(self._ksp.getOptionsPrefix(), self._options):
+        with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
             self._ksp.setFromOptions()
             try:
@@ -200,6 +204,8 @@ class EffectiveMatrix:
     Args:
         system: Where M, C, K and the constraints come from.
         effective: The coefficients.
+        linear: ``direct``, ``iterative``, or ``auto``: iterative where A is symmetric and its
+            factor is not expected to fit into memory, direct elsewhere.
 
     Attributes:
         full: A.
@@ -207,8 +213,13 @@ class EffectiveMatrix:
         norm: Infinity norm of A.
     """
 
-    def __init__(self, system: MatrixSystem, effective: Effective) -> None:
-        """Add the matrices up (collective)."""
+    def __init__(self, system: MatrixSystem, effective: Effective, *, linear: str = "auto") -> None:
+        """Add the matrices up (collective).
+
+        Raises:
+            ValueError: ``linear`` is unknown, or ``iterative`` and A is not symmetric.
+        """
+        check_linear(linear, symmetric=system.symmetric)
         self.full = system.stiffness.copy()
         self.full.scale(effective.stiffness)
         for factor, matrix in (
@@ -222,14 +233,30 @@ class EffectiveMatrix:
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self._symmetric, self._moves = system.symmetric, system.values is not None
-        self._solver: DirectSolver | None = None
+        self._linear, self._components = linear, system.components
+        self._near = system.stiffness.getNearNullSpace()
+        self._solver: DirectSolver | IterativeSolver | None = None
 
     @property
-    def solver(self) -> DirectSolver:
-        """Direct solver of ``held``, made when first asked for and then kept."""
+    def solver(self) -> DirectSolver | IterativeSolver:
+        """Solver of ``held``, made when first asked for and then kept (collective)."""
         if self._solver is None:
-            self._solver = DirectSolver(self.held, symmetric=self._symmetric)
+            self._solver = self._made()
         return self._solver
+
+    def _made(self) -> DirectSolver | IterativeSolver:
+        if not self._iterates():
+            return DirectSolver(self.held, symmetric=self._symmetric)
+        self.held.setNearNullSpace(self._near)
+        return IterativeSolver(self.held)
+
+    def _iterates(self) -> bool:
+        if self._linear != "auto":
+            return self._linear == "iterative"
+        if not self._symmetric:
+            return False
+        comm = self.held.comm.tompi4py()
+        return not factor_fits(comm, self.held.getSize()[0], self._components)
 
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
@@ -283,6 +310,20 @@ class Cache:
         return self._kept[key]
 
 
+def check_linear(linear: str, *, symmetric: bool) -> None:
+    """Refuse a linear solver that does not exist or does not fit.
+
+    Raises:
+        ValueError: It is not one of `LINEAR`, or ``iterative`` and the matrices not symmetric.
+    """
+    if linear not in LINEAR:
+        raise ValueError(f"linear is {linear!r}; it must be one of {', '.join(LINEAR)}.")
+    if linear == "iterative" and not symmetric:
+        raise ValueError(
+            "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
+        )
+
+
 def free_dofs(system: MatrixSystem) -> PETSc.Vec:
     """1 for free and 0 for constrained dofs."""
     free = system.stiffness.createVecRight()
@@ -294,19 +335,6 @@ def free_dofs(system: MatrixSystem) -> PETSc.Vec:
 def _mean_diagonal(matrix: PETSc.Mat) -> float:
     diagonal = matrix.getDiagonal()
     return float(diagonal.norm(PETSc.NormType.NORM_1) / max(matrix.getSize()[0], 1)) or 1.0
-
-
-@contextmanager
-def _options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
-    """Options under a prefix; the global database is left clean."""
-    database = PETSc.Options()
-    for key, value in options.items():
-        database.setValue(prefix + key, value)
-    try:
-        yield
-    finally:
-        for key in options:
-            database.delValue(prefix + key)
 
 
 def _has_cholmod() -> bool:

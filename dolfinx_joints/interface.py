@@ -115,9 +115,12 @@ class _Condensed:
     ) -> None:
         """Factor, and find the compliance (collective)."""
         assert system.contact is not None
-        self.springs = None if effective.mass else JointSprings(system)
-        added = None if self.springs is None else self.springs.matrix
-        self.matrix = EffectiveMatrix(system, effective, added)
+        self.springs: JointSprings | None = None
+        self.matrix = EffectiveMatrix(system, effective)
+        if not effective.mass and not _is_held(self.matrix, free_dofs(system)):
+            self.matrix.destroy()
+            self.springs = JointSprings(system)
+            self.matrix = EffectiveMatrix(system, effective, added=self.springs.matrix)
         areas = system.contact.operator.areas
         largest = None if self.springs is None else self.springs.largest_compliance
         self.compliance = DenseCompliance(self.matrix, operator, areas, largest)
@@ -139,6 +142,21 @@ class _Condensed:
     def destroy(self) -> None:
         """Free matrices and factor."""
         self.matrix.destroy()
+
+
+def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
+    """Whether a matrix of statics is regular: no block that nothing but joints supports."""
+    load, moved = free.duplicate(), free.duplicate()
+    load.setRandom()
+    load.pointwiseMult(load, free)
+    try:
+        matrix.solver.solve(load, moved)
+    except JointsError:
+        return False
+    rest = load.duplicate()
+    matrix.held.mult(moved, rest)
+    rest.axpy(-1.0, load)
+    return bool(rest.norm() <= 1e-6 * load.norm())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,8 +183,9 @@ class InterfaceSolver:
 
     Gives what `NewtonSolver` gives. The compliance costs one back-substitution per joint unknown
     for each set of coefficients; after that a step costs two of them, however many iterations the
-    joints need. In statics springs across the joints hold blocks that nothing else does; what they
-    carry is taken off the law's tractions again, so that the solution does not depend on them.
+    joints need. Where blocks are held by nothing but joints, statics put springs across the joints;
+    what they carry is taken off the law's tractions again, so that the solution does not depend on
+    them.
 
     Args:
         system: What is to be solved; all its laws offer ``local_solve``.

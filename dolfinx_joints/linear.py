@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Effective matrices A = m M + c C + k K with constraints, and their direct solvers."""
+"""Effective matrices A = m M + c C + k K with constraints, and their linear solvers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.errors import JointsError
+from dolfinx_joints.krylov import IterativeSolver, options_set
+from dolfinx_joints.memory import factor_fits
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -25,6 +27,20 @@ BLOCK = 64
 SINGULAR = (
     "The matrix is singular to working precision: is every block held by supports, springs or a "
     "closed joint?"
+)
+
+
+# Linear solvers of the effective matrix.
+LINEAR = ("auto", "direct", "iterative")
+
+# MUMPS' option for the per cent by which its workspace exceeds the estimate.
+WORKSPACE = "mat_mumps_icntl_14"
+MORE_WORKSPACE = 300
+
+OUT_OF_MEMORY = int(PETSc.PC.FailedReason.FACTOR_OUTMEMORY)
+ZERO_PIVOT = (
+    int(PETSc.PC.FailedReason.FACTOR_STRUCT_ZEROPIVOT),
+    int(PETSc.PC.FailedReason.FACTOR_NUMERIC_ZEROPIVOT),
 )
 
 
@@ -51,35 +67,27 @@ class DirectSolver:
     def __init__(
         self, matrix: PETSc.Mat, *, symmetric: bool, options: Mapping[str, Any] | None = None
     ) -> None:
-        """Set the solver up; nothing is factored yet."""
-        DirectSolver._made += 1
-        self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setOptionsPrefix(f"dolfinx_joints_{DirectSolver._made}_")
+        """Choose the package; nothing is factored yet."""
         self._matrix = matrix
         serial = matrix.comm.size == 1
         package = "cholmod" if symmetric and serial and _has_cholmod() else "mumps"
-        chosen: dict[str, Any] = {
+        self._options: dict[str, Any] = {
             "ksp_type": "preonly",
             "pc_type": "cholesky" if symmetric else "lu",
             "pc_factor_mat_solver_type": package,
         }
         if package == "cholmod":
-            chosen["mat_cholmod_print"] = 0  # its failures are raised, not printed
+            self._options["mat_cholmod_print"] = 0  # its failures are raised, not printed
         if package == "mumps":
-            chosen["mat_mumps_icntl_14"] = 60
-        self._apply(chosen | dict(options or {}))
+            self._options[WORKSPACE] = 60
+        self._options |= dict(options or {})
+        self._create()
         self._stale = True
 
-    def _apply(self, options: Mapping[str, Any]) -> None:
-        """Set options under the own prefix and leave the global database clean."""
-        database = PETSc.Options()
-        prefix = self._ksp.getOptionsPrefix()
-        for key, value in options.items():
-            database.setValue(prefix + key, value)
-        self._ksp.setOperators(self._matrix)
-        self._ksp.setFromOptions()
-        self._ksp.getPC().setFromOptions()
-        self._names = [prefix + key for key in options]
+    def _create(self) -> None:
+        DirectSolver._made += 1
+        self._ksp = PETSc.KSP().create(self._matrix.comm)
+        self._ksp.setOptionsPrefix(f"dolfinx_joints_{DirectSolver._made}_")
 
     def refresh(self) -> None:
         """Factor the matrix anew at the next solve."""
@@ -152,23 +160,38 @@ class DirectSolver:
         """Factor the matrix if it has changed; whether it has."""
         if not self._stale:
             return False
-        self._ksp.setOperators(self._matrix)
-        self._factor()
+        failure = self._factor()
+        if failure == OUT_OF_MEMORY:
+            # MUMPS guesses its workspace before it knows the pivots: once with far more.
+            self._ksp.destroy()
+            self._create()
+            self._options[WORKSPACE] = MORE_WORKSPACE
+            failure = self._factor()
+        if failure == OUT_OF_MEMORY:
+            raise JointsError(
+                "The factor of the matrix does not fit into memory: take a coarser mesh, more "
+                "memory, or the iterative solver."
+            )
+        if failure in ZERO_PIVOT:
+            raise JointsError(SINGULAR)
+        if failure:
+            raise JointsError(f"The matrix could not be factored; PETSc's reason is {failure}.")
         self._stale = False
         return True
 
-    def _factor(self) -> None:
-        try:
-            self._ksp.setUp()
-        except PETSc.Error as exc:
-            raise JointsError(
-                "The matrix could not be factored (singular, or not positive definite: is every "
-                f"block held by supports?); PETSc's error code is {exc.ierr}."
-            ) from None
-        database = PETSc.Options()
-        for name in self._names:
-            database.delValue(name)
-        self._names = []
+    def _factor(self) -> int:
+        """Factor the matrix; PETSc's reason of a failure, or 0."""
+        with options_set(self._ksp.getOptionsPrefix(), self._options):
+            self._ksp.setOperators(self._matrix)
+            self._ksp.setFromOptions()
+            try:
+                self._ksp.setUp()
+            except PETSc.Error as exc:
+                raise JointsError(
+                    "The matrix could not be factored (singular, or not positive definite: is "
+                    f"every block held by supports?); PETSc's error code is {exc.ierr}."
+                ) from None
+        return int(self._ksp.getPC().getFailedReason())
 
     def destroy(self) -> None:
         """Free the factor."""
@@ -181,6 +204,8 @@ class EffectiveMatrix:
     Args:
         system: Where M, C, K and the constraints come from.
         effective: The coefficients.
+        linear: ``direct``, ``iterative``, or ``auto``: iterative where A is symmetric and its
+            factor is not expected to fit into memory, direct elsewhere.
         added: What A holds besides.
 
     Attributes:
@@ -190,9 +215,19 @@ class EffectiveMatrix:
     """
 
     def __init__(
-        self, system: MatrixSystem, effective: Effective, added: PETSc.Mat | None = None
+        self,
+        system: MatrixSystem,
+        effective: Effective,
+        *,
+        linear: str = "auto",
+        added: PETSc.Mat | None = None,
     ) -> None:
-        """Add the matrices up (collective)."""
+        """Add the matrices up (collective).
+
+        Raises:
+            ValueError: ``linear`` is unknown, or ``iterative`` and A is not symmetric.
+        """
+        check_linear(linear, symmetric=system.symmetric)
         self.full = system.stiffness.copy()
         self.full.scale(effective.stiffness)
         for factor, matrix in (
@@ -208,14 +243,30 @@ class EffectiveMatrix:
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self._symmetric, self._moves = system.symmetric, system.values is not None
-        self._solver: DirectSolver | None = None
+        self._linear, self._components = linear, system.components
+        self._near = system.stiffness.getNearNullSpace()
+        self._solver: DirectSolver | IterativeSolver | None = None
 
     @property
-    def solver(self) -> DirectSolver:
-        """Direct solver of ``held``, made when first asked for and then kept."""
+    def solver(self) -> DirectSolver | IterativeSolver:
+        """Solver of ``held``, made when first asked for and then kept (collective)."""
         if self._solver is None:
-            self._solver = DirectSolver(self.held, symmetric=self._symmetric)
+            self._solver = self._made()
         return self._solver
+
+    def _made(self) -> DirectSolver | IterativeSolver:
+        if not self._iterates():
+            return DirectSolver(self.held, symmetric=self._symmetric)
+        self.held.setNearNullSpace(self._near)
+        return IterativeSolver(self.held)
+
+    def _iterates(self) -> bool:
+        if self._linear != "auto":
+            return self._linear == "iterative"
+        if not self._symmetric:
+            return False
+        comm = self.held.comm.tompi4py()
+        return not factor_fits(comm, self.held.getSize()[0], self._components)
 
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
@@ -267,6 +318,20 @@ class Cache:
             self._kept[key] = self._make(key)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+
+def check_linear(linear: str, *, symmetric: bool) -> None:
+    """Refuse a linear solver that does not exist or does not fit.
+
+    Raises:
+        ValueError: It is not one of `LINEAR`, or ``iterative`` and the matrices not symmetric.
+    """
+    if linear not in LINEAR:
+        raise ValueError(f"linear is {linear!r}; it must be one of {', '.join(LINEAR)}.")
+    if linear == "iterative" and not symmetric:
+        raise ValueError(
+            "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
+        )
 
 
 def free_dofs(system: MatrixSystem) -> PETSc.Vec:

@@ -129,6 +129,7 @@ class Model:
         if extra_mass is not None:
             self.mass = self._matrix(self.body.mass_form(u, v), extra_mass)
         self.stiffness = self._matrix(bulk, extra_stiffness, *springs)
+        self.stiffness.setNearNullSpace(self._rigid_modes())
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
             self.redistribution = self._redistributed(self.mass, self.operator, degree)
@@ -168,6 +169,13 @@ class Model:
         matrix.assemble()
         assembled.destroy()
         return matrix
+
+    def _rigid_modes(self) -> PETSc.NullSpace:
+        """Translations and rotations, which multigrid takes to its coarse levels (collective)."""
+        places = self.stiffness.createVecRight()
+        points = self.V.tabulate_dof_coordinates()[: places.getLocalSize() // self.gdim]
+        places.setArray(points[:, : self.gdim].ravel())
+        return PETSc.NullSpace().createRigidBody(places)
 
     def _damping(self, bulk: Any, rayleigh: Rayleigh, extra: BilinearForm | None) -> PETSc.Mat:
         """C = a M + b K of the bulk, and the extra form."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,13 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_joints import linear, memory
 from dolfinx_joints.errors import JointsError
-from dolfinx_joints.linear import DirectSolver
+from dolfinx_joints.krylov import IterativeSolver
+from dolfinx_joints.linear import DirectSolver, Effective, EffectiveMatrix
 
 pytestmark = pytest.mark.mpi
 
@@ -112,3 +116,181 @@ def test_free_bodies_are_refused(comm, symmetric):
     with pytest.raises(JointsError, match="held by supports"):
         solver.solve(b, x)
     solver.destroy()
+
+
+def box(comm: Any, size: int = 8) -> PETSc.Mat:
+    """The 7-point Laplacian of a cube, whose factor fills in."""
+    matrix = PETSc.Mat().createAIJ((size**3, size**3), nnz=7, comm=comm)
+    for row in range(*matrix.getOwnershipRange()):
+        matrix[row, row] = 6.0
+        for step in (1, size, size**2):
+            place = row // step % size
+            if place > 0:
+                matrix[row, row - step] = -1.0
+            if place < size - 1:
+                matrix[row, row + step] = -1.0
+    matrix.assemble()
+    return matrix
+
+
+def test_workspace_too_small_is_asked_for_again(comm):
+    # MUMPS is given 5 % of the workspace that it estimates, which fails (see the next test).
+    matrix = box(comm)
+    options = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": -95}
+    solver = DirectSolver(matrix, symmetric=True, options=options)
+    right = columns(matrix, 2)
+    np.testing.assert_allclose(
+        product(matrix, solver.solve_block(right)), right, rtol=0, atol=1e-12
+    )
+    solver.destroy()
+
+
+def test_memory_that_does_not_suffice_is_said(comm, monkeypatch):
+    monkeypatch.setattr(linear, "MORE_WORKSPACE", -95)
+    matrix = box(comm)
+    options = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": -95}
+    solver = DirectSolver(matrix, symmetric=True, options=options)
+    with pytest.raises(JointsError, match="does not fit into memory"):
+        solver.solve_block(columns(matrix, 2))
+    solver.destroy()
+
+
+def test_options_do_not_leak(comm):
+    matrix = chain(comm)
+    before = PETSc.Options().getAll()
+    solver = DirectSolver(matrix, symmetric=True)
+    solver.solve_block(columns(matrix, 2))
+    assert PETSc.Options().getAll() == before
+    solver.destroy()
+
+
+STEP = Effective(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """A clamped elastic wall of four blocks that touch nothing, in space."""
+    import dolfinx_joints as dj
+
+    model = dj.Model(
+        read(wall_file(divisions=(8, 3, 6))),
+        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=dj.FrictionNoTension(
+            normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0
+        ),
+        supports=[dj.Fixed(group="base")],
+        damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
+    )
+    return model.system()
+
+
+def load(matrix: PETSc.Mat) -> PETSc.Vec:
+    b = matrix.createVecLeft()
+    b.setArray(1e6 * columns(matrix, 1)[:, 0])
+    return b
+
+
+@pytest.mark.parametrize("effective", [STEP, Effective(mass=0.0, damping=0.0, stiffness=1.0)])
+def test_iterative_and_direct_solvers_agree(wall, effective):
+    # A step, and statics, whose matrix has a condition number of some ten thousand: both leave
+    # residuals near rounding, so that solutions agree but for that number times rounding.
+    matrices = {k: EffectiveMatrix(wall, effective, linear=k) for k in ("direct", "iterative")}
+    b = load(wall.stiffness)
+    found = {}
+    for kind, matrix in matrices.items():
+        x = b.duplicate()
+        assert matrix.solver.solve(b, x)
+        assert not matrix.solver.solve(b, x)
+        residual = b.duplicate()
+        matrix.held.mult(x, residual)
+        residual.axpy(-1.0, b)
+        assert residual.norm() <= 1e-12 * b.norm()
+        found[kind] = x
+    size = found["direct"].norm()
+    found["iterative"].axpy(-1.0, found["direct"])
+    assert found["iterative"].norm() <= 1e-10 * size
+    for matrix in matrices.values():
+        matrix.destroy()
+
+
+def test_rigid_modes_spare_iterations(wall):
+    # In statics a slender wall is hard for multigrid that knows translations only.
+    matrix = EffectiveMatrix(wall, Effective(mass=0.0, damping=0.0, stiffness=1.0))
+    b = load(matrix.held)
+    x, counts = b.duplicate(), []
+    for modes in (None, wall.stiffness.getNearNullSpace()):
+        if modes is not None:
+            matrix.held.setNearNullSpace(modes)
+        solver = IterativeSolver(matrix.held)
+        solver.solve(b, x)
+        counts.append(solver.iterations)
+    assert 3 <= counts[1] <= 0.8 * counts[0], counts
+
+
+def test_an_iterative_block_is_its_columns(wall):
+    matrix = EffectiveMatrix(wall, STEP, linear="iterative")
+    right = columns(matrix.held, 2)
+    found = matrix.solver.solve_block(right)
+    np.testing.assert_allclose(product(matrix.held, found), right, rtol=0, atol=1e-11)
+    matrix.destroy()
+
+
+def test_iterative_solver_of_single_unknowns(comm):
+    # Without blocks, without near null space, and a rank may own nothing.
+    matrix = chain(comm, empty=True)
+    solver = IterativeSolver(matrix)
+    right = columns(matrix, 2)
+    np.testing.assert_allclose(
+        product(matrix, solver.solve_block(right)), right, rtol=0, atol=1e-11
+    )
+    matrix.scale(2.0)
+    solver.refresh()
+    half = solver.solve_block(right)
+    np.testing.assert_allclose(product(matrix, half), right, rtol=0, atol=1e-11)
+    solver.destroy()
+
+
+def test_no_load_no_displacement(wall):
+    matrix = EffectiveMatrix(wall, STEP, linear="iterative")
+    b = wall.stiffness.createVecLeft()
+    x = b.duplicate()
+    x.set(1.0)
+    matrix.solver.solve(b, x)
+    assert x.norm() == 0.0
+    matrix.destroy()
+
+
+def test_an_iteration_that_fails_says_so(comm):
+    # -1 is no diagonal of a positive definite matrix.
+    matrix = chain(comm)
+    matrix.shift(-3.0)
+    solver = IterativeSolver(matrix)
+    with pytest.raises(JointsError, match="iterative linear solver gave up"):
+        solver.solve_block(columns(matrix, 1))
+    solver.destroy()
+
+
+def test_auto_goes_by_memory(wall, monkeypatch):
+    assert isinstance(EffectiveMatrix(wall, STEP).solver, DirectSolver)
+    monkeypatch.setattr(memory, "_free_here", lambda: 1e4)
+    assert isinstance(EffectiveMatrix(wall, STEP).solver, IterativeSolver)
+    assert isinstance(EffectiveMatrix(wall, STEP, linear="direct").solver, DirectSolver)
+    unsymmetric = replace(wall, symmetric=False)
+    assert isinstance(EffectiveMatrix(unsymmetric, STEP).solver, DirectSolver)
+
+
+def test_estimate_of_the_factor(comm):
+    # CHOLMOD's factors: of a cube of 24 x 24 x 24 elements 31.2e6 entries, of a square of 240 x
+    # 240 nodes 9.2e6; the estimate holds half as much again for the making.
+    assert memory.factor_bytes(46875, 3) == pytest.approx(12.0 * 31.2e6, rel=0.1)
+    assert memory.factor_bytes(115200, 2) == pytest.approx(12.0 * 9.16e6, rel=0.1)
+    # Each machine counts once, however many ranks it has.
+    free = comm.bcast(memory.available_bytes(MPI.COMM_SELF))
+    assert 0.5 * free < memory.available_bytes(comm) < 2.0 * free
+
+
+def test_unknown_linear_solvers_are_refused(wall):
+    with pytest.raises(ValueError, match="linear is 'magic'; it must be one of auto, direct"):
+        EffectiveMatrix(wall, STEP, linear="magic")
+    with pytest.raises(ValueError, match="needs symmetric matrices"):
+        EffectiveMatrix(replace(wall, symmetric=False), STEP, linear="iterative")

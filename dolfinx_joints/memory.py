@@ -1,0 +1,56 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""How much memory a factor needs, and how much there is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+# Part of the free memory that one factor may take: matrices, results and a second one need some.
+SHARE = 0.5
+
+
+def factor_fits(comm: Any, dofs: int, components: int) -> bool:
+    """Whether a Cholesky factor fits into the memory that is free (collective).
+
+    Args:
+        comm: Communicator of the matrix.
+        dofs: Rows of the matrix.
+        components: Displacement components per node.
+    """
+    return factor_bytes(dofs, components) <= SHARE * available_bytes(comm)
+
+
+def factor_bytes(dofs: int, components: int) -> float:
+    """What a Cholesky factor and its making may take, [bytes].
+
+    Nested dissection leaves of the order of n^(4/3) entries in space and n log n in a plane. The
+    numbers are measured: on cubes and squares, whose factors are the largest for their dofs.
+    """
+    size = max(dofs, 2)
+    entries = 20.0 * size ** (4 / 3) if components == 3 else 5.0 * size * np.log2(size)
+    return float(1.5 * 8.0 * entries)
+
+
+def available_bytes(comm: Any) -> float:
+    """Free memory of all the machines that the ranks run on (collective), [bytes]."""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    ranks = machine.size
+    machine.Free()
+    return float(comm.allreduce(_free_here() / ranks))
+
+
+def _free_here() -> float:
+    """Memory that this machine can give without swapping, else all that it has, [bytes]."""
+    report = Path("/proc/meminfo")
+    if report.exists():
+        for line in report.read_text(encoding="ascii").splitlines():
+            name, value = line.split(":")
+            if name == "MemAvailable":
+                return 1024.0 * float(value.split()[0])
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))

@@ -132,14 +132,7 @@ class EffectiveMatrix:
 
     def __init__(self, system: MatrixSystem, effective: Effective) -> None:
         """Add the matrices up (collective)."""
-        self.full = system.stiffness.copy()
-        self.full.scale(effective.stiffness)
-        for factor, matrix in (
-            (effective.mass, system.mass),
-            (effective.damping, system.damping),
-        ):
-            if factor:
-                self.full.axpy(factor, matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         self.held = self.full.copy()
         rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))

@@ -353,7 +353,7 @@ class _Step:
         self._free_gap, self._state, self._rule = free_gap, state, rule
 
     def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
-        """r and T of all points, and the response of the rank's (collective)."""
+        """Residual and tangent of all points, response of the rank's (collective)."""
         scale, comm = self._compliance.scale, self._contact.operator.comm
         gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
@@ -385,7 +385,7 @@ def _scaled(
     areas: Floats,
     dead: NDArray[np.bool_],
 ) -> tuple[Floats, Floats]:
-    """f - s w t, and s w T s; nothing changes in directions in which a point cannot move."""
+    """Scaled residual f - s w t and tangent s w T s, which is zero where a point cannot move."""
     residual, scaled = force.copy(), np.zeros_like(tangent)
     for i in range(len(tangent)):
         for a in range(3):

@@ -59,7 +59,7 @@ class JointSprings:
         )
 
     def without(self, free_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
-        """h' and c', shapes (n, 3) and (n, 2).
+        """Free gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
 
         Args:
             free_gap: h, shape (n, 3), [m].
@@ -71,7 +71,7 @@ class JointSprings:
         return (free_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
 
     def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
-        """t' and its derivative with respect to h, shapes (n, 3) and (n, 3, 3)."""
+        """Traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3)."""
         s = self.stiffness[:, None]
         rest = 1.0 - s * np.repeat(own, (1, 2), axis=1)
         traction = response.traction - s * (response.state.gap - before)

@@ -228,14 +228,7 @@ class EffectiveMatrix:
             ValueError: ``linear`` is unknown, or ``iterative`` and A is not symmetric.
         """
         check_linear(linear, symmetric=system.symmetric)
-        self.full = system.stiffness.copy()
-        self.full.scale(effective.stiffness)
-        for factor, matrix in (
-            (effective.mass, system.mass),
-            (effective.damping, system.damping),
-        ):
-            if factor:
-                self.full.axpy(factor, matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:
             self.full.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self.held = self.full.copy()

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -139,13 +140,15 @@ class BaseMotion:
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
+        latest = lru_cache(maxsize=1)(self.acceleration)
+
+        def factor(axis: int) -> TimeFactor:
+            return lambda time: float(latest(time)[axis])
+
         return [
-            (model.inertia_pattern(-np.eye(model.gdim)[axis]), self._factor(axis))
+            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factor(axis))
             for axis in range(model.gdim)
         ]
-
-    def _factor(self, axis: int) -> TimeFactor:
-        return lambda time: float(self.acceleration(time)[axis])
 
 
 def _vector(value: Sequence[float], gdim: int, name: str) -> NDArray[np.float64]:

@@ -123,7 +123,7 @@ def solve_step(
 def stored_by(
     gap: Floats, elastic_slip: Floats, normal_stiffness: float, shear_stiffness: float
 ) -> Floats:
-    """psi and q of elastic points, shape (n, 3); see `solve_step`."""
+    """Stored psi and q of elastic points, shape (n, 3); see `solve_step`."""
     stored = np.empty((len(gap), 3), gap.dtype)
     overlap = np.minimum(gap[:, 0], 0.0)
     stored[:, 0] = 0.5 * normal_stiffness * overlap * overlap

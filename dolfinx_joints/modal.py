@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
-from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.system import MatrixSystem, as_aij
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     from slepc4py import SLEPc
 
     check_count("count", count, 1, "at least one mode must be asked for")
-    stiffness, mass = system.stiffness.copy(), system.mass.copy()
+    stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
     if system.contact is not None:
         free = stiffness.createVecRight()
         free.set(1.0)

@@ -29,8 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
-from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.system import MatrixSystem, as_aij
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -95,7 +96,8 @@ def redistribute(
     done = redistributed_mass(
         system.mass, system.stiffness, system.contact.operator, x, system.constrained, rings
     )
-    return replace(system, mass=done.mass)
+    # C is left as it was, though the mass that a part of it may follow is another now.
+    return replace(system, mass=done.mass, rayleigh=Rayleigh(), dashpots=system.damping)
 
 
 def redistributed_mass(
@@ -128,7 +130,9 @@ def redistributed_mass(
     held[constrained] = True
     held_nodes = held.reshape(-1, dim).all(axis=1)
     wanted = np.flatnonzero(on_joint & ~held_nodes)
-    found = _Sources(stiffness, coordinates, on_joint & ~held_nodes, wanted, rings)
+    pattern = as_aij(stiffness)
+    found = _Sources(pattern, coordinates, on_joint & ~held_nodes, wanted, rings)
+    pattern.destroy()
     exists = found.extrapolate(inward[wanted])
     short = int(sum(comm.allgather(int((~exists).sum()))))
     if short and comm.rank == 0:

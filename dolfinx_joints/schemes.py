@@ -48,11 +48,9 @@ class _Midpoint:
         """
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
         load = system.load(time, state.load.duplicate())
-        mean = load.copy()
-        mean.axpby(0.5, 0.5, state.load)
-        b = mean.copy()
-        b.axpy(rate, state.momentum)
-        b.axpy(-1.0, state.elastic_force)
+        b = load.copy()
+        b.axpby(0.5, 0.5, state.load)
+        b.maxpy([rate, -1.0], [state.momentum, state.elastic_force])
         if state.remainder is not None:
             b.axpy(-1.0, state.remainder)
         x = state.velocity.copy()
@@ -74,8 +72,7 @@ class _Midpoint:
         momentum = products.mass.copy()
         momentum.axpby(-1.0, rate, state.momentum)
         turn.add(turn.momentum, momentum)
-        acceleration = velocity.copy()
-        acceleration.axpy(-1.0, state.velocity)
+        acceleration = _sum(velocity, state.velocity, -1.0)
         acceleration.scale(1.0 / dt)
         after = DynamicState(
             time=time,
@@ -92,10 +89,10 @@ class _Midpoint:
         work = StepWork(
             loads=system.work_of_loads(x, state.time, time),
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
-            viscous=0.5 * rate * float(products.damping.dot(x)),
+            viscous=products.viscous,
             joints=_work(solver, state, joints, mean_traction=False),
         )
-        error = _difference(acceleration, state.acceleration) * dt**2 / 12.0
+        error = _sum(acceleration, state.acceleration, -1.0).norm() * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
 
@@ -203,10 +200,11 @@ class _Alpha:
         work = StepWork(
             loads=system.work_of_loads(x, state.time, time),
             supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
-            viscous=float(products.damping.dot(x)) / dt,
+            viscous=products.viscous / (of_damping * dt),
             joints=_work(solver, state, joints, mean_traction=True),
         )
-        error = _difference(a_known, state.acceleration) * dt**2 * abs(self.beta - 1.0 / 6.0)
+        change = _sum(a_known, state.acceleration, -1.0).norm()
+        error = change * dt**2 * abs(self.beta - 1.0 / 6.0)
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
     def _right_hand_side(
@@ -226,10 +224,8 @@ class _Alpha:
         known.axpby(self.alpha_m, 1.0 - self.alpha_m, state.acceleration)
         system.mass.mult(known, work)
         b.axpy(-1.0 / share, work)
-        v_known.copy(known)
-        known.axpy(old / share, state.velocity)
-        system.damping.mult(known, work)
-        b.axpy(-1.0, work)
+        known.waxpy(old / share, state.velocity, v_known)
+        b.axpy(-1.0, system.damping_force(known, work))
         if old:
             # Of the start, so that what is left at the supports is their force at the end.
             b.axpy(old / share, state.reaction)
@@ -394,17 +390,11 @@ def _exact_square(rate: float) -> float:
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)
 
 
-def _sum(a: PETSc.Vec, b: PETSc.Vec) -> PETSc.Vec:
-    total = a.copy()
-    total.axpy(1.0, b)
+def _sum(a: PETSc.Vec, b: PETSc.Vec, factor: float = 1.0) -> PETSc.Vec:
+    """A new vector, a + factor b."""
+    total = a.duplicate()
+    total.waxpy(factor, b, a)
     return total
-
-
-def _difference(a: PETSc.Vec, b: PETSc.Vec) -> float:
-    """2-norm of a - b."""
-    change = a.copy()
-    change.axpy(-1.0, b)
-    return float(change.norm())
 
 
 def _work(

@@ -119,12 +119,12 @@ class Scheme(Protocol):
 
 
 class Products:
-    """M x, C x and K x of the change x of a step, and what of its equation is left.
+    """M x and K x of the change x of a step, and what of its equation is left.
 
     Attributes:
         mass: M x.
-        damping: C x.
         stiffness: K x.
+        viscous: x.C x times the coefficient of C in the equation [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
         remainder: The same at the free dofs [N].
     """
@@ -143,18 +143,23 @@ class Products:
             ConvergenceError: The residual is not finite.
         """
         system = solver.system
-        self.mass, self.damping, self.stiffness = (b.duplicate() for _ in range(3))
-        self.reaction = b.duplicate()
+        self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
+        system.mass.mult(x, self.mass)
+        system.stiffness.mult(x, self.stiffness)
+        products = [self.mass, self.stiffness]
+        factors = np.array([effective.mass, effective.stiffness])
+        damped = np.array(
+            system.coefficients(effective.mass, effective.damping, effective.stiffness)
+        )
+        # The difference of what the equation holds: nothing of it goes unaccounted by rounding.
+        self.viscous = float((damped - factors) @ x.mDot(products))
         residual = b.copy()
         residual.scale(-1.0)
-        terms = (
-            (system.mass, self.mass, effective.mass),
-            (system.damping, self.damping, effective.damping),
-            (system.stiffness, self.stiffness, effective.stiffness),
-        )
-        for matrix, product, factor in terms:
-            matrix.mult(x, product)
-            residual.axpy(factor, product)
+        residual.maxpy(damped, products)
+        if system.dashpots is not None:
+            system.dashpots.mult(x, self.reaction)
+            residual.axpy(effective.damping, self.reaction)
+            self.viscous += effective.damping * float(self.reaction.dot(x))
         if system.contact is not None and joints is not None:
             residual.axpy(1.0, system.contact.operator.force(joints.traction, self.reaction))
         norm = float(residual.norm())
@@ -209,12 +214,12 @@ def initial_state(
     load = system.load(time, u.duplicate())
     force = load.copy()
     work = u.duplicate()
-    terms = ((system.stiffness, u), (system.damping, v), (system.mass, moving))
-    for matrix, vector in terms:
-        matrix.mult(vector, work)
-        force.axpy(-1.0, work)
     elastic_force = u.duplicate()
     system.stiffness.mult(u, elastic_force)
+    force.axpy(-1.0, elastic_force)
+    force.axpy(-1.0, system.damping_force(v, work))
+    system.mass.mult(moving, work)
+    force.axpy(-1.0, work)
     response = None
     if system.contact is not None:
         response = joints if isinstance(joints, Response) else None

@@ -4,10 +4,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.contact import Contact
+from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Law
 
@@ -34,8 +34,9 @@ class MatrixSystem:
 
     Attributes:
         mass: M [kg].
-        damping: C [N s/m].
         stiffness: K of the bulk and its springs [N/m].
+        rayleigh: Factors of M and K in C.
+        dashpots: What C holds besides, None for nothing [N s/m].
         contact: The joints, or None.
         patterns: Nodal forces [N] with their factors of time [s].
         load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
@@ -46,8 +47,9 @@ class MatrixSystem:
     """
 
     mass: PETSc.Mat
-    damping: PETSc.Mat
     stiffness: PETSc.Mat
+    rayleigh: Rayleigh = field(default_factory=Rayleigh)
+    dashpots: PETSc.Mat | None = None
     contact: Contact | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
@@ -112,8 +114,8 @@ class MatrixSystem:
             patterns.append((unit, _component(load, i)))
         return cls(
             mass=matrix_m,
-            damping=_matrix(c),
             stiffness=_matrix(k),
+            dashpots=None if damping is None else _matrix(c),
             contact=contact,
             patterns=patterns,
         )
@@ -124,26 +126,72 @@ class MatrixSystem:
         diagonal = self.mass.getDiagonal().getArray(readonly=True)
         return np.flatnonzero(diagonal == 0.0)
 
+    @cached_property
+    def damping(self) -> PETSc.Mat:
+        """C, added up when first asked for [N s/m] (collective)."""
+        return self.combined(0.0, 1.0, 0.0)
+
+    def combined(self, mass: float, damping: float, stiffness: float) -> PETSc.Mat:
+        """Mass M + damping C + stiffness K in the format that solvers take (collective)."""
+        of_mass, of_stiffness = self.coefficients(mass, damping, stiffness)
+        total = as_aij(self.stiffness)
+        total.scale(of_stiffness)
+        for factor, matrix in ((of_mass, self.mass), (damping, self.dashpots)):
+            if factor and matrix is not None:
+                added = as_aij(matrix)
+                total.axpy(factor, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                added.destroy()
+        return total
+
+    def coefficients(self, mass: float, damping: float, stiffness: float) -> tuple[float, float]:
+        """Factors of M and K in mass M + damping C + stiffness K, dashpots apart."""
+        return (
+            mass + damping * self.rayleigh.mass_factor,
+            stiffness + damping * self.rayleigh.stiffness_factor,
+        )
+
+    def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
+        """C v written to ``out`` [N] (collective)."""
+        of_mass, of_stiffness = self.coefficients(0.0, 1.0, 0.0)
+        work = out.duplicate()
+        out.set(0.0)
+        terms = ((of_mass, self.mass), (of_stiffness, self.stiffness), (1.0, self.dashpots))
+        for factor, matrix in terms:
+            if factor and matrix is not None:
+                matrix.mult(velocity, work)
+                out.axpy(factor, work)
+        return out
+
     def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
         """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
+        factors = scale * self._factors(time)
+        wrong = factors[~np.isfinite(factors)]
+        if len(wrong):
+            raise ValueError(f"The factor of a load is {wrong[0]} at t = {time:g} s.")
         out.set(0.0)
-        for vector, factor in self.patterns:
-            value = scale * factor(time)
-            if not math.isfinite(value):
-                raise ValueError(f"The factor of a load is {value} at t = {time:g} s.")
-            if value:
-                out.axpy(value, vector)
+        out.maxpy(factors, self._vectors)
         return out
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
         names = self.load_names or ["load"] * len(self.patterns)
         works = dict.fromkeys(names, 0.0)
-        for name, (vector, factor) in zip(names, self.patterns, strict=True):
-            mean = 0.5 * (factor(start) + factor(end))
-            if mean:
-                works[name] += mean * float(vector.dot(x))
+        means = 0.5 * (self._factors(start) + self._factors(end))
+        each = means * x.mDot(self._vectors) if self.patterns else means
+        for name, work in zip(names, each, strict=True):
+            works[name] += float(work)
         return works
+
+    @cached_property
+    def _vectors(self) -> list[PETSc.Vec]:
+        return [vector for vector, _ in self.patterns]
+
+    @cached_property
+    def _factors(self) -> Callable[[float], Floats]:
+        """Factors of the patterns at a time, those of the last times kept."""
+        return lru_cache(maxsize=2)(
+            lambda time: np.array([factor(time) for _, factor in self.patterns], dtype=float)
+        )
 
     def prescribed_rates(
         self, time: float, spacing: float
@@ -164,6 +212,11 @@ class MatrixSystem:
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
+
+
+def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
+    """A copy in PETSc's general format, which knows more than products (collective)."""
+    return matrix.convert("aij", PETSc.Mat())
 
 
 def _component(load: Any, i: int) -> Callable[[float], float]:

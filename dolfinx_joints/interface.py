@@ -236,14 +236,14 @@ class InterfaceSolver:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)
         step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
-        free = x.copy()
         found, iterations, relative = self._iterate(step, *self._start(condensed))
+        self._last = (condensed, *(np.zeros_like(found.force) for _ in range(2)))
         for _ in range(1 if condensed.springs is None else 1 + REFINEMENTS):
             if not relative <= self.options.relative_tolerance:
                 raise joint_failure(
                     self._contact, found.response, state, iterations, relative, self.options
                 )
-            self._expand(condensed, found.force - found.residual, free, x)
+            self._expand(condensed, found.force - found.residual, x)
             if condensed.springs is None:
                 break
             # From the gaps of the body as it now stands: springs turn their rounding into forces.
@@ -267,24 +267,25 @@ class InterfaceSolver:
             force = force / known.compliance.scale * condensed.compliance.scale
         return force, condensed.compliance.split.product(force, np.flatnonzero(force))
 
-    def _expand(self, condensed: _Condensed, force: Floats, free: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Write the displacements under the joint forces to ``x``, x_free - A^-1 B^T F.
+    def _expand(self, condensed: _Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
 
         The gaps they cause give S f without the rounding of the iteration's sums.
         """
-        scale = condensed.compliance.scale
-        self._points.setArray((force / scale)[self._mine])
+        _, known, coupled = self._last
+        scale, change = condensed.compliance.scale, force - known
+        self._points.setArray((change / scale)[self._mine])
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solver.solve(self._nodal, self._moved)
         if condensed.springs is not None:
             self._refine(condensed.matrix, self._nodal, self._moved)
-        x.waxpy(-1.0, self._moved, free)
+        x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
         comm = self._contact.operator.comm
         gaps = self._points.getArray(readonly=True)
         every = gaps.copy() if comm.size == 1 else np.concatenate(comm.allgather(gaps))
-        coupled = np.where(condensed.compliance.dead.ravel(), 0.0, every / scale - force)
-        self._last = (condensed, force, coupled)
+        caused = np.where(condensed.compliance.dead.ravel(), 0.0, every / scale - change)
+        self._last = (condensed, force, coupled + caused)
 
     def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b again for what rounding left: loose blocks on soft springs move far."""
@@ -314,7 +315,7 @@ class InterfaceSolver:
                 inner = min(INNER_TOLERANCE, (size / last) ** 2)
             last = size
             correction = step.condensed.corrections.solve(
-                at.residual, at.tangent, max(inner, 0.003 * tolerance / relative)
+                at.residual, at.tangent, max(inner, 0.3 * max(enough, 1e-15) / relative)
             )
             at = self._search(step, at, correction)
             iteration += 1

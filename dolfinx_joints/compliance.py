@@ -9,65 +9,134 @@ A vector of all points is the same on every rank; a rank keeps the rows of S of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.joints import GapOperator
+from dolfinx_joints.krylov import IterativeSolver
 from dolfinx_joints.linear import BLOCK, EffectiveMatrix
+from dolfinx_joints.lowrank import LowRankMatrix
+from dolfinx_joints.row_matrix import RowMatrix, gathered
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
+# A dense S of this many unknowns takes 0.8 GB, all ranks together.
+LARGEST_DENSE = 10_000
 
-class DenseCompliance:
-    """All of S, from one back-substitution per joint unknown.
+# Error of the compressed S, relative to its unit diagonal.
+TOLERANCE = 1e-12
+
+# Points at which the diagonal is found by solving, where it is not needed exactly.
+SAMPLES = 24
+
+
+class Part(Protocol):
+    """Some rows and the same columns of S."""
+
+    def product(self, values: Floats) -> Floats:
+        """The part times a vector of its size (collective)."""
+
+
+class Split(Protocol):
+    """S, known by its products.
+
+    Attributes:
+        size: Number of rows.
+    """
+
+    size: int
+
+    def product(self, values: Floats, rows: Rows) -> Floats:
+        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
+
+    def block(self, rows: Rows) -> Part:
+        """The part of some rows, sorted, and the same columns (collective)."""
+
+
+class Compliance:
+    """S and its scale for one set of coefficients.
 
     Args:
         effective: The bulk, A.
         operator: B with zero columns at constrained dofs, three rows per joint point.
-        areas: Of the rank's points, shape (n,), [m^2].
+        joints: The joints' operator, of which areas and places are taken.
+        kind: ``dense``: all of S, one back-substitution per unknown, 8 m^2 bytes over the ranks;
+            ``compressed``: the same back-substitutions, less memory; ``free``: nothing is kept,
+            each product takes a back-substitution; ``auto``: free if the bulk is solved by
+            iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
         largest: Own compliance to be used at most, shape (n,), [m/Pa].
 
     Attributes:
         effective: The bulk, A.
+        kind: Which of the kinds it is.
         own: Compliance of each local point on its own area, normal and tangential (the mean of
             the directions in which it can move), shape (n, 2), [m/Pa].
         scale: s, three per point of all ranks, 1 where a point cannot move, [(m/N)^(1/2)].
-        split: S.
         dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
             shape (points, 3).
-        size: Number of unknowns, three per point.
+        split: S.
     """
 
     def __init__(
         self,
         effective: EffectiveMatrix,
         operator: PETSc.Mat,
-        areas: Floats,
+        joints: GapOperator,
+        *,
+        kind: str = "auto",
         largest: Floats | None = None,
     ) -> None:
-        """Solve for each unit force (collective)."""
+        """Solve for unit forces (collective)."""
         self.effective = effective
         self._comm = operator.comm.tompi4py()
-        self.size = operator.getSize()[0]
-        start, stop = operator.getOwnershipRange()
-        columns = np.empty((self.size, stop - start))
-        for block, gaps in _unit_forces(effective, operator):
-            columns[block] = gaps.T
-        diagonal = columns[np.arange(start, stop), np.arange(stop - start)]
-        self._scale(diagonal.reshape(-1, 3), areas, largest)
-        columns /= self.scale[:, None]
-        columns /= self.scale[start:stop]
-        columns[np.arange(start, stop), np.arange(stop - start)] -= 1.0
-        columns[self.dead.ravel()] = 0.0
-        self.split = RowMatrix(columns, self._comm)
+        self._forces = _UnitForces(effective, operator)
+        size = operator.getSize()[0]
+        self.kind = _chosen(kind, size, effective, joints)
+        if self.kind == "dense":
+            columns = self._columns(size)
+            start, stop = operator.getOwnershipRange()
+            own = (np.arange(start, stop), np.arange(stop - start))
+            self._scale(columns[own], joints.areas, largest)
+            columns /= self.scale[:, None]
+            columns /= self.scale[start:stop]
+            columns[own] -= 1.0
+            columns[self.dead.ravel()] = 0.0
+            self.split: Split = RowMatrix(columns, self._comm)
+            return
+        self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)
+        multiply: Callable[[Floats], Floats] = self._forces.product
+        if self.kind == "compressed":
+            multiply = self._compressed(joints).product
+        self.split = _Products(multiply, self.scale, self.dead, self._comm)
 
-    def _scale(self, each: Floats, areas: Floats, largest: Floats | None) -> None:
-        """Own compliances from those in each direction, shape (n, 3), [m/N]."""
+    def _columns(self, size: int) -> Floats:
+        """The rank's columns of G, shape (size, local), [m/N]."""
+        columns = np.empty((size, self._forces.local))
+        for first in range(0, size, BLOCK):
+            numbers = np.arange(first, min(first + BLOCK, size))
+            columns[numbers] = self._forces.gaps(numbers).T
+        return columns
+
+    def _compressed(self, joints: GapOperator) -> LowRankMatrix:
+        points = np.concatenate(self._comm.allgather(joints.points))
+        start = self._comm.scan(len(joints.areas)) - len(joints.areas)
+        return LowRankMatrix(
+            self._forces.gaps,
+            points,
+            rows=None if self._comm.size == 1 else slice(start, start + len(joints.areas)),
+            scale=np.where(self.dead.ravel(), 0.0, self.scale),
+            joint=np.concatenate(self._comm.allgather(joints.joint)),
+            tolerance=TOLERANCE,
+        )
+
+    def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
+        """Own compliances from those in each direction, shape (3 n,), [m/N]."""
+        each = diagonal.reshape(-1, 3)
         live = np.maximum(np.count_nonzero(each[:, 1:] > 0.0, axis=1), 1)
         own = np.column_stack([each[:, 0], (each[:, 1] + each[:, 2]) / live])
         if largest is not None:
@@ -81,115 +150,143 @@ class DenseCompliance:
     def destroy(self) -> None:
         """Free the bulk's matrices and factor."""
         self.effective.destroy()
+        self._forces.destroy()
 
 
-class RowMatrix:
-    """A symmetric matrix over the joint unknowns, of which a rank keeps its own columns.
+def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:
+    """The kind of compliance to be made."""
+    if kind != "auto":
+        return kind
+    if isinstance(effective.solver, IterativeSolver):
+        return "free"
+    return "dense" if size <= LARGEST_DENSE or joints.points is None else "compressed"
 
-    By symmetry a column of the rank's part is a row of the matrix, contiguous in memory: products
-    with vectors that are mostly zero read only what they need.
 
-    Args:
-        columns: The rank's columns, shape (size, local).
-        comm: Communicator of the ranks.
+class _UnitForces:
+    """Gaps under unit forces, G column by column.
 
     Attributes:
-        size: Number of rows.
+        local: Number of the rank's joint unknowns.
     """
 
-    def __init__(self, columns: Floats, comm: Any) -> None:
-        """Keep them."""
-        self._columns, self._comm, self.size = columns, comm, len(columns)
-        stop = comm.scan(columns.shape[1])
-        self._mine = (stop - columns.shape[1], stop)
+    def __init__(self, effective: EffectiveMatrix, operator: PETSc.Mat) -> None:
+        """Sort the entries of B^T by column (collective)."""
+        self._effective, self._operator = effective, operator
+        transposed = operator.transpose(PETSc.Mat())
+        starts, numbers, entries = transposed.getValuesCSR()
+        transposed.destroy()
+        order = np.argsort(numbers, kind="stable")
+        self._lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
+        self._numbers, self._entries = numbers[order], entries[order]
+        self.local = operator.getLocalSize()[0]
+        self._points = operator.createVecLeft()
+        self._nodal, self._moved = operator.createVecRight(), operator.createVecRight()
+
+    def gaps(self, numbers: Rows) -> Floats:
+        """Gaps at the rank's points, shape (local, k), under k unit forces (collective)."""
+        firsts = np.searchsorted(self._numbers, numbers)
+        counts = np.searchsorted(self._numbers, numbers, side="right") - firsts
+        columns = np.repeat(np.arange(len(numbers)), counts)
+        within = np.arange(len(columns)) - np.repeat(np.cumsum(counts) - counts, counts)
+        taken = np.repeat(firsts, counts) + within
+        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
+        right[self._lines[taken], columns] = self._entries[taken]
+        moved = self._effective.solver.solve_block(right)
+        size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
+        dense = PETSc.Mat().createDense(
+            size, array=np.asfortranarray(moved), comm=self._operator.comm
+        )
+        product = self._operator.matMult(dense)
+        gaps = product.getDenseArray(readonly=True).copy()
+        product.destroy()
+        dense.destroy()
+        return gaps
+
+    def product(self, forces: Floats) -> Floats:
+        """G F at the rank's points, F of all points (collective)."""
+        start, stop = self._operator.getOwnershipRange()
+        self._points.setArray(forces[start:stop])
+        self._operator.multTranspose(self._points, self._nodal)
+        self._effective.solver.solve(self._nodal, self._moved)
+        self._operator.mult(self._moved, self._points)
+        return self._points.getArray(readonly=True).copy()
+
+    def destroy(self) -> None:
+        """Free the vectors."""
+        for vector in (self._points, self._nodal, self._moved):
+            vector.destroy()
+
+
+class _Products:
+    """S from products with G."""
+
+    def __init__(
+        self,
+        multiply: Callable[[Floats], Floats],
+        scale: Floats,
+        dead: NDArray[np.bool_],
+        comm: object,
+    ) -> None:
+        """Keep what is needed."""
+        self._multiply, self._scale, self._comm = multiply, scale, comm
+        self._live, self.size = ~dead.ravel(), len(scale)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
-        mine = np.zeros(self._columns.shape[1])
-        _add_rows(self._columns, rows, values[rows], mine)
-        return _gathered(self._comm, mine)
+        """Times a vector, shape (size,) (collective)."""
+        gaps = gathered(self._comm, self._multiply(values / self._scale))
+        return np.where(self._live, gaps / self._scale - values, 0.0)
 
-    def block(self, rows: Rows) -> Block:
-        """The part of some rows, sorted, and the same columns (collective)."""
-        first, last = np.searchsorted(rows, self._mine)
-        here = rows[first:last] - self._mine[0]
-        return Block(_picked(self._columns, rows, here), self._comm)
-
-    def whole(self) -> Floats:
-        """The matrix, shape (size, size) (collective)."""
-        if self._comm.size == 1:
-            return self._columns
-        return np.hstack(self._comm.allgather(self._columns))
-
-    def like(self, whole: Floats) -> RowMatrix:
-        """Another matrix, given as a whole, kept in the same way."""
-        part = whole[:, slice(*self._mine)]
-        return RowMatrix(np.ascontiguousarray(part), self._comm)
+    def block(self, rows: Rows) -> _Rows:
+        """The part of some rows and the same columns."""
+        return _Rows(self, rows)
 
 
-class Block:
-    """A square part of a `RowMatrix`."""
+class _Rows:
+    """A part of `_Products`."""
 
-    def __init__(self, columns: Floats, comm: Any) -> None:
-        """Keep the rank's columns."""
-        self._columns, self._comm = columns, comm
+    def __init__(self, whole: _Products, rows: Rows) -> None:
+        """Keep the rows."""
+        self._whole, self._rows = whole, rows
 
     def product(self, values: Floats) -> Floats:
         """The part times a vector of its size (collective)."""
-        return _gathered(self._comm, values @ self._columns)
+        every = np.zeros(self._whole.size)
+        every[self._rows] = values
+        return self._whole.product(every, self._rows)[self._rows]
 
 
-def _gathered(comm: Any, mine: Floats) -> Floats:
-    return mine if comm.size == 1 else np.concatenate(comm.allgather(mine))
+def _diagonal(effective: EffectiveMatrix, operator: PETSc.Mat, forces: _UnitForces) -> Floats:
+    """Diagonal of G at the rank's points, estimated, shape (local,), [m/N] (collective).
+
+    B diag(A)^-1 B^T, times the ratio of the true one to it at some points, as its median for normal
+    and for tangential directions. The iteration is right with any; with this it is quick.
+    """
+    comm = operator.comm.tompi4py()
+    squares, nodes = operator.copy(), effective.held.getDiagonal()
+    starts, columns, values = squares.getValuesCSR()
+    squares.setValuesCSR(starts, columns, values**2)
+    squares.assemble()
+    nodes.reciprocal()
+    rough = squares.createVecLeft()
+    squares.mult(nodes, rough)
+    estimate = rough.getArray().copy()
+    squares.destroy()
+    every = np.concatenate(comm.allgather(estimate))
+    points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
+    numbers = (3 * points[:, None] + np.arange(3)).ravel()
+    start, stop = operator.getOwnershipRange()
+    gaps = forces.gaps(numbers)
+    here = np.flatnonzero((numbers >= start) & (numbers < stop))
+    found = np.zeros(len(numbers))
+    found[here] = gaps[numbers[here] - start, here]
+    found = np.sum(comm.allgather(found), axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(every[numbers] > 0.0, found / every[numbers], np.nan).reshape(-1, 3)
+    factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]
+    return estimate * np.tile(factors, len(estimate) // 3)
 
 
-def _unit_forces(effective: EffectiveMatrix, operator: PETSc.Mat) -> Iterator[tuple[slice, Floats]]:
-    """Gaps at the rank's points under unit forces, block by block of the unknowns (collective)."""
-    transposed = operator.transpose(PETSc.Mat())
-    starts, numbers, entries = transposed.getValuesCSR()
-    lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    order = np.argsort(numbers, kind="stable")
-    lines, numbers, entries = lines[order], numbers[order], entries[order]
-    local = operator.getLocalSize()[1]
-    for first in range(0, operator.getSize()[0], BLOCK):
-        last = min(first + BLOCK, operator.getSize()[0])
-        part = slice(*np.searchsorted(numbers, (first, last)))
-        right = np.zeros((local, last - first))
-        right[lines[part], numbers[part] - first] = entries[part]
-        moved = effective.solver.solve_block(right)
-        size = (operator.getSizes()[1], (PETSc.DECIDE, last - first))
-        dense = PETSc.Mat().createDense(size, array=np.asfortranarray(moved), comm=operator.comm)
-        gaps = operator.matMult(dense)
-        yield slice(first, last), gaps.getDenseArray(readonly=True)
-        gaps.destroy()
-        dense.destroy()
-    transposed.destroy()
-
-
-@njit(cache=True)
-def _add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
-    """Add up the rows of a matrix times values; four at a time pass over ``out`` once."""
-    k = 0
-    while k + 4 <= len(rows):
-        r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
-        r_2, r_3 = matrix[rows[k + 2]], matrix[rows[k + 3]]
-        v_0, v_1, v_2, v_3 = values[k], values[k + 1], values[k + 2], values[k + 3]
-        for j in range(len(out)):
-            out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
-        k += 4
-    while k < len(rows):
-        row, value = matrix[rows[k]], values[k]
-        for j in range(len(out)):
-            out[j] += value * row[j]
-        k += 1
-
-
-@njit(cache=True)
-def _picked(matrix: Floats, rows: Rows, columns: Rows) -> Floats:
-    """matrix[rows][:, columns] without the copy between."""
-    part = np.empty((len(rows), len(columns)))
-    for i in range(len(rows)):
-        line = matrix[rows[i]]
-        for j in range(len(columns)):
-            part[i, j] = line[columns[j]]
-    return part
+def _median(ratio: Floats) -> float:
+    """Median of the numbers among some values, 1 if there is none."""
+    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    return float(np.median(known)) if len(known) else 1.0

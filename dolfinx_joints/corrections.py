@@ -22,8 +22,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from dolfinx_joints.compliance import Block, RowMatrix
+from dolfinx_joints.compliance import Part, Split
 from dolfinx_joints.gmres import gmres
+from dolfinx_joints.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -65,12 +66,12 @@ class Corrections:
             where the second set is of no use.
     """
 
-    def __init__(self, split: RowMatrix, stuck: Floats | None) -> None:
+    def __init__(self, split: Split, stuck: Floats | None) -> None:
         """Nothing is made yet."""
         self._split, self._stuck = split, stuck
         self._held: Rows = np.empty(0, dtype=np.int64)
         self._inside = np.zeros(split.size // 3, dtype=bool)
-        self._block: Block | None = None
+        self._block: Part | None = None
         self._tied: _Tied | None = None
         self._missed = 0.0
 
@@ -83,7 +84,7 @@ class Corrections:
             tolerance: Of the residual, relative to r.
         """
         active = _where(tangent, np.zeros((1, 3)), 0.0)
-        if self._stuck is not None:
+        if self._stuck is not None and isinstance(self._split, RowMatrix):
             changed = _where(tangent, self._stuck, SAME)
             tied = self._tied_if_cheaper(3 * len(active), 3 * len(changed), residual)
             if tied is not None:
@@ -101,6 +102,7 @@ class Corrections:
         if self._tied is None:
             self._missed += first - second
             if self._missed * OPERATIONS_PER_ENTRY > 2.3 * size**3:
+                assert isinstance(self._split, RowMatrix)
                 self._tied = _Tied(self._split, self._stuck.ravel())
         return self._tied
 
@@ -125,7 +127,7 @@ class Corrections:
         coupled = self._split.product(step, np.flatnonzero(step))
         return Correction(step=step, coupled=coupled, products=products)
 
-    def _block_of(self, active: Rows) -> tuple[Rows, Block]:
+    def _block_of(self, active: Rows) -> tuple[Rows, Part]:
         """Rows and part of S of a set that holds the active points, kept while it does."""
         inside = self._inside[active].all()
         if self._block is None or not inside or len(self._held) > 2 * len(active) + 20:
@@ -151,8 +153,6 @@ class _Tied:
             lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
         )
         self._matrix = split.like(whole - half.T @ half)
-        self._held: Rows = np.empty(0, dtype=np.int64)
-        self._block: Block | None = None
 
     def solve(
         self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float

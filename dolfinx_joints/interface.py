@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.compliance import DenseCompliance
+from dolfinx_joints.compliance import Compliance
 from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.corrections import Correction, Corrections
 from dolfinx_joints.errors import JointsError
@@ -39,9 +39,6 @@ from dolfinx_joints.solver import (
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
-
-# A dense G of this many unknowns takes 0.8 GB.
-LARGEST_DENSE = 10_000
 
 # What several of them, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
@@ -78,7 +75,7 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution and the compliance fits, monolithic elsewhere.
+            solution, monolithic elsewhere.
         rule: What the time scheme will ask the laws for.
 
     Raises:
@@ -90,12 +87,11 @@ def make_solver(
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.without_local(rule)
-    fits = 3 * contact.operator.num_points <= LARGEST_DENSE
     if kind == "condensed" and missing:
         raise JointsError(
             f"The condensed solver needs laws with a local solution; {missing[0]} has none."
         )
-    if kind == "condensed" or (fits and not missing):
+    if not missing:
         return InterfaceSolver(system, options)
     return NewtonSolver(system, options)
 
@@ -111,22 +107,35 @@ class _Condensed:
     """
 
     def __init__(
-        self, system: MatrixSystem, effective: Effective, operator: PETSc.Mat, rule_weight: float
+        self,
+        system: MatrixSystem,
+        effective: Effective,
+        operator: PETSc.Mat,
+        weight: float,
+        options: NewtonOptions,
     ) -> None:
-        """Factor, and find the compliance (collective)."""
+        """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
         assert system.contact is not None
+        linear = options.linear
         self.springs: JointSprings | None = None
-        self.matrix = EffectiveMatrix(system, effective)
+        self.matrix = EffectiveMatrix(system, effective, linear=linear)
         if not effective.mass and not _is_held(self.matrix, free_dofs(system)):
             self.matrix.destroy()
             self.springs = JointSprings(system)
-            self.matrix = EffectiveMatrix(system, effective, added=self.springs.matrix)
-        areas = system.contact.operator.areas
+            self.matrix = EffectiveMatrix(
+                system, effective, linear=linear, added=self.springs.matrix
+            )
         largest = None if self.springs is None else self.springs.largest_compliance
-        self.compliance = DenseCompliance(self.matrix, operator, areas, largest)
+        self.compliance = Compliance(
+            self.matrix,
+            operator,
+            system.contact.operator,
+            kind=options.compliance,
+            largest=largest,
+        )
         stuck = None
         if self.springs is None:
-            stuck = self._stuck(system.contact, rule_weight)
+            stuck = self._stuck(system.contact, weight)
         self.corrections = Corrections(self.compliance.split, stuck)
 
     def _stuck(self, contact: Contact, weight: float) -> Floats:
@@ -141,7 +150,7 @@ class _Condensed:
 
     def destroy(self) -> None:
         """Free matrices and factor."""
-        self.matrix.destroy()
+        self.compliance.destroy()
 
 
 def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
@@ -215,7 +224,7 @@ class InterfaceSolver:
             np.zeros(size),
         )
         self._condensed = Cache(
-            lambda key: _Condensed(self.system, key[0], self._operator, key[1]),
+            lambda key: _Condensed(self.system, key[0], self._operator, key[1], self.options),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
@@ -237,7 +246,8 @@ class InterfaceSolver:
         free_gap = state.gap + self._contact.operator.gap(x)
         step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
         found, iterations, relative = self._iterate(step, *self._start(condensed))
-        self._last = (condensed, *(np.zeros_like(found.force) for _ in range(2)))
+        nothing = np.zeros_like(found.force)
+        self._last = (condensed, nothing, nothing)
         for _ in range(1 if condensed.springs is None else 1 + REFINEMENTS):
             if not relative <= self.options.relative_tolerance:
                 raise joint_failure(

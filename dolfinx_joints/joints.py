@@ -47,10 +47,12 @@ class GapOperator:
         names: Joint names.
         comm: Communicator of the matrix.
         initial_gap: Gap before any displacement, shape (n, 3), [m].
+        points: Coordinates of the local points, shape (n, 3), [m]. None where there is no mesh.
         sizes: Size of the elements around each local point, shape (n,), [m]: the shortest edge of
             the facets that share it. None where there is no mesh.
     """
 
+    points: Floats | None = None
     sizes: Floats | None = None
 
     def __init__(

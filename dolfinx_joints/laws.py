@@ -242,11 +242,11 @@ class FrictionNoTension:
                 friction=self.friction_coefficient if self.shear_stiffness else 0.0,
             ),
         )
-        root = math.sqrt(self.shear_stiffness) or 1.0
+        elastic_slip: Floats = answer.stored[:, 1:] / (math.sqrt(self.shear_stiffness) or 1.0)
         return Response(
             traction=answer.traction,
             tangent=answer.tangent,
-            state=JointState(gap=answer.gap, elastic_slip=answer.stored[:, 1:] / root),
+            state=JointState(gap=answer.gap, elastic_slip=elastic_slip),
             dissipation=answer.dissipation,
             status=answer.status,
         )

@@ -23,6 +23,7 @@ from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import (
+    LINEAR,
     Cache,
     DirectSolver,
     Effective,
@@ -32,6 +33,9 @@ from dolfinx_joints.linear import (
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
+
+# What may be kept of the compliance at the joints.
+COMPLIANCES = ("auto", "dense", "compressed", "free")
 
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
@@ -45,6 +49,10 @@ class NewtonOptions:
         relative_tolerance: Residual against the largest of the forces that change in the step.
         max_iterations: Iterations before the solve is given up.
         max_cuts: Halvings of a Newton correction that the line search may try.
+        linear: Solver of the bulk, ``direct``, ``iterative``, or ``auto``: direct where its factor
+            is expected to fit into memory.
+        compliance: What the condensed solver keeps of the compliance at the joints, see
+            `Compliance`.
         linear_options: PETSc options of the direct solver of the tangent, without prefix.
 
     Raises:
@@ -54,6 +62,8 @@ class NewtonOptions:
     relative_tolerance: float = 1e-10
     max_iterations: int = 30
     max_cuts: int = 10
+    linear: str = "auto"
+    compliance: str = "auto"
     linear_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -66,6 +76,10 @@ class NewtonOptions:
         )
         wanted = "it must be a whole number of at least"
         check_count("max_iterations", self.max_iterations, 1, f"{wanted} 1")
+        for name, known in (("linear", LINEAR), ("compliance", COMPLIANCES)):
+            value = getattr(self, name)
+            if value not in known:
+                raise ValueError(f"{name} is {value!r}; it must be one of {', '.join(known)}.")
         check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0")
 
 
@@ -188,7 +202,9 @@ class NewtonSolver:
         if system.contact is not None:
             product = JointTangent(system.contact.operator, self.free)
         self._tangents = Cache(
-            lambda key: _Tangent(EffectiveMatrix(self.system, key), product, self.options)
+            lambda key: _Tangent(
+                EffectiveMatrix(self.system, key, linear=self.options.linear), product, self.options
+            )
         )
 
     def solve(

@@ -1,0 +1,104 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Symmetric matrices over the joint unknowns, spread over the ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+class RowMatrix:
+    """A symmetric matrix over the joint unknowns, of which a rank keeps its own columns.
+
+    By symmetry a column of the rank's part is a row of the matrix, contiguous in memory: products
+    with vectors that are mostly zero read only what they need.
+
+    Args:
+        columns: The rank's columns, shape (size, local).
+        comm: Communicator of the ranks.
+
+    Attributes:
+        size: Number of rows.
+    """
+
+    def __init__(self, columns: Floats, comm: Any) -> None:
+        """Keep them."""
+        self._columns, self._comm, self.size = columns, comm, len(columns)
+        stop = comm.scan(columns.shape[1])
+        self._mine = (stop - columns.shape[1], stop)
+
+    def product(self, values: Floats, rows: Rows) -> Floats:
+        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
+        mine = np.zeros(self._columns.shape[1])
+        _add_rows(self._columns, rows, values[rows], mine)
+        return gathered(self._comm, mine)
+
+    def block(self, rows: Rows) -> Block:
+        """The part of some rows, sorted, and the same columns (collective)."""
+        first, last = np.searchsorted(rows, self._mine)
+        here = rows[first:last] - self._mine[0]
+        return Block(_picked(self._columns, rows, here), self._comm)
+
+    def whole(self) -> Floats:
+        """The matrix, shape (size, size) (collective)."""
+        if self._comm.size == 1:
+            return self._columns
+        return np.hstack(self._comm.allgather(self._columns))
+
+    def like(self, whole: Floats) -> RowMatrix:
+        """Another matrix, given as a whole, kept in the same way."""
+        part = whole[:, slice(*self._mine)]
+        return RowMatrix(np.ascontiguousarray(part), self._comm)
+
+
+class Block:
+    """A square part of a `RowMatrix`."""
+
+    def __init__(self, columns: Floats, comm: Any) -> None:
+        """Keep the rank's columns."""
+        self._columns, self._comm = columns, comm
+
+    def product(self, values: Floats) -> Floats:
+        """The part times a vector of its size (collective)."""
+        return gathered(self._comm, values @ self._columns)
+
+
+def gathered(comm: Any, mine: Floats) -> Floats:
+    """Parts of all ranks, one after the other (collective)."""
+    return mine if comm.size == 1 else np.concatenate(comm.allgather(mine))
+
+
+@njit(cache=True)
+def _add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
+    """Add up the rows of a matrix times values; four at a time pass over ``out`` once."""
+    k = 0
+    while k + 4 <= len(rows):
+        r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
+        r_2, r_3 = matrix[rows[k + 2]], matrix[rows[k + 3]]
+        v_0, v_1, v_2, v_3 = values[k], values[k + 1], values[k + 2], values[k + 3]
+        for j in range(len(out)):
+            out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
+        k += 4
+    while k < len(rows):
+        row, value = matrix[rows[k]], values[k]
+        for j in range(len(out)):
+            out[j] += value * row[j]
+        k += 1
+
+
+@njit(cache=True)
+def _picked(matrix: Floats, rows: Rows, columns: Rows) -> Floats:
+    """matrix[rows][:, columns] without the copy between."""
+    part = np.empty((len(rows), len(columns)))
+    for i in range(len(rows)):
+        line = matrix[rows[i]]
+        for j in range(len(columns)):
+            part[i, j] = line[columns[j]]
+    return part

@@ -69,7 +69,7 @@ class Compliance:
             ``compressed``: the same back-substitutions, less memory; ``free``: nothing is kept,
             each product takes a back-substitution; ``auto``: free if the bulk is solved by
             iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
-        largest: Own compliance to be used at most, shape (n,), [m/Pa].
+        largest: Own compliance to be used at most, shape (n, 2), [m/Pa].
 
     Attributes:
         effective: The bulk, A.
@@ -140,7 +140,7 @@ class Compliance:
         live = np.maximum(np.count_nonzero(each[:, 1:] > 0.0, axis=1), 1)
         own = np.column_stack([each[:, 0], (each[:, 1] + each[:, 2]) / live])
         if largest is not None:
-            own = np.minimum(own, (largest / areas)[:, None])
+            own = np.minimum(own, largest / areas[:, None])
         self.own = areas[:, None] * own
         roots = np.where(each > 0.0, np.sqrt(np.repeat(own, (1, 2), axis=1)), 0.0)
         every = np.concatenate(self._comm.allgather(roots))

@@ -25,38 +25,43 @@ LARGEST_SHARE = 0.9
 
 
 class JointSprings:
-    """Springs as stiff as the elements beside the joints.
+    """Springs as stiff as the joints and the elements beside them in series.
 
     Args:
         system: The system.
 
     Attributes:
-        stiffness: s of each local point, shape (n,), [Pa/m].
+        stiffness: s of each local point, normal and tangential, shape (n, 2), [Pa/m].
         matrix: B^T w s B [N/m].
-        largest_compliance: Largest c to be used at each local point, shape (n,), [m/Pa].
+        largest_compliance: Largest c to be used at each local point, shape (n, 2), [m/Pa].
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Take the stiffness from the diagonal of K (collective)."""
+        """Take the elements' stiffness from the diagonal of K (collective)."""
         assert system.contact is not None
         operator = system.contact.operator
         nodes = system.stiffness.getDiagonal()
         nodes.reciprocal()
-        squares = operator.matrix.copy()
-        starts, columns, values = squares.getValuesCSR()
-        squares.setValuesCSR(starts, columns, values**2)
-        squares.assemble()
-        rows = squares.createVecLeft()
-        squares.mult(nodes, rows)
-        soft = rows.getArray().reshape(-1, 3).max(axis=1, initial=0.0)
-        self.stiffness: Floats = 1.0 / (operator.areas * np.where(soft > 0.0, soft, np.inf))
-        rows.setArray(np.repeat(operator.areas * self.stiffness, 3))
-        squares = operator.matrix.copy()
-        squares.diagonalScale(L=rows)
-        self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(squares)
-        self.largest_compliance: Floats = LARGEST_SHARE / np.where(
-            self.stiffness > 0.0, self.stiffness, np.finfo(float).tiny
-        )
+        work = operator.matrix.copy()
+        starts, columns, values = work.getValuesCSR()
+        work.setValuesCSR(starts, columns, values**2)
+        work.assemble()
+        rows = work.createVecLeft()
+        work.mult(nodes, rows)
+        elements = operator.areas[:, None] * rows.getArray().reshape(-1, 3).max(axis=1)[:, None]
+        joint = system.contact.closed_stiffness()
+        joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
+        self.stiffness: Floats = 1.0 / (elements + 1.0 / joint)
+        rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
+        operator.matrix.copy(work, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        work.diagonalScale(L=rows)
+        self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
+        self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness
+
+    @staticmethod
+    def _wide(values: Floats) -> Floats:
+        """Normal and tangential values, shape (n, 2), as values of three directions."""
+        return np.repeat(values, (1, 2), axis=1)
 
     def without(self, free_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
         """Free gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
@@ -66,14 +71,14 @@ class JointSprings:
             own: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
-        share = self.stiffness[:, None] * own
-        wide = np.repeat(share, (1, 2), axis=1)
+        share = self.stiffness * own
+        wide = self._wide(share)
         return (free_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
 
     def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
         """Traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3)."""
-        s = self.stiffness[:, None]
-        rest = 1.0 - s * np.repeat(own, (1, 2), axis=1)
+        s = self._wide(self.stiffness)
+        rest = 1.0 - s * self._wide(own)
         traction = response.traction - s * (response.state.gap - before)
         tangent = response.tangent / rest[:, :, None]
         tangent[:, [0, 1, 2], [0, 1, 2]] -= s

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -198,19 +199,22 @@ class Contact:
             stiffness[points] = law.closed_stiffness()
         return stiffness
 
+    @property
+    def rigid(self) -> bool:
+        """Whether some law has infinite stiffness, on all ranks alike."""
+        return any(math.isinf(k) for law, _ in self._laws for k in law.closed_stiffness())
+
     def closed_tangent(self) -> Floats:
-        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m] (collective).
+        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
 
         Raises:
             JointsError: A law is rigid.
         """
+        if self.rigid:
+            raise JointsError(
+                "A rigid joint has no stiffness: modes and the monolithic solver need a finite one."
+            )
         stiffness = self.closed_stiffness()
-        with raised_together(self.operator.comm):
-            if np.any(np.isinf(stiffness)):
-                raise JointsError(
-                    "A rigid joint has no stiffness: modes and the monolithic solver need a "
-                    "finite one."
-                )
         tangent = np.zeros((len(stiffness), 3, 3))
         tangent[:, [0, 1, 2], [0, 1, 2]] = np.repeat(stiffness, (1, 2), axis=1)
         return tangent

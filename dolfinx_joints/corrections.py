@@ -33,10 +33,11 @@ Rows = NDArray[np.int64]
 MOST_PRODUCTS = 100
 
 # What a correction takes as a rule.
-PRODUCTS = 6
+PRODUCTS = 15
 
-# W costs 2.3 m^3 operations, of which as many fit into the time of one entry of a product.
-OPERATIONS_PER_ENTRY = 10.0
+# W costs 2.3 m^3 operations, of which ten fit into the time of one entry of a product. It is made
+# when a quarter of that has been spent in vain: most runs go on for long.
+OPERATIONS_PER_ENTRY = 40.0
 
 # A change of T (between 0 and 1) that is none.
 SAME = 1e-12

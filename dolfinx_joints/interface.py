@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -68,15 +69,19 @@ def make_solver(
     options: NewtonOptions | None = None,
     kind: str = "auto",
     rule: Rule = "end_point",
+    *,
+    static: bool = False,
 ) -> StepSolver:
-    """A solver of the steps of a system.
+    """A solver of the steps of a system (collective).
 
     Args:
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution, monolithic elsewhere.
+            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
+            joints of finite stiffness: near the limit of what they carry it goes further.
         rule: What the time scheme will ask the laws for.
+        static: Whether K alone is to be solved for, without inertia.
 
     Raises:
         ValueError: The kind is unknown.
@@ -91,8 +96,10 @@ def make_solver(
         raise JointsError(
             f"The condensed solver needs laws with a local solution; {missing[0]} has none."
         )
-    if not missing:
-        return InterfaceSolver(system, options)
+    if kind == "condensed" or not missing:
+        reference = static and kind == "auto" and not contact.rigid and _is_loose(system, options)
+        if not reference:
+            return InterfaceSolver(system, options)
     return NewtonSolver(system, options)
 
 
@@ -153,6 +160,16 @@ class _Condensed:
         self.compliance.destroy()
 
 
+def _is_loose(system: MatrixSystem, options: NewtonOptions | None) -> bool:
+    """Whether K is singular: there are blocks that nothing but joints holds (collective)."""
+    linear = (options or NewtonOptions()).linear
+    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+    matrix = EffectiveMatrix(system, effective, linear=linear)
+    held = _is_held(matrix, free_dofs(system))
+    matrix.destroy()
+    return not held
+
+
 def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
     """Whether a matrix of statics is regular: no block that nothing but joints supports."""
     load, moved = free.duplicate(), free.duplicate()
@@ -177,6 +194,7 @@ class _Iterate:
         coupled: S f.
         residual: r.
         tangent: T, shape (points, 3, 3).
+        largest: Largest scaled force that the law gives.
         response: Of the rank's points.
     """
 
@@ -184,6 +202,7 @@ class _Iterate:
     coupled: Floats
     residual: Floats
     tangent: Floats
+    largest: float
     response: Response
 
 
@@ -315,8 +334,11 @@ class InterfaceSolver:
         inner = INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
-            scale = max(float(np.abs(at.force).max(initial=0.0)), size) or 1.0
+            scale = at.largest or size or 1.0
             relative = size / scale
+            if step.condensed.springs is not None:
+                # What springs carry on a mechanism drowns the joints' forces.
+                relative = max(relative, 1e-14 * float(np.abs(at.force).max(initial=0.0)) / scale)
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
             done = relative <= enough or (relative <= tolerance and size >= 0.5 * last)
             if done or iteration == self.options.max_iterations or not np.isfinite(size):
@@ -376,14 +398,22 @@ class _Step:
                 *springs.without(gap, own, self._state.gap), self._state, self._rule
             )
             traction, tangent = springs.taken_off(response, own, self._state.gap)
+        forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
+        largest = float(np.abs(forces).max(initial=0.0))
         if comm.size > 1:
+            largest = comm.allreduce(largest, MPI.MAX)
             traction = np.concatenate(comm.allgather(traction))
             tangent = np.concatenate(comm.allgather(tangent))
         residual, scaled = _scaled(
             force, traction, tangent, scale, self._areas, self._compliance.dead
         )
         return _Iterate(
-            force=force, coupled=coupled, residual=residual, tangent=scaled, response=response
+            force=force,
+            coupled=coupled,
+            residual=residual,
+            tangent=scaled,
+            largest=largest,
+            response=response,
         )
 
 

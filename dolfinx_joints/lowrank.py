@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Points per smallest cluster: a dense block of 3 times as many rows and columns fits into a cache.
-LEAF = 48
+# Points per smallest cluster; 48 take as much and a little longer (measured in docs/design.md).
+LEAF = 96
 
 # A block of low rank is tried where the smaller cluster's diameter is at most this many times the
 # distance of the two, and kept where it takes at most this part of the dense one.

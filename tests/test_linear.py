@@ -174,7 +174,7 @@ def wall(wall_file, read):
     import dolfinx_joints as dj
 
     model = dj.Model(
-        read(wall_file(divisions=(8, 2, 4))),
+        read(wall_file(divisions=(8, 3, 6))),
         material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
         joints=dj.FrictionNoTension(
             normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0

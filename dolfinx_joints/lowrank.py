@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Points per smallest cluster; 48 take as much and a little longer (measured in docs/design.md).
+# Points per smallest cluster; 48 take as much and somewhat longer (measured in docs/design.md).
 LEAF = 96
 
 # A block of low rank is tried where the smaller cluster's diameter is at most this many times the

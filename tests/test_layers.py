@@ -22,6 +22,7 @@ LEVELS = {
     "memory": 0.1,
     "_compat": 0.1,
     "quadrature": 0.1,
+    "lowrank": 0.0,
     "midpoint_law": 0.0,
     "laws": 0.1,
     "law_options": 0.2,
@@ -70,6 +71,7 @@ LEVELS = {
 LIGHT = [
     "errors",
     "laws",
+    "lowrank",
     "law_options",
     "mohr_coulomb",
     "stiffness",

@@ -19,6 +19,7 @@ from dolfinx_joints import linear, memory
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.krylov import IterativeSolver
 from dolfinx_joints.linear import DirectSolver, Effective, EffectiveMatrix
+from dolfinx_joints.system import MatrixSystem
 
 pytestmark = pytest.mark.mpi
 
@@ -167,7 +168,7 @@ def test_options_do_not_leak(comm):
 STEP = Effective(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def wall(wall_file, read):
     """A clamped elastic wall of four blocks that touch nothing, in space."""
     import dolfinx_joints as dj
@@ -248,6 +249,17 @@ def test_iterative_solver_of_single_unknowns(comm):
     half = solver.solve_block(right)
     np.testing.assert_allclose(product(matrix, half), right, rtol=0, atol=1e-11)
     solver.destroy()
+
+
+def test_an_iterative_solver_needs_no_mesh():
+    # Two masses in a row: K u = F with u = (1, 1.5) by hand.
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=[[3.0, -2.0], [-2.0, 2.0]])
+    matrix = EffectiveMatrix(
+        system, Effective(mass=0.0, damping=0.0, stiffness=1.0), linear="iterative"
+    )
+    found = matrix.solver.solve_block(np.array([[0.0], [1.0]]))
+    np.testing.assert_allclose(found[:, 0], [1.0, 1.5], rtol=1e-12)
+    matrix.destroy()
 
 
 def test_no_load_no_displacement(wall):

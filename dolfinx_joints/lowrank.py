@@ -1,0 +1,316 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compliances of joint points in blocks: zero, of low rank, or dense.
+
+A joint point's force moves points far away smoothly, and points of bodies it does not touch not at
+all. The columns of one cluster of points are taken at a time (a panel), so that the whole matrix
+never exists; its rows are cut where they are near, until a part is zero, of low rank or small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Points per smallest cluster; 48 take as much and somewhat longer (measured in docs/design.md).
+LEAF = 96
+
+# A block of low rank is tried where the smaller cluster's diameter is at most this many times the
+# distance of the two, and kept where it takes at most this part of the dense one.
+ADMISSIBLE = 4.0
+WORTH = 0.9
+
+DENSE = -1
+
+# Sums in any order, so that the compiler can take several terms at once; NaN stays NaN.
+SUMS = {"reassoc", "contract", "nsz"}
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """Points ``start`` to ``stop`` of an order, their box, and the two halves of them, if cut."""
+
+    start: int
+    stop: int
+    low: Floats
+    high: Floats
+    halves: tuple[Cluster, ...] = ()
+
+    @property
+    def unknowns(self) -> slice:
+        """Their unknowns."""
+        return slice(3 * self.start, 3 * self.stop)
+
+    def leaves(self) -> Iterator[Cluster]:
+        """Clusters that are not cut, in order."""
+        if not self.halves:
+            yield self
+        for half in self.halves:
+            yield from half.leaves()
+
+
+def clusters(
+    points: Floats, leaf: int = LEAF, joint: NDArray[Any] | None = None
+) -> tuple[Ints, list[Cluster]]:
+    """Points bisected across the longest edge of their box until ``leaf`` or fewer are left.
+
+    Args:
+        points: Coordinates, shape (n, 3), [m].
+        leaf: Largest number of points in a cluster that is not cut.
+        joint: Number of the joint of each point, shape (n,); each joint is a tree of its own.
+
+    Returns:
+        The points' numbers in the order of the trees, shape (n,), and the trees' roots.
+    """
+    if leaf < 1:
+        raise ValueError(f"leaf is {leaf}; it must be at least 1.")
+    labels = np.zeros(len(points), dtype=np.int64) if joint is None else np.asarray(joint)
+    order = np.argsort(labels, kind="stable")
+    bounds = np.flatnonzero(np.diff(labels[order], prepend=-1, append=-1))
+    trees = [
+        _bisected(points, order, int(start), int(stop), leaf) for start, stop in pairwise(bounds)
+    ]
+    return order, trees
+
+
+def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> Cluster:
+    """The tree of a range of the order, which is sorted in place."""
+    inside = points[order[start:stop]]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    if stop - start <= leaf:
+        return Cluster(start, stop, low, high)
+    axis = int((high - low).argmax())
+    order[start:stop] = order[start:stop][np.argsort(inside[:, axis], kind="stable")]
+    middle = (start + stop) // 2
+    halves = (
+        _bisected(points, order, start, middle, leaf),
+        _bisected(points, order, middle, stop, leaf),
+    )
+    return Cluster(start, stop, low, high, halves)
+
+
+class LowRankMatrix:
+    """Some rows of a compliance matrix in blocks.
+
+    Blocks hold the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each of
+    them to the absolute tolerance in the spectral norm.
+
+    Args:
+        columns: Gives the columns of some unknowns, shape (3 rows, k), for their numbers, shape
+            (k,). Called once for each panel, in the same order on all ranks.
+        points: Coordinates of all points, shape (n, 3), [m].
+        rows: Range of the points whose rows are held; all unless given. If all, the matrix is
+            taken to be symmetric and only one of two mirrored blocks is held.
+        scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
+        joint: Number of the joint of each point, shape (n,).
+        tolerance: Largest error of a block relative to the unit diagonal.
+        dtype: What blocks are held in and multiplied with, float64 or float32.
+        leaf: Largest number of points in a cluster that is not cut.
+
+    Attributes:
+        shape: Rows and columns.
+        nbytes: Memory of the blocks [bytes].
+        symmetric: Whether only one of two mirrored blocks is held.
+    """
+
+    def __init__(
+        self,
+        columns: Callable[[Ints], Floats],
+        points: Floats,
+        *,
+        scale: Floats,
+        rows: slice | None = None,
+        joint: NDArray[Any] | None = None,
+        tolerance: float = 1e-12,
+        dtype: Any = np.float64,
+        leaf: int = LEAF,
+    ) -> None:
+        """Take the columns panel by panel."""
+        held = np.arange(len(points))[slice(None) if rows is None else rows]
+        self.symmetric = len(held) == len(points)
+        self.shape = (3 * len(held), 3 * len(points))
+        self._tolerance, self._dtype = tolerance, np.dtype(dtype)
+        order, across = clusters(points, leaf, joint)
+        down, self._trees = order, across
+        if not self.symmetric:
+            labels = None if joint is None else np.asarray(joint)[held]
+            down, self._trees = clusters(points[held], leaf, labels)
+        self._down, self._across = _unknowns(down), _unknowns(order)
+        scale = np.where(scale > 0.0, scale, 1.0)  # held points do not move: zero rows and columns
+        self._scales = scale[_unknowns(held)][self._down], scale[self._across]
+        self._table: list[tuple[int, ...]] = []
+        self._parts: list[NDArray[Any]] = []
+        self._filled = 0
+        for tree in across:
+            for panel in tree.leaves():
+                self._take(panel, columns(self._across[panel.unknowns]))
+        self.nbytes = self._filled * self._dtype.itemsize
+        self._blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
+        self._data = np.concatenate([np.empty(0, self._dtype), *self._parts])
+        self._parts.clear()
+
+    def _take(self, panel: Cluster, columns: Floats) -> None:
+        """Cut the rows of a panel into blocks."""
+        across = self._scales[1][panel.unknowns]
+        scaled = columns[self._down] / self._scales[0][:, None] / across
+        for tree in self._trees:
+            self._cut(tree, panel, scaled)
+
+    def _cut(self, rows: Cluster, panel: Cluster, scaled: Floats) -> None:
+        """Make a block of a cluster of rows, or of its halves."""
+        meets = self.symmetric and rows.start < panel.stop
+        if meets and rows.stop <= panel.start:
+            return  # the mirror image of a block of an earlier panel
+        block = scaled[rows.unknowns]
+        if not block.any():
+            return
+        if not meets and _admissible(rows, panel):
+            factors = _factors(block, self._tolerance)
+            if sum(f.size for f in factors) <= WORTH * block.size:
+                self._keep(rows, panel, len(factors[0]), *factors)
+                return
+        if rows.halves and not (meets and rows.start == panel.start and rows.stop == panel.stop):
+            for half in rows.halves:
+                self._cut(half, panel, scaled)
+        else:
+            self._keep(rows, panel, DENSE, block)
+
+    def _keep(self, rows: Cluster, panel: Cluster, rank: int, *parts: Floats) -> None:
+        mirrored = self.symmetric and rows.start >= panel.stop
+        at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
+        width = 3 * (panel.stop - panel.start)
+        self._table.append((*at, width, rank, int(mirrored), self._filled))
+        for part in parts:
+            self._parts.append(part.astype(self._dtype).ravel())
+            self._filled += part.size
+
+    def product(self, vector: Floats) -> Floats:
+        """The rows times a vector of all unknowns, shape (3 n,) to shape (3 rows,)."""
+        x = (self._scales[1] * vector[self._across]).astype(self._dtype)
+        y = np.zeros(self.shape[0], dtype=self._dtype)
+        _multiply(self._blocks, self._data, x, y)
+        out = np.empty(self.shape[0])
+        out[self._down] = self._scales[0] * y
+        return out
+
+    def rows(self, numbers: Ints) -> Floats:
+        """Some of the rows, shape (k, 3 n), for their numbers among those held, shape (k,)."""
+        place = np.empty(self.shape[0], dtype=np.int64)
+        place[self._down] = np.arange(self.shape[0])
+        places = place[numbers]
+        out = np.zeros((len(numbers), self.shape[1]))
+        for top, left, height, width, rank, mirrored, start in self._blocks:
+            factors = self._block(height, width, rank, start)
+            inside = np.flatnonzero((places >= top) & (places < top + height))
+            if len(inside):
+                part = factors[0][:, places[inside] - top].T @ factors[1]
+                out[inside, left : left + width] = part
+            inside = np.flatnonzero((places >= left) & (places < left + width))
+            if mirrored and len(inside):
+                part = factors[1][:, places[inside] - left].T @ factors[0]
+                out[inside, top : top + height] = part
+        result = np.empty_like(out)
+        result[:, self._across] = out * self._scales[1]
+        return result * self._scales[0][places, None]
+
+    def _block(self, height: int, width: int, rank: int, start: int) -> tuple[Any, Any]:
+        """Factors L, R of a block L^T R."""
+        if rank == DENSE:
+            dense = self._data[start : start + height * width].reshape(height, width)
+            return np.eye(height, dtype=self._dtype), dense
+        left = self._data[start : start + rank * height].reshape(rank, height)
+        start += rank * height
+        return left, self._data[start : start + rank * width].reshape(rank, width)
+
+
+def _unknowns(points: Ints) -> Ints:
+    """Numbers of the three unknowns of each point."""
+    return (3 * points[:, None] + np.arange(3)).ravel()
+
+
+def _admissible(a: Cluster, b: Cluster) -> bool:
+    """Whether two clusters are far from each other for their size."""
+    gap = np.maximum(0.0, np.maximum(a.low - b.high, b.low - a.high))
+    size = min(float(np.linalg.norm(c.high - c.low)) for c in (a, b))
+    return size <= ADMISSIBLE * float(np.linalg.norm(gap))
+
+
+def _factors(block: Floats, tolerance: float) -> tuple[Floats, Floats]:
+    """L, R of the fewest rows with the block L^T R to the tolerance in the spectral norm."""
+    left, values, right = np.linalg.svd(block, full_matrices=False)
+    rank = int(np.count_nonzero(values > tolerance))
+    root = np.sqrt(values[:rank])
+    return (left[:, :rank] * root).T, root[:, None] * right[:rank]
+
+
+@njit(cache=True, fastmath=SUMS)
+def _multiply(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
+    """Add the blocks, and their mirror images, times x to y."""
+    for b in range(len(blocks)):
+        top, left, height, width, rank, mirrored, start = blocks[b]
+        x_across, y_down = x[left : left + width], y[top : top + height]
+        if rank < 0:
+            dense = data[start : start + height * width].reshape(height, width)
+            if mirrored:
+                _dense_and_mirror(
+                    dense, x_across, x[top : top + height], y_down, y[left : left + width]
+                )
+            else:
+                _dense(dense, x_across, y_down)
+            continue
+        middle = start + rank * height
+        down = data[start:middle].reshape(rank, height)
+        across = data[middle : middle + rank * width].reshape(rank, width)
+        _low_rank(down, across, x_across, y_down)
+        if mirrored:
+            _low_rank(across, down, x[top : top + height], y[left : left + width])
+
+
+@njit(cache=True, fastmath=SUMS)
+def _dense(dense: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
+    for i in range(dense.shape[0]):
+        total = dense.dtype.type(0.0)
+        row = dense[i]
+        for j in range(row.size):
+            total += row[j] * x[j]
+        y[i] += total
+
+
+@njit(cache=True, fastmath=SUMS)
+def _dense_and_mirror(
+    dense: NDArray[Any],
+    x_across: NDArray[Any],
+    x_down: NDArray[Any],
+    y_down: NDArray[Any],
+    y_across: NDArray[Any],
+) -> None:
+    """Both products in one pass over the block."""
+    for i in range(dense.shape[0]):
+        total = dense.dtype.type(0.0)
+        row, factor = dense[i], x_down[i]
+        for j in range(row.size):
+            total += row[j] * x_across[j]
+            y_across[j] += row[j] * factor
+        y_down[i] += total
+
+
+@njit(cache=True, fastmath=SUMS)
+def _low_rank(left: NDArray[Any], right: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
+    """Add left^T right x to y."""
+    for k in range(left.shape[0]):
+        weight = left.dtype.type(0.0)
+        row = right[k]
+        for j in range(row.size):
+            weight += row[j] * x[j]
+        row = left[k]
+        for i in range(row.size):
+            y[i] += row[i] * weight

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,27 +44,27 @@ class EnergyRow:
     joint_numerical: Floats
     error: float
 
-    @property
+    @cached_property
     def joint(self) -> float:
         """Elastic energy of all joints."""
         return float(self.joint_elastic.sum())
 
-    @property
+    @cached_property
     def friction(self) -> float:
         """Work done against friction in all joints."""
         return float(self.joint_friction.sum())
 
-    @property
+    @cached_property
     def numerical(self) -> float:
         """Numerical loss of all joints."""
         return float(self.joint_numerical.sum())
 
-    @property
+    @cached_property
     def stored(self) -> float:
         """Kinetic, strain and joint energy."""
         return self.kinetic + self.strain + self.joint
 
-    @property
+    @cached_property
     def imbalance(self) -> float:
         """What no line accounts for: error + numerical, rounding where the solves are right."""
         return self.error + self.numerical

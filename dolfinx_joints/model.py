@@ -126,12 +126,11 @@ class Model:
         u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
         bulk = self.body.stiffness_form(u, v)
         springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
-        self._symmetric = symmetric
         self.body_mass = _without_zeros(self._matrix(self.body.mass_form(u, v)))
         self.mass = self.body_mass
         if extra_mass is not None:
             self.mass = _without_zeros(self._matrix(self.body.mass_form(u, v), extra_mass))
-        self.stiffness = self._blocked(self._matrix(bulk, extra_stiffness, *springs))
+        self.stiffness = _blocked(self._matrix(bulk, extra_stiffness, *springs))
         self.stiffness.setNearNullSpace(self._rigid_modes())
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
@@ -145,9 +144,10 @@ class Model:
             # Springs and extra forms are part of K but do not damp.
             self.rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
             bulk_damping = self._matrix(rayleigh.stiffness_factor * bulk, extra_damping)
-            self.dashpots = self._blocked(bulk_damping)
+            self.dashpots = _blocked(bulk_damping)
         elif extra_damping is not None:
-            self.dashpots = self._blocked(self._matrix(self._extra(extra_damping)))
+            self.dashpots = _blocked(self._matrix(self._extra(extra_damping)))
+        self._symmetric = symmetric
 
     def _redistributed(
         self, mass: PETSc.Mat, operator: JointOperator, degree: int
@@ -185,14 +185,6 @@ class Model:
         points = self.V.tabulate_dof_coordinates()[: places.getLocalSize() // self.gdim]
         places.setArray(points[:, : self.gdim].ravel())
         return PETSc.NullSpace().createRigidBody(places)
-
-    def _blocked(self, matrix: PETSc.Mat) -> PETSc.Mat:
-        """The matrix stored in blocks of a node, its upper half if it is symmetric.
-
-        A product, which time steps wait for, takes a third of the time.
-        """
-        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self._symmetric)
-        return matrix.convert("sbaij" if self._symmetric else "baij")
 
     @cached_property
     def damping(self) -> PETSc.Mat:
@@ -310,6 +302,15 @@ def _check_form(form: Any, arguments: int, what: str) -> None:
     count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
     if count != arguments:
         raise ValueError(f"{what}; this one has {count} arguments: {str(form)[:80]}.")
+
+
+def _blocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix in blocks of a node: its products, which time steps wait for, are faster.
+
+    Whole, even if symmetric: PETSc's product with half a matrix reads beyond it where the last rows
+    are empty, as those of dashpots on a boundary, and would hide that K is not symmetric after all.
+    """
+    return matrix.convert("baij")
 
 
 def _without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:

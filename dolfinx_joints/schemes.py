@@ -8,15 +8,20 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_number
 from dolfinx_joints.contact import Rule
-from dolfinx_joints.laws import Floats, Response
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.solver import StepSolver
-from dolfinx_joints.states import DynamicState, Products, StepReport, StepWork, joint_work
+from dolfinx_joints.states import (
+    DynamicState,
+    Products,
+    StepReport,
+    StepWork,
+    combination,
+    joint_work,
+)
 from dolfinx_joints.system import MatrixSystem
 
 
@@ -48,13 +53,12 @@ class _Midpoint:
         """
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
         load = system.load(time, state.load.duplicate())
-        b = load.copy()
-        b.axpby(0.5, 0.5, state.load)
-        b.maxpy([rate, -1.0], [state.momentum, state.elastic_force])
+        known = [(0.5, load), (0.5, state.load)]
+        known += [(rate, state.momentum), (-1.0, state.elastic_force)]
         if state.remainder is not None:
-            b.axpy(-1.0, state.remainder)
-        x = state.velocity.copy()
-        x.scale(dt)
+            known.append((-1.0, state.remainder))
+        b = combination(*known)
+        x = combination((dt, state.velocity))
         held = system.constrained
         x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
         turn = _Turn(system, state, x, rate, time, dt)
@@ -63,26 +67,24 @@ class _Midpoint:
         effective = Effective(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule)
         products = Products(solver, effective, b, x, joints)
-        velocity = x.copy()
-        velocity.axpby(-1.0, rate, state.velocity)
+        velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[system.massless] = x.array[system.massless] / dt
-        momentum = products.mass.copy()
-        momentum.axpby(-1.0, rate, state.momentum)
+        momentum = combination((rate, products.mass), (-1.0, state.momentum))
         turn.add(turn.momentum, momentum)
-        acceleration = _sum(velocity, state.velocity, -1.0)
+        acceleration = combination((1.0, velocity), (-1.0, state.velocity))
         acceleration.scale(1.0 / dt)
         after = DynamicState(
             time=time,
-            displacement=_sum(state.displacement, x),
+            displacement=combination((1.0, state.displacement), (1.0, x)),
             velocity=velocity,
             acceleration=acceleration,
             load=load,
             reaction=products.reaction,
             momentum=momentum,
-            elastic_force=_sum(state.elastic_force, products.stiffness),
+            elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
             joints=joints,
             remainder=products.remainder,
         )
@@ -90,9 +92,10 @@ class _Midpoint:
             loads=system.work_of_loads(x, state.time, time),
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
-            joints=_work(solver, state, joints, mean_traction=False),
+            joints=joint_work(system, state, joints, mean_traction=False),
         )
-        error = _sum(acceleration, state.acceleration, -1.0).norm() * dt**2 / 12.0
+        change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()
+        error = float(change) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
 
@@ -158,15 +161,12 @@ class _Alpha:
         share = 1.0 - self.alpha_f
         of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)
         # a1 = of_mass x + a_known and v1 = of_damping x + v_known.
-        a_known, v_known = state.velocity.copy(), state.velocity.copy()
-        a_known.axpby(1.0 - 0.5 / self.beta, -1.0 / (self.beta * dt), state.acceleration)
-        v_known.axpby(
-            dt * (1.0 - 0.5 * self.gamma / self.beta),
-            1.0 - self.gamma / self.beta,
-            state.acceleration,
+        v, a = state.velocity, state.acceleration
+        a_known = combination((-1.0 / (self.beta * dt), v), (1.0 - 0.5 / self.beta, a))
+        v_known = combination(
+            (1.0 - self.gamma / self.beta, v), (dt * (1.0 - 0.5 * self.gamma / self.beta), a)
         )
-        x = state.velocity.copy()
-        x.axpby(0.5 * dt**2, dt, state.acceleration)
+        x = combination((dt, v), (0.5 * dt**2, a))
         held = system.constrained
         x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
         rates = system.prescribed_rates(time, 0.5 * dt)
@@ -188,23 +188,23 @@ class _Alpha:
         system.mass.mult(v_known, momentum)
         after = DynamicState(
             time=time,
-            displacement=_sum(state.displacement, x),
+            displacement=combination((1.0, state.displacement), (1.0, x)),
             velocity=v_known,
             acceleration=a_known,
             load=load,
             reaction=products.reaction,
             momentum=momentum,
-            elastic_force=_sum(state.elastic_force, products.stiffness),
+            elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
             joints=joints,
         )
         work = StepWork(
             loads=system.work_of_loads(x, state.time, time),
             supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
             viscous=products.viscous / (of_damping * dt),
-            joints=_work(solver, state, joints, mean_traction=True),
+            joints=joint_work(system, state, joints, mean_traction=True),
         )
-        change = _sum(a_known, state.acceleration, -1.0).norm()
-        error = change * dt**2 * abs(self.beta - 1.0 / 6.0)
+        change = combination((1.0, a_known), (-1.0, a)).norm()
+        error = float(change) * dt**2 * abs(self.beta - 1.0 / 6.0)
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
     def _right_hand_side(
@@ -217,11 +217,9 @@ class _Alpha:
     ) -> PETSc.Vec:
         """What is known of the equation, over 1 - alpha_f, [N]."""
         system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
-        b = load.copy()
-        b.axpy(old / share, state.load)
-        b.axpy(-1.0 / share, state.elastic_force)
-        known, work = a_known.copy(), b.duplicate()
-        known.axpby(self.alpha_m, 1.0 - self.alpha_m, state.acceleration)
+        b = combination((1.0, load), (old / share, state.load), (-1.0 / share, state.elastic_force))
+        known = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))
+        work = b.duplicate()
         system.mass.mult(known, work)
         b.axpy(-1.0 / share, work)
         known.waxpy(old / share, state.velocity, v_known)
@@ -388,22 +386,3 @@ def _exact_square(rate: float) -> float:
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)
-
-
-def _sum(a: PETSc.Vec, b: PETSc.Vec, factor: float = 1.0) -> PETSc.Vec:
-    """A new vector, a + factor b."""
-    total = a.duplicate()
-    total.waxpy(factor, b, a)
-    return total
-
-
-def _work(
-    solver: StepSolver, state: DynamicState, joints: Response | None, *, mean_traction: bool
-) -> Floats:
-    """Work of the body on each joint in a step, by its tractions or their mean with the last."""
-    if joints is None or state.joints is None:
-        return np.zeros(0)
-    traction = joints.traction
-    if mean_traction:
-        traction = 0.5 * (traction + state.joints.traction)
-    return joint_work(solver.system, traction, joints.state.gap - state.joints.state.gap)

@@ -153,9 +153,7 @@ class Products:
         )
         # The difference of what the equation holds: nothing of it goes unaccounted by rounding.
         self.viscous = float((damped - factors) @ x.mDot(products))
-        residual = b.copy()
-        residual.scale(-1.0)
-        residual.maxpy(damped, products)
+        residual = combination((-1.0, b), *zip(damped, products, strict=True))
         if system.dashpots is not None:
             system.dashpots.mult(x, self.reaction)
             residual.axpy(effective.damping, self.reaction)
@@ -172,10 +170,33 @@ class Products:
         self.remainder = residual
 
 
-def joint_work(system: MatrixSystem, traction: Floats, moved: Floats) -> Floats:
-    """Work of tractions on changes of the gap, both (n, 3), for each joint [J] (collective)."""
-    if system.contact is None:
+def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
+    """A new vector, the sum of factors times vectors."""
+    (factor, first), *others = terms
+    total = first.copy()
+    total.scale(factor)
+    for factor, vector in others:
+        total.axpy(factor, vector)
+    return total
+
+
+def joint_work(
+    system: MatrixSystem, before: DynamicState, joints: Response | None, *, mean_traction: bool
+) -> Floats:
+    """Work of the body on each joint in a step [J] (collective).
+
+    Args:
+        system: The system.
+        before: State at the start of the step.
+        joints: Response of the joints at its end.
+        mean_traction: Take the mean of the tractions of both, not those of the response.
+    """
+    if system.contact is None or before.joints is None or joints is None:
         return np.zeros(0)
+    traction = joints.traction
+    if mean_traction:
+        traction = 0.5 * (traction + before.joints.traction)
+    moved = joints.state.gap - before.joints.state.gap
     return system.contact.integrals(np.einsum("ij,ij->i", traction, moved))
 
 

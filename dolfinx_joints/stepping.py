@@ -130,7 +130,7 @@ class Stepper:
                 self._level += 1
                 continue
             done += pieces
-            if done == finest:
+            if done == finest and after.time != start + dt:
                 after = replace(after, time=start + dt)
             state = after
             self._accept(state, report)

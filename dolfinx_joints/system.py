@@ -169,7 +169,8 @@ class MatrixSystem:
         if len(wrong):
             raise ValueError(f"The factor of a load is {wrong[0]} at t = {time:g} s.")
         out.set(0.0)
-        out.maxpy(factors, self._vectors)
+        for factor, vector in zip(factors, self._vectors, strict=True):
+            out.axpy(float(factor), vector)
         return out
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:

@@ -15,6 +15,7 @@ from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_
 from mpi4py import MPI
 
 from dolfinx_joints import (
+    BaseMotion,
     Elastic,
     Fixed,
     FormLoad,
@@ -306,6 +307,68 @@ def test_extra_forms(bar):
 
 def _pair(V):
     return ufl.TrialFunction(V), ufl.TestFunction(V)
+
+
+@pytest.mark.parametrize("spring", [False, True])
+@pytest.mark.parametrize("dashpot", [False, True])
+def test_damping_force(bar, spring, dashpot):
+    # C v = a M v + b K v + c v on the top, K of the body alone, from products with matrices that
+    # are not C. The dashpots leave most nodes alone, so that most of their rows are empty.
+    c, beta, alpha = 3e5, 1e-3, 0.7
+    supports = [Spring(group="base", normal_stiffness=1e10)] if spring else [BASE]
+    model = Model(
+        bar,
+        material=BAR,
+        supports=supports,
+        damping=Rayleigh(stiffness_factor=beta, mass_factor=alpha),
+        extra_damping=(lambda u, v: c * ufl.inner(u, v) * bar.ds("top")) if dashpot else None,
+    )
+    system = model.system()
+    assert (system.dashpots is None) is not (spring or dashpot)
+    v = model.mass.createVecRight()
+    v.setArray(np.random.default_rng(bar.mesh.comm.rank).standard_normal(v.getLocalSize()))
+    on_top = model._matrix(ufl.inner(*_pair(model.V)) * bar.ds("top"))
+    expected, term = v.duplicate(), v.duplicate()
+    Model(bar, material=BAR, supports=[BASE]).stiffness.mult(v, expected)
+    expected.scale(beta)
+    for factor, matrix in ((alpha, model.mass), (c * dashpot, on_top)):
+        matrix.mult(v, term)
+        expected.axpy(factor, term)
+    system.damping.mult(v, term)
+    for found in (system.damping_force(v, v.duplicate()), term):
+        found.axpy(-1.0, expected)
+        assert found.norm() <= 1e-13 * expected.norm()
+
+
+def test_mass_stores_no_zeros(bar):
+    # M couples no components: of the 9 entries of a pair of nodes, 3.
+    model = Model(bar, material=BAR, supports=[BASE])
+    values = model.mass.getValuesCSR()[2]
+    assert np.all(values != 0.0)
+    share = model.mass.getInfo()["nz_used"] / model.stiffness.getInfo()["nz_used"]
+    assert share <= 1 / 3 + 1e-12
+
+
+def test_ground_motion_is_asked_once_per_time(bar):
+    # However many loads, axes and works of a step need it: ground motions may be costly.
+    asked = []
+
+    def motion(time):
+        asked.append(time)
+        return np.array([np.sin(time), 0.0, time])
+
+    loads = [Gravity(), BaseMotion(acceleration=motion)]
+    system = Model(bar, material=BAR, supports=[BASE], loads=loads).system()
+    x = system.mass.createVecRight()
+    x.set(1e-3)
+    for start, end in ((0.0, 0.1), (0.1, 0.2)):
+        system.load(end, x.duplicate())
+        works = system.work_of_loads(x, start, end)
+    assert sorted(asked) == [0.0, 0.1, 0.2]
+    # The body's mass of 2400 kg/m^3 * 2 m^3 moves against the mean acceleration of the step.
+    mean = 0.5 * (np.sin(0.1) + np.sin(0.2)) + 0.15
+    assert works["BaseMotion"] == pytest.approx(-4800.0 * mean * 1e-3, rel=1e-12)
+    assert works["Gravity"] == pytest.approx(-4800.0 * STANDARD_GRAVITY * 1e-3, rel=1e-12)
 
 
 def test_joints_are_not_damped(blocks):

@@ -15,11 +15,14 @@ pytest.importorskip("petsc4py")
 from dolfinx_joints import (
     EnergyConsistent,
     FrictionNoTension,
+    GeneralizedAlpha,
+    HilberHughesTaylor,
     ImplicitContact,
     JointsError,
     MatrixSystem,
     Newmark,
     NewtonOptions,
+    Rayleigh,
 )
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.interface import make_solver
@@ -101,6 +104,43 @@ def random_system(seed=0, size=4, damping=0.0):
     a, b = rng.normal(size=(2, size, size))
     m, k = a @ a.T + size * np.eye(size), 1e3 * (b @ b.T + np.eye(size))
     return m, k, MatrixSystem.from_arrays(mass=m, stiffness=k, damping=damping * k)
+
+
+@pytest.mark.parametrize(
+    "scheme", [EnergyConsistent(), Newmark(), HilberHughesTaylor(), GeneralizedAlpha()]
+)
+@pytest.mark.parametrize("factors", [(0.0, 1e-3), (2.0, 0.0), (2.0, 1e-3)])
+def test_rayleigh_factors_are_the_matrix(scheme, factors):
+    # C = a M + b K by its factors, as a matrix, and half of it either way: one and the same motion,
+    # started with a velocity and pushed for a while; and the same loss by damping.
+    a, b = factors
+    m, k, plain = random_system()
+    load = MatrixSystem.from_arrays(mass=m, stiffness=k, load=lambda t: np.arange(4.0) * (t < 0.1))
+    c = a * m + b * k
+    by = [
+        (Rayleigh(mass_factor=part * a, stiffness_factor=part * b), (1.0 - part) * c)
+        for part in (1.0, 0.5, 0.0)
+    ]
+    found = []
+    for rayleigh, rest in by:
+        given = MatrixSystem.from_arrays(mass=m, stiffness=k, damping=rest)
+        dashpots = given.dashpots if rest.any() else None
+        system = dataclasses.replace(
+            plain, patterns=load.patterns, rayleigh=rayleigh, dashpots=dashpots
+        )
+        solver = make_solver(system)
+        state = initial_state(solver, velocity=vector(system, np.ones(4)))
+        ledger = EnergyLedger(system)
+        ledger.start(state)
+        for _ in range(50):
+            state, report = scheme.advance(solver, state, 0.01)
+            ledger.record(ledger.after(state, report))
+        found.append([*state.displacement.array, *state.velocity.array, ledger.row.viscous])
+        assert ledger.row.viscous > 0.0
+        if scheme.conserves(system):
+            assert ledger.relative_imbalance <= 1e-13
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=1e-10, atol=1e-13)
 
 
 def energies(m, k, states):

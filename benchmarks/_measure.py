@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import statistics
 import time as clock
 from collections.abc import Iterator, Sequence
@@ -36,6 +37,11 @@ def petsc_seconds(names: Sequence[str]) -> float:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+def load_average() -> float:
+    """Processes that wanted a processor in the last minute, on average, this one included."""
+    return os.getloadavg()[0]
 
 
 def free_memory() -> None:
@@ -181,7 +187,15 @@ class March:
         return list(1e3 * np.abs(self.watch.crest).max(axis=0))
 
 
-def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str = "auto") -> March:
+def march(
+    scene: Scene,
+    mesh: Path,
+    steps: int,
+    *,
+    law: Law | None,
+    solver: str = "auto",
+    watch: StepWatch | None = None,
+) -> March:
     """Static loads, then the motion, with a law for the joints or without joints (collective).
 
     Raises:
@@ -190,7 +204,7 @@ def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str 
     if steps < 2:
         raise ValueError(f"steps is {steps}; the first is not measured, so take at least 2.")
     free_memory()
-    phases, watch = Phases(), StepWatch(scene)
+    phases, watch = Phases(), watch if watch is not None else StepWatch(scene)
     began = clock.perf_counter()
     with phases.phase("mesh"):
         jointed = scene.read(mesh, tied=law is None)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import March, march
+from benchmarks._measure import March, load_average, march
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.interface import KINDS
 
@@ -56,6 +57,7 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
         "steps": steps,
         "ranks": MPI.COMM_WORLD.size,
         "repeats": len(joints),
+        "load_average": load_average(),
         "ratio": statistics.median(ratios),
         "ratio_range": [min(ratios), max(ratios)],
         "newton_mean": last.facts["iterations"] / last.facts["accepted"],
@@ -95,7 +97,8 @@ def print_tables(rows: dict[str, Row]) -> None:
     width = max(len(name) for name in rows)
     first = next(iter(rows.values()))
     print(
-        f"{first['ranks']} rank(s), {first['repeats']} repeat(s).\n\n"
+        f"{first['ranks']} rank(s), {first['repeats']} repeat(s), load average "
+        f"{first['load_average']:.1f} on {os.cpu_count()} processors.\n\n"
         "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
         "linear: of wall times, with their range over the repeats; of processor times, which\n"
         "others on the machine disturb less; of mean wall times, which rare expensive steps\n"

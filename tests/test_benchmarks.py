@@ -15,8 +15,12 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks import agreement, jointed_wall, stiffness_range
+from benchmarks import agreement, jointed_wall, scaling, stiffness_range
+from benchmarks._parts import PARTS, Clocks
 from benchmarks._scenes import wall
+from dolfinx_joints.contact import Contact
+from dolfinx_joints.interface import InterfaceSolver
+from dolfinx_joints.linear import EffectiveMatrix
 
 pytestmark = pytest.mark.mpi
 
@@ -100,3 +104,42 @@ def test_a_disagreement_is_seen(monkeypatch):
     # A reference that stops at 1e-2 of the forces is not equal to nine digits.
     monkeypatch.setattr(agreement, "REFERENCE", dj.NewtonOptions(relative_tolerance=1e-2))
     assert agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8"]) == 1
+
+
+def test_scaling(capsys):
+    scaling.main(["--quick", "--steps", "4", "--series", "points", "--json"])
+    found = printed(capsys)
+    if found is None:
+        return
+    few, many = found["points"]["cases"].values()
+    # A joint of 2 x 8 cells doubles 3 x 9 nodes; there are one and three of them.
+    assert (few["joint_points"], many["joint_points"]) == (27, 81)
+    for row in (few, many):
+        assert all(row["parts_ms"][part] > 0.0 for part in PARTS)
+        if row["ranks"] == 1:
+            assert sum(row["parts_ms"].values()) == pytest.approx(row["joints_mean_ms"])
+    exponent = found["points"]["growth"]["jointed"]
+    assert many["joints_ms"] / few["joints_ms"] == pytest.approx(3.0**exponent)
+
+
+def test_scaling_leaves_the_package_as_it_was():
+    def methods():
+        return Contact.respond_locally, InterfaceSolver.solve, EffectiveMatrix.solver
+
+    before = methods()
+    with Clocks().watching():
+        assert all(a is not b for a, b in zip(methods(), before, strict=True))
+    assert methods() == before
+
+
+def test_efficiency_of_ranks():
+    def run(ms):
+        row = dict.fromkeys(scaling.STEPS.values(), ms)
+        row |= {"setup_s": {"mesh": 1.0, "compliance": 0.0}, "parts_ms": {}}
+        return {"dofs": {"cases": {"a": row}}}
+
+    # 6 ms on one rank and 4 ms on two: 1.5 times as fast on twice as many.
+    found = scaling.efficiencies(run(6.0), run(4.0), 2.0)["a"]
+    assert found["jointed"] == pytest.approx(0.75)
+    assert found["mesh"] == pytest.approx(0.5)
+    assert "compliance" not in found

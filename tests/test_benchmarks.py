@@ -6,6 +6,7 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 """
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -55,12 +56,11 @@ def test_jointed_wall(capsys):
         assert row["ratio_range"][0] <= row["ratio"] <= row["ratio_range"][1]
 
 
-def test_the_tied_peaks_are_checked():
-    from dataclasses import replace
-
+def test_the_tied_peaks_are_checked(monkeypatch):
+    monkeypatch.setattr(jointed_wall, "TIED_STEPS", 3)
     wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))
     with pytest.raises(AssertionError):
-        jointed_wall.measure(wrong, 200)
+        jointed_wall.measure(wrong, 3)
 
 
 def test_stiffness_range(capsys):
@@ -90,7 +90,7 @@ def test_a_case_that_fails_is_shown(capsys, monkeypatch):
 
 
 def test_agreement(capsys):
-    status = agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8", "--json"])
+    status = agreement.main(["--scenes", "tiny", "--steps", "5", "--history", "5", "--json"])
     assert status == 0
     found = printed(capsys)
     if found is None:
@@ -103,7 +103,7 @@ def test_agreement(capsys):
 def test_a_disagreement_is_seen(monkeypatch):
     # A reference that stops at 1e-2 of the forces is not equal to nine digits.
     monkeypatch.setattr(agreement, "REFERENCE", dj.NewtonOptions(relative_tolerance=1e-2))
-    assert agreement.main(["--scenes", "tiny", "--steps", "8", "--history", "8"]) == 1
+    assert agreement.main(["--scenes", "tiny", "--steps", "5", "--history", "5"]) == 1
 
 
 def test_scaling(capsys):

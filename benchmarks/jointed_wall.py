@@ -77,6 +77,7 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
             f"{name}_cpu_ms": median_of(runs, lambda run: run.step_cpu_ms),
             f"{name}_mean_ms": median_of(runs, lambda run: run.mean_ms),
             f"{name}_total_s": median_of(runs, lambda run: run.total),
+            f"{name}_total_cpu_s": median_of(runs, lambda run: run.total_cpu),
             f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
             f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
         }
@@ -152,7 +153,7 @@ def print_tables(rows: dict[str, Row]) -> None:
         "with what earlier phases still hold.\n"
     )
     print(
-        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run"
+        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run    cpu"
         "   MiB: model statics steps"
     )
     for name, row in rows.items():
@@ -161,7 +162,8 @@ def print_tables(rows: dict[str, Row]) -> None:
             print(
                 f"{name:{width}} {label:8} {s['mesh']:6.2f} {s['assembly']:8.2f} "
                 f"{s['statics']:7.2f} {s['factor']:6.2f} {s['compliance']:10.2f} "
-                f"{row[f'{run}_total_s']:11.2f} {mb['model']:12.0f} {mb['statics']:7.0f} "
+                f"{row[f'{run}_total_s']:11.2f} {row[f'{run}_total_cpu_s']:6.2f} "
+                f"{mb['model']:12.0f} {mb['statics']:7.0f} "
                 f"{mb['steps']:5.0f}"
             )
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import statistics
 import time as clock
 from collections.abc import Iterator, Sequence
@@ -36,6 +37,11 @@ def petsc_seconds(names: Sequence[str]) -> float:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+def load_average() -> float:
+    """Processes that wanted a processor in the last minute, on average, this one included."""
+    return os.getloadavg()[0]
 
 
 def free_memory() -> None:
@@ -153,6 +159,7 @@ class March:
             ``statics``, ``factor`` of the bulk, and ``compliance``: what else the first step takes
             more than the median.
         total: Wall time from reading the mesh to the last step [s].
+        total_cpu: The same in processor time [s].
         peaks_mb: Peak memory of ``model`` (mesh and assembly), ``statics`` and ``steps`` [MiB].
         watch: What each step took on this rank.
         facts: ``solver``, ``iterations``, ``accepted`` and ``cut`` steps, ``ledger``,
@@ -166,6 +173,7 @@ class March:
     mean_ms: float
     seconds: dict[str, float]
     total: float
+    total_cpu: float
     peaks_mb: dict[str, float]
     watch: StepWatch
     facts: dict[str, Any]
@@ -181,7 +189,15 @@ class March:
         return list(1e3 * np.abs(self.watch.crest).max(axis=0))
 
 
-def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str = "auto") -> March:
+def march(
+    scene: Scene,
+    mesh: Path,
+    steps: int,
+    *,
+    law: Law | None,
+    solver: str = "auto",
+    watch: StepWatch | None = None,
+) -> March:
     """Static loads, then the motion, with a law for the joints or without joints (collective).
 
     Raises:
@@ -190,8 +206,8 @@ def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str 
     if steps < 2:
         raise ValueError(f"steps is {steps}; the first is not measured, so take at least 2.")
     free_memory()
-    phases, watch = Phases(), StepWatch(scene)
-    began = clock.perf_counter()
+    phases, watch = Phases(), watch if watch is not None else StepWatch(scene)
+    began = clock.perf_counter(), clock.process_time()
     with phases.phase("mesh"):
         jointed = scene.read(mesh, tied=law is None)
     with phases.phase("assembly"):
@@ -217,7 +233,8 @@ def march(scene: Scene, mesh: Path, steps: int, *, law: Law | None, solver: str 
             "factor": slowest(watch.factor),
             "compliance": slowest(max(once - watch.factor, 0.0)) if law else 0.0,
         },
-        total=slowest(clock.perf_counter() - began),
+        total=slowest(clock.perf_counter() - began[0]),
+        total_cpu=slowest(clock.process_time() - began[1]),
         peaks_mb={
             "model": max(peaks["mesh"], peaks["assembly"]),
             "statics": peaks["statics"],

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 from collections.abc import Callable
 from typing import Any
@@ -25,11 +26,14 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import March, march
+from benchmarks._measure import March, load_average, march
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.interface import KINDS
 
 Row = dict[str, Any]
+
+# Wall time over processor time of a step above which wall times are not to be trusted.
+DISTURBED = 1.1
 
 
 def measure(scene: Scene, steps: int, solver: str = "auto", repeat: int = 1) -> Row:
@@ -56,6 +60,7 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
         "steps": steps,
         "ranks": MPI.COMM_WORLD.size,
         "repeats": len(joints),
+        "load_average": load_average(),
         "ratio": statistics.median(ratios),
         "ratio_range": [min(ratios), max(ratios)],
         "newton_mean": last.facts["iterations"] / last.facts["accepted"],
@@ -72,9 +77,11 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
             f"{name}_cpu_ms": median_of(runs, lambda run: run.step_cpu_ms),
             f"{name}_mean_ms": median_of(runs, lambda run: run.mean_ms),
             f"{name}_total_s": median_of(runs, lambda run: run.total),
+            f"{name}_total_cpu_s": median_of(runs, lambda run: run.total_cpu),
             f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
             f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
         }
+    row["wall_over_cpu"] = max(row[f"{n}_ms"] / row[f"{n}_cpu_ms"] for n in ("linear", "joints"))
     for kind in ("cpu", "mean"):
         row[f"ratio_{kind}"] = row[f"joints_{kind}_ms"] / row[f"linear_{kind}_ms"]
     return row
@@ -95,7 +102,8 @@ def print_tables(rows: dict[str, Row]) -> None:
     width = max(len(name) for name in rows)
     first = next(iter(rows.values()))
     print(
-        f"{first['ranks']} rank(s), {first['repeats']} repeat(s).\n\n"
+        f"{first['ranks']} rank(s), {first['repeats']} repeat(s), load average "
+        f"{first['load_average']:.1f} on {os.cpu_count()} processors.\n\n"
         "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
         "linear: of wall times, with their range over the repeats; of processor times, which\n"
         "others on the machine disturb less; of mean wall times, which rare expensive steps\n"
@@ -114,6 +122,12 @@ def print_tables(rows: dict[str, Row]) -> None:
             f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f}"
             f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
             f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}  {row['solver']}"
+        )
+    busy = max(row["wall_over_cpu"] for row in rows.values())
+    if first["ranks"] == 1 and busy > DISTURBED:
+        print(
+            f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
+            "\nGo by the latter, or measure again."
         )
     print(
         "\nNewton iterations per step; mean share of the joint points by state; steps tried and\n"
@@ -139,7 +153,7 @@ def print_tables(rows: dict[str, Row]) -> None:
         "with what earlier phases still hold.\n"
     )
     print(
-        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run"
+        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run    cpu"
         "   MiB: model statics steps"
     )
     for name, row in rows.items():
@@ -148,7 +162,8 @@ def print_tables(rows: dict[str, Row]) -> None:
             print(
                 f"{name:{width}} {label:8} {s['mesh']:6.2f} {s['assembly']:8.2f} "
                 f"{s['statics']:7.2f} {s['factor']:6.2f} {s['compliance']:10.2f} "
-                f"{row[f'{run}_total_s']:11.2f} {mb['model']:12.0f} {mb['statics']:7.0f} "
+                f"{row[f'{run}_total_s']:11.2f} {row[f'{run}_total_cpu_s']:6.2f} "
+                f"{mb['model']:12.0f} {mb['statics']:7.0f} "
                 f"{mb['steps']:5.0f}"
             )
 

@@ -1,0 +1,274 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Where the time goes, and how it grows with the dofs and with the joint points.
+
+Two series of the jointed wall: refined with fewer and fewer joints, so that the number of joint
+points stays near one thousand (except with ``--large``, where a single joint has 2800), and one
+mesh cut by more and more joints. Each case runs tied and with joints.
+
+The time of a jointed step is split into back-substitutions (solves with the bulk), products with
+the sparse matrices (M, C, K, B), the joint law, the joint solver besides these, and the rest of the
+step. These are means over the steps but the first, so that on one rank they add up; of several
+ranks each is that of the slowest. Growth is the exponent p of time ~ n^p, fitted over the series.
+
+``--ranks 1 2`` runs the program under mpirun once for each number of ranks and prints what becomes
+of each phase; efficiency is the time on the first number of ranks over that on another, per rank.
+One rank uses CHOLMOD where PETSc has it, several use MUMPS: that is part of the comparison.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from benchmarks._measure import load_average, march
+from benchmarks._parts import PARTS, Clocks, SplitWatch
+from benchmarks._scenes import Scene, wall
+
+SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
+STEPS = {
+    "linear": "linear_ms",
+    "jointed": "joints_ms",
+    "linear, processor": "linear_cpu_ms",
+    "jointed, processor": "joints_cpu_ms",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A wall: cells along x, y, z and the number of joints."""
+
+    divisions: tuple[int, int, int]
+    joints: int
+
+    def scene(self, name: str) -> Scene:
+        """The scene."""
+        return wall(name, divisions=self.divisions, joints=self.joints)
+
+
+Series = dict[str, dict[str, Case]]
+
+SERIES: Series = {
+    "dofs": {
+        "7k dofs": Case(divisions=(20, 4, 20), joints=9),
+        "50k dofs": Case(divisions=(40, 8, 40), joints=3),
+        "250k dofs": Case(divisions=(72, 14, 72), joints=1),
+    },
+    "points": {
+        "0.4k points": Case(divisions=(56, 8, 40), joints=1),
+        "1k points": Case(divisions=(56, 8, 40), joints=3),
+        "3k points": Case(divisions=(56, 8, 40), joints=7),
+    },
+}
+LARGE: Series = {
+    "dofs": {"1M dofs": Case(divisions=(116, 23, 116), joints=1)},
+    "points": {"10k points": Case(divisions=(56, 8, 40), joints=27)},
+}
+QUICK: Series = {
+    "dofs": {
+        "1k dofs": Case(divisions=(8, 2, 8), joints=3),
+        "3k dofs": Case(divisions=(12, 3, 12), joints=2),
+    },
+    "points": {
+        "27 points": Case(divisions=(8, 2, 8), joints=1),
+        "81 points": Case(divisions=(8, 2, 8), joints=3),
+    },
+}
+
+
+# ---------------------------------------------------------------- cases
+
+
+def measure(name: str, case: Case, steps: int) -> dict[str, Any]:
+    """A case, tied and with joints (collective)."""
+    scene, clocks = case.scene(name), Clocks()
+    watch = SplitWatch(scene, clocks)
+    with scene.mesh_file() as mesh:
+        linear = march(scene, mesh, steps, law=None)
+        with clocks.watching():
+            joints = march(scene, mesh, steps, law=scene.law(), watch=watch)
+    return {
+        "dofs": joints.dofs,
+        "joint_points": joints.points,
+        "steps": steps,
+        "ranks": MPI.COMM_WORLD.size,
+        "load_average": load_average(),
+        "solver": joints.facts["solver"],
+        "newton_mean": joints.facts["iterations"] / joints.facts["accepted"],
+        "ledger": joints.facts["ledger"],
+        "linear_ms": linear.step_ms,
+        "joints_ms": joints.step_ms,
+        "ratio": joints.step_ms / linear.step_ms,
+        "linear_cpu_ms": linear.step_cpu_ms,
+        "joints_cpu_ms": joints.step_cpu_ms,
+        "joints_mean_ms": joints.mean_ms,
+        "parts_ms": watch.parts_ms(),
+        "setup_s": joints.seconds,
+        "linear_setup_s": linear.seconds,
+        "peak_mb": joints.peak_mb,
+        "linear_peak_mb": linear.peak_mb,
+    }
+
+
+def numbers(row: dict[str, Any]) -> dict[str, float]:
+    """All times of a row under the names of the table."""
+    return {
+        **row["setup_s"],
+        **{name: row[key] for name, key in STEPS.items()},
+        **row["parts_ms"],
+    }
+
+
+def growth(rows: Sequence[dict[str, Any]], over: str) -> dict[str, float]:
+    """Exponents p of time ~ n^p for every time above 0, n the dofs or the joint points."""
+    size = np.log([row[over] for row in rows])
+    found = {}
+    for name in numbers(rows[0]):
+        times = np.array([numbers(row)[name] for row in rows])
+        if len(rows) > 1 and np.all(times > 0.0):
+            found[name] = float(np.polyfit(size, np.log(times), 1)[0])
+    return found
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """All series (collective)."""
+    table: Series = QUICK if options.quick else SERIES
+    found: dict[str, Any] = {}
+    for series in options.series:
+        cases = dict(table[series])
+        if options.large:
+            cases |= LARGE[series]
+        rows = {name: measure(name, case, options.steps) for name, case in cases.items()}
+        over = "dofs" if series == "dofs" else "joint_points"
+        found[series] = {"cases": rows, "growth": growth(list(rows.values()), over)}
+    return found
+
+
+# ---------------------------------------------------------------- tables
+
+
+def print_series(name: str, found: dict[str, Any]) -> None:
+    """A column for each case, a row for each time, the growth at the end."""
+    rows, exponents = found["cases"], found["growth"]
+    of = "dofs" if name == "dofs" else "joint points"
+    first = next(iter(rows.values()))
+    print(
+        f"\nGrowth with the {of}; {first['ranks']} rank(s), {first['steps']} steps, load average "
+        f"{first['load_average']:.1f} on {os.cpu_count()} processors\n"
+    )
+
+    def line(label: str, values: Sequence[str], last: str = "") -> None:
+        print(f"{label:24}" + "".join(f"{value:>14}" for value in values) + f"{last:>10}")
+
+    line("", list(rows), "growth")
+    for label, key in (("dofs", "dofs"), ("joint points", "joint_points"), ("solver", "solver")):
+        line(label, [str(row[key]) for row in rows.values()])
+    line("Newton per step", [f"{row['newton_mean']:.2f}" for row in rows.values()])
+    line("peak memory [MiB]", [f"{row['peak_mb']:.0f}" for row in rows.values()])
+    for title, labels in (
+        ("set-up [s]", SETUP),
+        ("step, median [ms]", tuple(STEPS)),
+        ("of the jointed one, mean [ms]", PARTS),
+    ):
+        print(title)
+        for label in labels:
+            values = [f"{numbers(row)[label]:.3g}" for row in rows.values()]
+            exponent = f"n^{exponents[label]:.2f}" if label in exponents else "-"
+            line(f"  {label}", values, exponent)
+    line("jointed / linear", [f"{row['ratio']:.2f}" for row in rows.values()])
+
+
+def compare_ranks(options: argparse.Namespace, arguments: list[str]) -> dict[str, Any]:
+    """Run under mpirun for each number of ranks, and print the efficiencies."""
+    by_ranks = {}
+    for ranks in options.ranks:
+        command = ["mpirun", "--map-by", ":OVERSUBSCRIBE", "-n", str(ranks), sys.executable]
+        command += [str(Path(__file__).resolve()), *arguments, "--json"]
+        print(f"== {ranks} rank(s)", flush=True)
+        done = subprocess.run(command, env=dict(os.environ), stdout=subprocess.PIPE, text=True)
+        if done.returncode:
+            raise SystemExit(f"scaling: the run on {ranks} ranks failed.")
+        *shown, last = done.stdout.rstrip("\n").split("\n")
+        print("\n".join(shown), flush=True)
+        by_ranks[ranks] = json.loads(last)
+    first, *others = options.ranks
+    found: dict[str, Any] = {str(ranks): rows for ranks, rows in by_ranks.items()}
+    for ranks in others:
+        found[f"efficiency {first} to {ranks}"] = efficiencies(
+            by_ranks[first], by_ranks[ranks], ranks / first
+        )
+        print_efficiencies(found[f"efficiency {first} to {ranks}"], first, ranks)
+    return found
+
+
+def efficiencies(
+    few: dict[str, Any], many: dict[str, Any], times: float
+) -> dict[str, dict[str, float]]:
+    """Time on few ranks over ``times`` that on many, for every case and phase."""
+    found = {}
+    for series in few:
+        for name, row in few[series]["cases"].items():
+            a, b = numbers(row), numbers(many[series]["cases"][name])
+            found[name] = {key: a[key] / (times * b[key]) for key in a if a[key] > 0 < b[key]}
+    return found
+
+
+def print_efficiencies(found: dict[str, dict[str, float]], first: int, ranks: int) -> None:
+    """A column for each case."""
+    print(
+        f"\nEfficiency of {ranks} ranks against {first}: 100 % is {ranks / first:g} times as fast\n"
+    )
+    print(f"{'':24}" + "".join(f"{name:>14}" for name in found))
+    for label in (*SETUP, *STEPS, *PARTS):
+        shares = [row.get(label) for row in found.values()]
+        texts = ["-" if share is None else f"{100 * share:.0f} %" for share in shares]
+        print(f"{label:24}" + "".join(f"{text:>14}" for text in texts))
+
+
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--series", nargs="+", default=list(SERIES), choices=list(SERIES))
+    parser.add_argument("--steps", type=int, default=30)
+    parser.add_argument("--large", action="store_true", help="also 1M dofs and 10k joint points")
+    parser.add_argument("--quick", action="store_true", help="tiny walls")
+    parser.add_argument("--ranks", nargs="+", type=int, help="run under mpirun, compare the ranks")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
+    return parser.parse_args(arguments)
+
+
+def without_ranks(options: argparse.Namespace) -> list[str]:
+    """The command line of a run under mpirun."""
+    flags = [f"--{name}" for name in ("large", "quick") if getattr(options, name)]
+    return ["--series", *options.series, "--steps", str(options.steps), *flags]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print tables, or one JSON object as the last line."""
+    options = parse_arguments(sys.argv[1:] if arguments is None else arguments)
+    if options.ranks:
+        found = compare_ranks(options, without_ranks(options))
+    else:
+        found = run(options)
+        if MPI.COMM_WORLD.rank == 0:
+            for name in found:
+                print_series(name, found[name])
+    if options.json and MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    dj.abort_on_error(MPI.COMM_WORLD)
+    main()

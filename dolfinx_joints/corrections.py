@@ -121,7 +121,7 @@ class Corrections:
         solution, products = gmres(
             lambda v: v + _turned(here, block.product(v)),
             right,
-            tolerance=tolerance,
+            tolerance=max(tolerance, block.precision),
             most=MOST_PRODUCTS,
         )
         step[rows] = solution

@@ -346,8 +346,10 @@ class InterfaceSolver:
             if iteration:
                 inner = min(INNER_TOLERANCE, (size / last) ** 2)
             last = size
+            # What is done already costs no product.
+            left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
             correction = step.condensed.corrections.solve(
-                at.residual, at.tangent, max(inner, 0.3 * max(enough, 1e-15) / relative)
+                left, at.tangent, max(inner, 0.3 * max(enough, 1e-15) / relative)
             )
             at = self._search(step, at, correction)
             iteration += 1

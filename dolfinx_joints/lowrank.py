@@ -9,7 +9,8 @@ never exists; its rows are cut where they are near, until a part is zero, of low
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -153,6 +154,10 @@ class LowRankMatrix:
         for tree in across:
             for panel in tree.leaves():
                 self._take(panel, columns(self._across[panel.unknowns]))
+        self._close()
+
+    def _close(self) -> None:
+        """Put the blocks one after the other."""
         self.nbytes = self._filled * self._dtype.itemsize
         self._blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
         self._data = np.concatenate([np.empty(0, self._dtype), *self._parts])
@@ -189,9 +194,37 @@ class LowRankMatrix:
         at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
         width = 3 * (panel.stop - panel.start)
         self._table.append((*at, width, rank, int(mirrored), self._filled))
+        self._store(parts)
+
+    def _store(self, parts: Sequence[Floats]) -> None:
         for part in parts:
             self._parts.append(part.astype(self._dtype).ravel())
             self._filled += part.size
+
+    def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
+        """The same matrix to a larger tolerance, from the blocks of this one.
+
+        Args:
+            tolerance: Largest error of a block relative to the unit diagonal.
+            dtype: What its blocks are held in and multiplied with.
+        """
+        rough = copy(self)
+        rough._tolerance, rough._dtype = tolerance, np.dtype(dtype)
+        rough._table, rough._parts, rough._filled = [], [], 0
+        for top, left, height, width, rank, mirrored, start in self._blocks:
+            down, across = self._block(height, width, rank, start)
+            parts: tuple[Floats, ...] = (across,)
+            if rank != DENSE:
+                kept = int(np.count_nonzero(np.einsum("ij,ij->i", down, down) > tolerance))
+                parts, rank = (down[:kept], across[:kept]), kept
+            else:
+                factors = _factors(across, tolerance)
+                if sum(f.size for f in factors) <= WORTH * across.size:
+                    parts, rank = factors, len(factors[0])
+            rough._table.append((top, left, height, width, rank, mirrored, rough._filled))
+            rough._store(parts)
+        rough._close()
+        return rough
 
     def product(self, vector: Floats) -> Floats:
         """The rows times a vector of all unknowns, shape (3 n,) to shape (3 rows,)."""

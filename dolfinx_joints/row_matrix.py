@@ -59,7 +59,9 @@ class RowMatrix:
 
 
 class Block:
-    """A square part of a `RowMatrix`."""
+    """A square part of a `RowMatrix`; its products are exact."""
+
+    precision = 0.0
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep the rank's columns."""

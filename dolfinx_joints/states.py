@@ -152,7 +152,7 @@ class Products:
             system.coefficients(effective.mass, effective.damping, effective.stiffness)
         )
         # The difference of what the equation holds: nothing of it goes unaccounted by rounding.
-        self.viscous = float((damped - factors) @ x.mDot(products))
+        self.viscous = float((damped - factors) @ [product.dot(x) for product in products])
         residual = combination((-1.0, b), *zip(damped, products, strict=True))
         if system.dashpots is not None:
             system.dashpots.mult(x, self.reaction)

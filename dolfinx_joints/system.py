@@ -178,9 +178,9 @@ class MatrixSystem:
         names = self.load_names or ["load"] * len(self.patterns)
         works = dict.fromkeys(names, 0.0)
         means = 0.5 * (self._factors(start) + self._factors(end))
-        each = means * x.mDot(self._vectors) if self.patterns else means
-        for name, work in zip(names, each, strict=True):
-            works[name] += float(work)
+        for name, mean, vector in zip(names, means, self._vectors, strict=True):
+            if mean:
+                works[name] += float(mean * vector.dot(x))
         return works
 
     @cached_property

@@ -8,6 +8,7 @@ import ctypes
 import gc
 import os
 import statistics
+import sys
 import time as clock
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -37,6 +38,12 @@ def petsc_seconds(names: Sequence[str]) -> float:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+def progress(text: str) -> None:
+    """Say on rank 0, on the error stream, what is done."""
+    if MPI.COMM_WORLD.rank == 0:
+        print(text, file=sys.stderr, flush=True)
 
 
 def load_average() -> float:
@@ -219,6 +226,8 @@ def march(
         outcome = simulation.dynamics(
             dt=TIME_STEP, steps=steps, motion=scene.shaking(steps * TIME_STEP)
         )
+    kind = "with joints" if law else "linear"
+    progress(f"{scene.name}, {kind}: {steps} steps in {phases.seconds['steps']:.1f} s")
     median = statistics.median(watch.wall[1:])
     once = max(watch.wall[0] - median, 0.0) / 1e3
     peaks = phases.peaks_mb

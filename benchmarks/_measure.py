@@ -10,7 +10,7 @@ import os
 import statistics
 import sys
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +38,26 @@ def petsc_seconds(names: Sequence[str]) -> float:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+# Wall time over processor time of a step above which wall times are not to be trusted.
+DISTURBED = 1.1
+
+
+def disturbance(row: dict[str, Any]) -> float:
+    """Wall time over processor time of a step in a row of JSON, the larger of both runs."""
+    return max(row[f"{run}_ms"] / row[f"{run}_cpu_ms"] for run in ("linear", "joints"))
+
+
+def print_disturbance(rows: Iterable[dict[str, Any]]) -> None:
+    """Say so if others used the processors; of several ranks, which wait busily, nothing."""
+    rows = list(rows)
+    busy = max(disturbance(row) for row in rows)
+    if rows[0]["ranks"] == 1 and busy > DISTURBED:
+        print(
+            f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
+            "\nGo by the latter, or measure again."
+        )
 
 
 def progress(text: str) -> None:

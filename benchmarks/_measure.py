@@ -8,8 +8,9 @@ import ctypes
 import gc
 import os
 import statistics
+import sys
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,32 @@ def petsc_seconds(names: Sequence[str]) -> float:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+
+
+# Wall time over processor time of a step above which wall times are not to be trusted.
+DISTURBED = 1.1
+
+
+def disturbance(row: dict[str, Any]) -> float:
+    """Wall time over processor time of a step in a row of JSON, the larger of both runs."""
+    return max(row[f"{run}_ms"] / row[f"{run}_cpu_ms"] for run in ("linear", "joints"))
+
+
+def print_disturbance(rows: Iterable[dict[str, Any]]) -> None:
+    """Say so if others used the processors; of several ranks, which wait busily, nothing."""
+    rows = list(rows)
+    busy = max(disturbance(row) for row in rows)
+    if rows[0]["ranks"] == 1 and busy > DISTURBED:
+        print(
+            f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
+            "\nGo by the latter, or measure again."
+        )
+
+
+def progress(text: str) -> None:
+    """Say on rank 0, on the error stream, what is done."""
+    if MPI.COMM_WORLD.rank == 0:
+        print(text, file=sys.stderr, flush=True)
 
 
 def load_average() -> float:
@@ -219,6 +246,8 @@ def march(
         outcome = simulation.dynamics(
             dt=TIME_STEP, steps=steps, motion=scene.shaking(steps * TIME_STEP)
         )
+    kind = "with joints" if law else "linear"
+    progress(f"{scene.name}, {kind}: {steps} steps in {phases.seconds['steps']:.1f} s")
     median = statistics.median(watch.wall[1:])
     once = max(watch.wall[0] - median, 0.0) / 1e3
     peaks = phases.peaks_mb

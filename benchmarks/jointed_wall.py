@@ -26,14 +26,11 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import March, load_average, march
+from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.interface import KINDS
 
 Row = dict[str, Any]
-
-# Wall time over processor time of a step above which wall times are not to be trusted.
-DISTURBED = 1.1
 
 
 def measure(scene: Scene, steps: int, solver: str = "auto", repeat: int = 1) -> Row:
@@ -81,7 +78,7 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
             f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
             f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
         }
-    row["wall_over_cpu"] = max(row[f"{n}_ms"] / row[f"{n}_cpu_ms"] for n in ("linear", "joints"))
+    row["wall_over_cpu"] = disturbance(row)
     for kind in ("cpu", "mean"):
         row[f"ratio_{kind}"] = row[f"joints_{kind}_ms"] / row[f"linear_{kind}_ms"]
     return row
@@ -123,12 +120,7 @@ def print_tables(rows: dict[str, Row]) -> None:
             f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
             f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}  {row['solver']}"
         )
-    busy = max(row["wall_over_cpu"] for row in rows.values())
-    if first["ranks"] == 1 and busy > DISTURBED:
-        print(
-            f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
-            "\nGo by the latter, or measure again."
-        )
+    print_disturbance(rows.values())
     print(
         "\nNewton iterations per step; mean share of the joint points by state; steps tried and\n"
         "cut; ledger: what all energy lines leave unexplained, over the largest energy; crest\n"

@@ -33,7 +33,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import load_average, march
+from benchmarks._measure import load_average, march, print_disturbance
 from benchmarks._parts import PARTS, Clocks, SplitWatch
 from benchmarks._scenes import Scene, wall
 
@@ -111,6 +111,7 @@ def measure(name: str, case: Case, steps: int) -> dict[str, Any]:
         "linear_ms": linear.step_ms,
         "joints_ms": joints.step_ms,
         "ratio": joints.step_ms / linear.step_ms,
+        "ratio_cpu": joints.step_cpu_ms / linear.step_cpu_ms,
         "linear_cpu_ms": linear.step_cpu_ms,
         "joints_cpu_ms": joints.step_cpu_ms,
         "joints_mean_ms": joints.mean_ms,
@@ -187,7 +188,9 @@ def print_series(name: str, found: dict[str, Any]) -> None:
             values = [f"{numbers(row)[label]:.3g}" for row in rows.values()]
             exponent = f"n^{exponents[label]:.2f}" if label in exponents else "-"
             line(f"  {label}", values, exponent)
-    line("jointed / linear", [f"{row['ratio']:.2f}" for row in rows.values()])
+    for label, key in (("jointed / linear", "ratio"), ("  processor times", "ratio_cpu")):
+        line(label, [f"{row[key]:.2f}" for row in rows.values()])
+    print_disturbance(rows.values())
 
 
 def compare_ranks(options: argparse.Namespace, arguments: list[str]) -> dict[str, Any]:

@@ -37,13 +37,7 @@ SAMPLES = 24
 
 
 class Part(Protocol):
-    """Some rows and the same columns of S.
-
-    Attributes:
-        precision: Error of its products, relative to the vector.
-    """
-
-    precision: float
+    """Some rows and the same columns of S."""
 
     def product(self, values: Floats) -> Floats:
         """The part times a vector of its size (collective)."""
@@ -87,6 +81,8 @@ class Compliance:
         dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
             shape (points, 3).
         split: S.
+        rough: S to `ROUGH_TOLERANCE`, None where the places of the points are not known or
+            nothing is kept.
     """
 
     def __init__(
@@ -104,24 +100,52 @@ class Compliance:
         self._forces = _UnitForces(effective, operator)
         size = operator.getSize()[0]
         self.kind = _chosen(kind, size, effective, joints)
+        self.split: Split
+        self.rough: Split | None = None
         if self.kind == "dense":
-            columns = self._columns(size)
-            start, stop = operator.getOwnershipRange()
-            own = (np.arange(start, stop), np.arange(stop - start))
-            self._scale(columns[own], joints.areas, largest)
-            columns /= self.scale[:, None]
-            columns /= self.scale[start:stop]
-            columns[own] -= 1.0
-            columns[self.dead.ravel()] = 0.0
-            self.split: Split = RowMatrix(columns, self._comm)
+            columns = self._dense(operator, joints, largest)
+            self.split = RowMatrix(columns, self._comm)
+            if joints.points is not None:
+                self.rough = self._rough(columns, joints)
             return
         self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)
         if self.kind == "free":
-            self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
+            self.split = self._products(self._forces.product)
             return
-        fine = self._compressed(joints)
-        rough = _Products(fine.rougher(ROUGH_TOLERANCE).product, self.scale, self.dead, self._comm)
-        self.split = _Products(fine.product, self.scale, self.dead, self._comm, rough)
+        scale = np.where(self.dead.ravel(), 0.0, self.scale)
+        fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
+        self.split = self._products(fine.product)
+        self.rough = self._products(fine.rougher(ROUGH_TOLERANCE).product)
+
+    def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
+        """The rank's columns of S, shape (size, local); sets the scale (collective)."""
+        columns = self._columns(operator.getSize()[0])
+        start, stop = operator.getOwnershipRange()
+        own = (np.arange(start, stop), np.arange(stop - start))
+        self._scale(columns[own], joints.areas, largest)
+        columns /= self.scale[:, None]
+        columns /= self.scale[start:stop]
+        columns[own] -= 1.0
+        columns[self.dead.ravel()] = 0.0
+        return columns
+
+    def _rough(self, columns: Floats, joints: GapOperator) -> Split:
+        """S to `ROUGH_TOLERANCE` from the rank's columns of it (collective)."""
+        stop = self._comm.scan(columns.shape[1])
+        mine = slice(stop - columns.shape[1], stop)
+
+        def of_unit_diagonal(numbers: Rows) -> Floats:
+            part = columns[numbers].T
+            here = np.flatnonzero((numbers >= mine.start) & (numbers < mine.stop))
+            part[numbers[here] - mine.start, here] += 1.0
+            return part
+
+        ones = np.ones(len(columns))
+        rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
+        return _Products(rough.product, ones, self.dead, self._comm)
+
+    def _products(self, multiply: Callable[[Floats], Floats]) -> Split:
+        return _Products(multiply, self.scale, self.dead, self._comm)
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
@@ -131,16 +155,24 @@ class Compliance:
             columns[numbers] = self._forces.gaps(numbers).T
         return columns
 
-    def _compressed(self, joints: GapOperator) -> LowRankMatrix:
-        points = np.concatenate(self._comm.allgather(joints.points))
+    def _compressed(
+        self,
+        columns: Callable[[Rows], Floats],
+        joints: GapOperator,
+        scale: Floats,
+        tolerance: float,
+        dtype: type = np.float64,
+    ) -> LowRankMatrix:
+        """Columns in blocks of low rank (collective)."""
         start = self._comm.scan(len(joints.areas)) - len(joints.areas)
         return LowRankMatrix(
-            self._forces.gaps,
-            points,
+            columns,
+            np.concatenate(self._comm.allgather(joints.points)),
             rows=None if self._comm.size == 1 else slice(start, start + len(joints.areas)),
-            scale=np.where(self.dead.ravel(), 0.0, self.scale),
+            scale=scale,
             joint=np.concatenate(self._comm.allgather(joints.joint)),
-            tolerance=TOLERANCE,
+            tolerance=tolerance,
+            dtype=dtype,
         )
 
     def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
@@ -227,7 +259,7 @@ class _UnitForces:
 
 
 class _Products:
-    """S from products with G, and a rough one for its parts if there is one."""
+    """S from products with G."""
 
     def __init__(
         self,
@@ -235,10 +267,8 @@ class _Products:
         scale: Floats,
         dead: NDArray[np.bool_],
         comm: object,
-        rough: _Products | None = None,
     ) -> None:
         """Keep what is needed."""
-        self._rough = rough
         self._multiply, self._scale, self._comm = multiply, scale, comm
         self._live, self.size = ~dead.ravel(), len(scale)
 
@@ -249,17 +279,15 @@ class _Products:
 
     def block(self, rows: Rows) -> _Rows:
         """The part of some rows and the same columns."""
-        if self._rough is None:
-            return _Rows(self, rows, 0.0)
-        return _Rows(self._rough, rows, 10.0 * ROUGH_TOLERANCE)
+        return _Rows(self, rows)
 
 
 class _Rows:
     """A part of `_Products`."""
 
-    def __init__(self, whole: _Products, rows: Rows, precision: float) -> None:
+    def __init__(self, whole: _Products, rows: Rows) -> None:
         """Keep the rows."""
-        self._whole, self._rows, self.precision = whole, rows, precision
+        self._whole, self._rows = whole, rows
 
     def product(self, values: Floats) -> Floats:
         """The part times a vector of its size (collective)."""

@@ -32,6 +32,10 @@ Rows = NDArray[np.int64]
 # Products that GMRES may spend on one correction; what it has then is taken.
 MOST_PRODUCTS = 100
 
+# A larger block of S is replaced by one of the rough S, whose products cost about as much as one of
+# this size, and systems are then solved to this tolerance at most.
+LARGEST_BLOCK, FINEST = 600, 1e-3
+
 # What a correction takes as a rule.
 PRODUCTS = 15
 
@@ -63,18 +67,19 @@ class Corrections:
 
     Args:
         split: S.
+        rough: S to some 1e-4, for systems of many points, or None.
         stuck: T0, the diagonal of the tangent of sticking points, shape (points, 3); None
             where the second set is of no use.
     """
 
-    def __init__(self, split: Split, stuck: Floats | None) -> None:
+    def __init__(self, split: Split, rough: Split | None, stuck: Floats | None) -> None:
         """Nothing is made yet."""
-        self._split, self._stuck = split, stuck
+        self._split, self._rough, self._stuck = split, rough, stuck
         self._held: Rows = np.empty(0, dtype=np.int64)
         self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Part | None = None
         self._tied: _Tied | None = None
-        self._missed = 0.0
+        self._missed, self._finest = 0.0, 0.0
 
     def solve(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
         """Solve (I + T S) d = r (collective).
@@ -96,7 +101,8 @@ class Corrections:
         """The second way, made once what it would have saved so far is what it costs."""
         assert self._stuck is not None
         size, loaded = float(len(residual)), np.count_nonzero(residual)
-        first = PRODUCTS * active**2 + active * size
+        most = active if self._rough is None else min(active, LARGEST_BLOCK)
+        first = PRODUCTS * most**2 + active * size
         second = PRODUCTS * changed**2 + (loaded + changed) * size
         if second >= first:
             return None
@@ -121,7 +127,7 @@ class Corrections:
         solution, products = gmres(
             lambda v: v + _turned(here, block.product(v)),
             right,
-            tolerance=max(tolerance, block.precision),
+            tolerance=max(tolerance, self._finest),
             most=MOST_PRODUCTS,
         )
         step[rows] = solution
@@ -135,7 +141,9 @@ class Corrections:
             self._held = active
             self._inside[:] = False
             self._inside[active] = True
-            self._block = self._split.block(_rows_of(active))
+            rough = self._rough if 3 * len(active) > LARGEST_BLOCK else None
+            self._block = (rough or self._split).block(_rows_of(active))
+            self._finest = 0.0 if rough is None else FINEST
         return _rows_of(self._held), self._block
 
 

@@ -15,7 +15,7 @@ it is done in the scaled forces f and gaps of `compliance`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -70,7 +70,7 @@ def make_solver(
     kind: str = "auto",
     rule: Rule = "end_point",
     *,
-    static: bool = False,
+    static_steps: int = 0,
 ) -> StepSolver:
     """A solver of the steps of a system (collective).
 
@@ -81,7 +81,7 @@ def make_solver(
             solution, monolithic elsewhere, and in statics where blocks are held by nothing but
             joints of finite stiffness: near the limit of what they carry it goes further.
         rule: What the time scheme will ask the laws for.
-        static: Whether K alone is to be solved for, without inertia.
+        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
 
     Raises:
         ValueError: The kind is unknown.
@@ -97,10 +97,21 @@ def make_solver(
             f"The condensed solver needs laws with a local solution; {missing[0]} has none."
         )
     if kind == "condensed" or not missing:
-        reference = static and kind == "auto" and not contact.rigid and _is_loose(system, options)
-        if not reference:
-            return InterfaceSolver(system, options)
+        loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)
+        if not loose:
+            return InterfaceSolver(system, _for_steps(options, contact, static_steps))
     return NewtonSolver(system, options)
+
+
+def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
+    """Options with no compliance kept where few solves do not pay for it.
+
+    A static solve takes some 150 products, and a column of the compliance in a block of them a
+    seventh of a back-substitution.
+    """
+    options = options or NewtonOptions()
+    few = 0 < 7 * 150 * static_steps < 3 * contact.operator.num_points
+    return replace(options, compliance="free") if few and options.compliance == "auto" else options
 
 
 class _Condensed:
@@ -143,7 +154,7 @@ class _Condensed:
         stuck = None
         if self.springs is None:
             stuck = self._stuck(system.contact, weight)
-        self.corrections = Corrections(self.compliance.split, stuck)
+        self.corrections = Corrections(self.compliance.split, self.compliance.rough, stuck)
 
     def _stuck(self, contact: Contact, weight: float) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""

@@ -59,9 +59,7 @@ class RowMatrix:
 
 
 class Block:
-    """A square part of a `RowMatrix`; its products are exact."""
-
-    precision = 0.0
+    """A square part of a `RowMatrix`."""
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep the rank's columns."""

@@ -122,7 +122,7 @@ class Simulation:
         """March through (time, load factor), time None for a ramp at time zero."""
         with self._phase("static"):
             system = self.model.system()
-            solver = make_solver(system, self._newton, self._kind, static=True)
+            solver = make_solver(system, self._newton, self._kind, static_steps=len(path))
             u = system.stiffness.createVecRight()
             u.set(0.0)
             joints = system.contact.at_rest(u) if system.contact else None

@@ -10,7 +10,7 @@ A vector of all points is the same on every rank; a rank keeps the rows of S of 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from dolfinx_joints.row_matrix import RowMatrix, gathered
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# A dense S of this many unknowns takes 0.8 GB, all ranks together.
-LARGEST_DENSE = 10_000
+# Beyond this size the compressed S is not only smaller, its products are also faster.
+LARGEST_DENSE = 2000
 
 # Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
 # whose products take a fifth of the time.
@@ -51,6 +51,12 @@ class Split(Protocol):
     """
 
     size: int
+
+    def cost(self, rows: int) -> float:
+        """Entries that a product with so many nonzero values reads."""
+
+    def whole(self) -> Floats | None:
+        """The matrix, shape (size, size), None where it is not kept (collective)."""
 
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector that is zero but for some rows, shape (size,) (collective)."""
@@ -110,12 +116,12 @@ class Compliance:
             return
         self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)
         if self.kind == "free":
-            self.split = self._products(self._forces.product)
+            self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
         fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
-        self.split = self._products(fine.product)
-        self.rough = self._products(fine.rougher(ROUGH_TOLERANCE).product)
+        self.split = self._products(fine)
+        self.rough = self._products(fine.rougher(ROUGH_TOLERANCE))
 
     def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
         """The rank's columns of S, shape (size, local); sets the scale (collective)."""
@@ -142,10 +148,10 @@ class Compliance:
 
         ones = np.ones(len(columns))
         rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
-        return _Products(rough.product, ones, self.dead, self._comm)
+        return _Compressed(rough, ones, self.dead, self._comm)
 
-    def _products(self, multiply: Callable[[Floats], Floats]) -> Split:
-        return _Products(multiply, self.scale, self.dead, self._comm)
+    def _products(self, matrix: LowRankMatrix) -> Split:
+        return _Compressed(matrix, self.scale, self.dead, self._comm)
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
@@ -266,7 +272,7 @@ class _Products:
         multiply: Callable[[Floats], Floats],
         scale: Floats,
         dead: NDArray[np.bool_],
-        comm: object,
+        comm: Any,
     ) -> None:
         """Keep what is needed."""
         self._multiply, self._scale, self._comm = multiply, scale, comm
@@ -280,6 +286,39 @@ class _Products:
     def block(self, rows: Rows) -> _Rows:
         """The part of some rows and the same columns."""
         return _Rows(self, rows)
+
+    def cost(self, rows: int) -> float:
+        """More than anything that is kept."""
+        return np.inf
+
+    def whole(self) -> Floats | None:
+        """Not kept."""
+        return None
+
+
+class _Compressed(_Products):
+    """S in blocks of low rank."""
+
+    def __init__(
+        self, matrix: LowRankMatrix, scale: Floats, dead: NDArray[np.bool_], comm: Any
+    ) -> None:
+        """Keep the matrix."""
+        super().__init__(matrix.product, scale, dead, comm)
+        self._matrix = matrix
+        self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
+
+    def cost(self, rows: int) -> float:
+        """As many whatever the vector."""
+        return self._entries
+
+    def whole(self) -> Floats:
+        """The matrix, shape (size, size) (collective)."""
+        mine = self._matrix.rows(np.arange(self._matrix.shape[0]))
+        every = np.vstack(self._comm.allgather(mine))
+        every /= self._scale[:, None] * self._scale
+        every[np.diag_indices(self.size)] -= 1.0
+        every[~self._live] = 0.0
+        return every
 
 
 class _Rows:

@@ -16,6 +16,7 @@ Both are solved by GMRES; they differ from the identity by little however stiff 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -32,9 +33,11 @@ Rows = NDArray[np.int64]
 # Products that GMRES may spend on one correction; what it has then is taken.
 MOST_PRODUCTS = 100
 
-# A larger block of S is replaced by one of the rough S, whose products cost about as much as one of
-# this size, and systems are then solved to this tolerance at most.
-LARGEST_BLOCK, FINEST = 600, 1e-3
+# Systems with the rough S are solved to this tolerance at most.
+FINEST = 1e-3
+
+# W is not made for more unknowns: it takes 0.3 GB for so many, all ranks together.
+LARGEST_TIED = 6000
 
 # What a correction takes as a rule.
 PRODUCTS = 15
@@ -70,11 +73,13 @@ class Corrections:
         rough: S to some 1e-4, for systems of many points, or None.
         stuck: T0, the diagonal of the tangent of sticking points, shape (points, 3); None
             where the second set is of no use.
+        comm: Communicator of the ranks.
     """
 
-    def __init__(self, split: Split, rough: Split | None, stuck: Floats | None) -> None:
+    def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
         """Nothing is made yet."""
-        self._split, self._rough, self._stuck = split, rough, stuck
+        self._split, self._rough, self._stuck, self._comm = split, rough, stuck, comm
+        self._exact = isinstance(split, RowMatrix)
         self._held: Rows = np.empty(0, dtype=np.int64)
         self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Part | None = None
@@ -90,7 +95,7 @@ class Corrections:
             tolerance: Of the residual, relative to r.
         """
         active = _where(tangent, np.zeros((1, 3)), 0.0)
-        if self._stuck is not None and isinstance(self._split, RowMatrix):
+        if self._stuck is not None and len(residual) <= LARGEST_TIED:
             changed = _where(tangent, self._stuck, SAME)
             tied = self._tied_if_cheaper(3 * len(active), 3 * len(changed), residual)
             if tied is not None:
@@ -101,16 +106,19 @@ class Corrections:
         """The second way, made once what it would have saved so far is what it costs."""
         assert self._stuck is not None
         size, loaded = float(len(residual)), np.count_nonzero(residual)
-        most = active if self._rough is None else min(active, LARGEST_BLOCK)
-        first = PRODUCTS * most**2 + active * size
-        second = PRODUCTS * changed**2 + (loaded + changed) * size
+        inner = float(active) ** 2
+        if self._rough is not None:
+            inner = min(inner, self._rough.cost(active))
+        first = PRODUCTS * inner + self._split.cost(active)
+        second = PRODUCTS * float(changed) ** 2 + (loaded + changed) * size
         if second >= first:
             return None
         if self._tied is None:
             self._missed += first - second
             if self._missed * OPERATIONS_PER_ENTRY > 2.3 * size**3:
-                assert isinstance(self._split, RowMatrix)
-                self._tied = _Tied(self._split, self._stuck.ravel())
+                whole = self._split.whole()
+                if whole is not None:
+                    self._tied = _Tied(whole, self._stuck.ravel(), self._comm)
         return self._tied
 
     def _solve_active(
@@ -141,7 +149,10 @@ class Corrections:
             self._held = active
             self._inside[:] = False
             self._inside[active] = True
-            rough = self._rough if 3 * len(active) > LARGEST_BLOCK else None
+            size = 3 * len(active)
+            rough = self._rough
+            if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
+                rough = None
             self._block = (rough or self._split).block(_rows_of(active))
             self._finest = 0.0 if rough is None else FINEST
         return _rows_of(self._held), self._block
@@ -150,10 +161,9 @@ class Corrections:
 class _Tied:
     """W = S (I + T0 S)^-1, symmetric, and the system of the points that do not stick."""
 
-    def __init__(self, split: RowMatrix, stuck: Floats) -> None:
-        """Factor I + T0^(1/2) S T0^(1/2) (collective)."""
+    def __init__(self, whole: Floats, stuck: Floats, comm: Any) -> None:
+        """Factor I + T0^(1/2) S T0^(1/2)."""
         self._stuck, root = stuck, np.sqrt(stuck)
-        whole = split.whole()
         inner = root[:, None] * whole * root
         inner[np.diag_indices(len(inner))] += 1.0
         lower = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
@@ -161,7 +171,7 @@ class _Tied:
         half = solve_triangular(
             lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
         )
-        self._matrix = split.like(whole - half.T @ half)
+        self._matrix = RowMatrix.of(whole - half.T @ half, comm)
 
     def solve(
         self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float

@@ -11,6 +11,8 @@ a free gap h',
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -51,7 +53,7 @@ class JointSprings:
         elements = operator.areas[:, None] * rows.getArray().reshape(-1, 3).max(axis=1)[:, None]
         joint = system.contact.closed_stiffness()
         joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
-        self.stiffness: Floats = 1.0 / (elements + 1.0 / joint)
+        self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
         rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
         operator.matrix.copy(work, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         work.diagonalScale(L=rows)

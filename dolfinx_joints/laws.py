@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +242,8 @@ class FrictionNoTension:
                 friction=self.friction_coefficient if self.shear_stiffness else 0.0,
             ),
         )
-        elastic_slip: Floats = answer.stored[:, 1:] / (math.sqrt(self.shear_stiffness) or 1.0)
+        root = math.sqrt(self.shear_stiffness) or 1.0
+        elastic_slip: NDArray[Any] = answer.stored[:, 1:] / root
         return Response(
             traction=answer.traction,
             tangent=answer.tangent,

@@ -46,16 +46,22 @@ class RowMatrix:
         here = rows[first:last] - self._mine[0]
         return Block(_picked(self._columns, rows, here), self._comm)
 
+    def cost(self, rows: int) -> float:
+        """Entries that a product with so many nonzero values reads."""
+        return float(rows * self._columns.shape[1])
+
     def whole(self) -> Floats:
         """The matrix, shape (size, size) (collective)."""
         if self._comm.size == 1:
             return self._columns
         return np.hstack(self._comm.allgather(self._columns))
 
-    def like(self, whole: Floats) -> RowMatrix:
-        """Another matrix, given as a whole, kept in the same way."""
-        part = whole[:, slice(*self._mine)]
-        return RowMatrix(np.ascontiguousarray(part), self._comm)
+    @classmethod
+    def of(cls, whole: Floats, comm: Any) -> RowMatrix:
+        """A matrix given as a whole, in columns of about equal numbers of points."""
+        points = np.linspace(0, len(whole) // 3, comm.size + 1).astype(np.int64)
+        part = whole[:, 3 * points[comm.rank] : 3 * points[comm.rank + 1]]
+        return cls(np.ascontiguousarray(part), comm)
 
 
 class Block:

@@ -25,9 +25,10 @@ from dolfinx_joints.laws import (
 class RigidJoint:
     """`FrictionNoTension` with k_n and k_s infinite, their ratio given.
 
-    Its tractions follow from the structure alone, so it needs the condensed solver and the
-    energy-consistent scheme; statics and end-point schemes refuse it. What a point brings into
-    contact in a step is stored and given back when it leaves, so that impacts are elastic.
+    Its tractions follow from the structure alone, so it needs the condensed solver. With the
+    energy-consistent scheme, what a point brings into contact in a step is stored and given back
+    when it leaves, so that impacts are elastic; in statics and with end-point schemes it stores
+    nothing.
 
     Internal variables: the energy stored in normal contact [J/m^2] and the root of that in shear,
     two components [(J/m^2)^(1/2)].

@@ -118,8 +118,9 @@ class _Condensed:
     """The bulk factored for one set of coefficients, with its compliance at the joints.
 
     Attributes:
-        matrix: The bulk, in statics with springs across the joints.
-        springs: These springs, None in dynamics.
+        matrix: The bulk, with springs across the joints in statics of loose blocks.
+        static: Whether there is no inertia.
+        springs: These springs, or None.
         compliance: G, scaled.
         corrections: Solver of Newton's corrections.
     """
@@ -135,9 +136,10 @@ class _Condensed:
         """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
         assert system.contact is not None
         linear = options.linear
+        self.static = not effective.mass
         self.springs: JointSprings | None = None
         self.matrix = EffectiveMatrix(system, effective, linear=linear)
-        if not effective.mass and not _is_held(self.matrix, free_dofs(system)):
+        if self.static and not _is_held(self.matrix, free_dofs(system)):
             self.matrix.destroy()
             self.springs = JointSprings(system)
             self.matrix = EffectiveMatrix(
@@ -271,22 +273,22 @@ class InterfaceSolver:
             raise ValueError("The state of the joints is missing.")
         condensed: _Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
         factored = condensed.matrix.solve_linear(b, x, self._free)
-        if condensed.springs is not None:
+        if condensed.static:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)
         step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
         found, iterations, relative = self._iterate(step, *self._start(condensed))
         nothing = np.zeros_like(found.force)
         self._last = (condensed, nothing, nothing)
-        for _ in range(1 if condensed.springs is None else 1 + REFINEMENTS):
+        for _ in range(1 + REFINEMENTS * condensed.static):
             if not relative <= self.options.relative_tolerance:
                 raise joint_failure(
                     self._contact, found.response, state, iterations, relative, self.options
                 )
             self._expand(condensed, found.force - found.residual, x)
-            if condensed.springs is None:
+            if not condensed.static:
                 break
-            # From the gaps of the body as it now stands: springs turn their rounding into forces.
+            # From the gaps of the body as it now stands, whose rounding stiff joints turn to forces.
             found, more, relative = self._iterate(step, *self._last[1:])
             if more == 0:
                 break
@@ -320,7 +322,7 @@ class InterfaceSolver:
         self._points.setArray((change / scale)[self._mine])
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solver.solve(self._nodal, self._moved)
-        if condensed.springs is not None:
+        if condensed.static:
             self._refine(condensed.matrix, self._nodal, self._moved)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)

@@ -281,14 +281,10 @@ class InterfaceSolver:
         nothing = np.zeros_like(found.force)
         self._last = (condensed, nothing, nothing)
         for _ in range(1 + REFINEMENTS * condensed.static):
-            if not relative <= self.options.relative_tolerance:
-                raise joint_failure(
-                    self._contact, found.response, state, iterations, relative, self.options
-                )
             self._expand(condensed, found.force - found.residual, x)
             if not condensed.static:
                 break
-            # From the gaps of the body as it now stands, whose rounding stiff joints turn to forces.
+            # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
             found, more, relative = self._iterate(step, *self._last[1:])
             if more == 0:
                 break
@@ -342,25 +338,33 @@ class InterfaceSolver:
         x.axpy(1.0, change)
 
     def _iterate(self, step: _Step, force: Floats, coupled: Floats) -> tuple[_Iterate, int, float]:
-        """The solution, iterations, and residual relative to the largest force."""
+        """The solution, iterations, and residual relative to the largest force.
+
+        Raises:
+            ConvergenceError: The residual did not become small enough.
+        """
         at = step.evaluate(force, coupled)
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
-        # What springs carry may be far more than what joints do.
-        enough = 0.01 * tolerance if step.condensed.springs is None else 0.0
-        inner = INNER_TOLERANCE
+        # Statics, where little is solved, go as far as rounding lets them.
+        enough = 0.0 if step.condensed.static else 0.01 * tolerance
+        first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
             scale = at.largest or size or 1.0
-            relative = size / scale
+            relative, rounding = size / scale, step.rounding(at) / scale
+            accepted = max(tolerance, min(rounding, 1e-6))
             if step.condensed.springs is not None:
                 # What springs carry on a mechanism drowns the joints' forces.
-                relative = max(relative, 1e-14 * float(np.abs(at.force).max(initial=0.0)) / scale)
+                accepted = tolerance if rounding <= tolerance else 0.0
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
-            done = relative <= enough or (relative <= tolerance and size >= 0.5 * last)
-            if done or iteration == self.options.max_iterations or not np.isfinite(size):
+            if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
+            if iteration == self.options.max_iterations or not np.isfinite(size):
+                raise joint_failure(
+                    self._contact, at.response, step.state, iteration, relative, self.options
+                )
             if iteration:
-                inner = min(INNER_TOLERANCE, (size / last) ** 2)
+                inner = min(first, (size / last) ** 2)
             last = size
             # What is done already costs no product.
             left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
@@ -401,7 +405,14 @@ class _Step:
     ) -> None:
         self.condensed, self._contact, self._mine = condensed, contact, mine
         self._compliance, self._areas = condensed.compliance, areas
-        self._free_gap, self._state, self._rule = free_gap, state, rule
+        self._free_gap, self.state, self._rule = free_gap, state, rule
+        reach = float(np.abs(free_gap.ravel() / self._compliance.scale[mine]).max(initial=0.0))
+        self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
+
+    def rounding(self, at: _Iterate) -> float:
+        """Scaled force that rounding of the gaps may leave."""
+        parts = self._reach, *(np.abs(v).max(initial=0.0) for v in (at.force, at.coupled))
+        return 16.0 * float(np.finfo(float).eps) * float(sum(parts))
 
     def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
         """Residual and tangent of all points, response of the rank's (collective)."""
@@ -409,13 +420,13 @@ class _Step:
         gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         if springs is None:
-            response = self._contact.respond_locally(gap, own, self._state, self._rule)
+            response = self._contact.respond_locally(gap, own, self.state, self._rule)
             traction, tangent = response.traction, response.tangent
         else:
             response = self._contact.respond_locally(
-                *springs.without(gap, own, self._state.gap), self._state, self._rule
+                *springs.without(gap, own, self.state.gap), self.state, self._rule
             )
-            traction, tangent = springs.taken_off(response, own, self._state.gap)
+            traction, tangent = springs.taken_off(response, own, self.state.gap)
         forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
         largest = float(np.abs(forces).max(initial=0.0))
         if comm.size > 1:

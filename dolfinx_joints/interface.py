@@ -15,7 +15,7 @@ it is done in the scaled forces f and gaps of `compliance`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -23,18 +23,14 @@ from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.compliance import Compliance
+from dolfinx_joints.condensed import Condensed
 from dolfinx_joints.contact import Contact, Rule
-from dolfinx_joints.corrections import Correction, Corrections
-from dolfinx_joints.errors import JointsError
-from dolfinx_joints.joint_springs import JointSprings
+from dolfinx_joints.corrections import Correction
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import (
     NewtonOptions,
-    NewtonSolver,
     SolveReport,
-    StepSolver,
     joint_failure,
 )
 from dolfinx_joints.system import MatrixSystem
@@ -50,154 +46,6 @@ INNER_TOLERANCE = 0.03
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
-
-KINDS = ("auto", "condensed", "monolithic")
-
-
-def check_kind(kind: str) -> None:
-    """Refuse a kind of solver that does not exist.
-
-    Raises:
-        ValueError: It is not one of `KINDS`.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
-
-
-def make_solver(
-    system: MatrixSystem,
-    options: NewtonOptions | None = None,
-    kind: str = "auto",
-    rule: Rule = "end_point",
-    *,
-    static_steps: int = 0,
-) -> StepSolver:
-    """A solver of the steps of a system (collective).
-
-    Args:
-        system: The system.
-        options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
-            joints of finite stiffness: near the limit of what they carry it goes further.
-        rule: What the time scheme will ask the laws for.
-        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
-
-    Raises:
-        ValueError: The kind is unknown.
-        JointsError: ``condensed`` was asked for and a law cannot be solved locally.
-    """
-    check_kind(kind)
-    contact = system.contact
-    if kind == "monolithic" or contact is None:
-        return NewtonSolver(system, options)
-    missing = contact.without_local(rule)
-    if kind == "condensed" and missing:
-        raise JointsError(
-            f"The condensed solver needs laws with a local solution; {missing[0]} has none."
-        )
-    if kind == "condensed" or not missing:
-        loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)
-        if not loose:
-            return InterfaceSolver(system, _for_steps(options, contact, static_steps))
-    return NewtonSolver(system, options)
-
-
-def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
-    """Options with no compliance kept where few solves do not pay for it.
-
-    A static solve takes some 150 products, and a column of the compliance in a block of them a
-    seventh of a back-substitution.
-    """
-    options = options or NewtonOptions()
-    few = 0 < 7 * 150 * static_steps < 3 * contact.operator.num_points
-    return replace(options, compliance="free") if few and options.compliance == "auto" else options
-
-
-class _Condensed:
-    """The bulk factored for one set of coefficients, with its compliance at the joints.
-
-    Attributes:
-        matrix: The bulk, with springs across the joints in statics of loose blocks.
-        static: Whether there is no inertia.
-        springs: These springs, or None.
-        compliance: G, scaled.
-        corrections: Solver of Newton's corrections.
-    """
-
-    def __init__(
-        self,
-        system: MatrixSystem,
-        effective: Effective,
-        operator: PETSc.Mat,
-        weight: float,
-        options: NewtonOptions,
-    ) -> None:
-        """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
-        assert system.contact is not None
-        linear = options.linear
-        self.static = not effective.mass
-        self.springs: JointSprings | None = None
-        self.matrix = EffectiveMatrix(system, effective, linear=linear)
-        if self.static and not _is_held(self.matrix, free_dofs(system)):
-            self.matrix.destroy()
-            self.springs = JointSprings(system)
-            self.matrix = EffectiveMatrix(
-                system, effective, linear=linear, added=self.springs.matrix
-            )
-        largest = None if self.springs is None else self.springs.largest_compliance
-        self.compliance = Compliance(
-            self.matrix,
-            operator,
-            system.contact.operator,
-            kind=options.compliance,
-            largest=largest,
-        )
-        stuck = None
-        if self.springs is None:
-            stuck = self._stuck(system.contact, weight)
-        self.corrections = Corrections(
-            self.compliance.split, self.compliance.rough, stuck, operator.comm.tompi4py()
-        )
-
-    def _stuck(self, contact: Contact, weight: float) -> Floats:
-        """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
-        own = np.repeat(self.compliance.own, (1, 2), axis=1)
-        stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
-        with np.errstate(divide="ignore"):
-            total = own + weight / stiffness
-        ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
-        every = np.concatenate(contact.operator.comm.allgather(ratio))
-        return np.where(self.compliance.dead, 0.0, every)
-
-    def destroy(self) -> None:
-        """Free matrices and factor."""
-        self.compliance.destroy()
-
-
-def _is_loose(system: MatrixSystem, options: NewtonOptions | None) -> bool:
-    """Whether K is singular: there are blocks that nothing but joints holds (collective)."""
-    linear = (options or NewtonOptions()).linear
-    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
-    matrix = EffectiveMatrix(system, effective, linear=linear)
-    held = _is_held(matrix, free_dofs(system))
-    matrix.destroy()
-    return not held
-
-
-def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
-    """Whether a matrix of statics is regular: no block that nothing but joints supports."""
-    load, moved = free.duplicate(), free.duplicate()
-    load.setRandom()
-    load.pointwiseMult(load, free)
-    try:
-        matrix.solver.solve(load, moved)
-    except JointsError:
-        return False
-    rest = load.duplicate()
-    matrix.held.mult(moved, rest)
-    rest.axpy(-1.0, load)
-    return bool(rest.norm() <= 1e-6 * load.norm())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,10 +101,10 @@ class InterfaceSolver:
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(size)
-        self._last: tuple[_Condensed | None, Floats, Floats] = (None, nothing, nothing)
-        self._before: tuple[_Condensed | None, Floats, Floats] = self._last
+        self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
+        self._before: tuple[Condensed | None, Floats, Floats] = self._last
         self._condensed = Cache(
-            lambda key: _Condensed(self.system, key[0], self._operator, key[1], self.options),
+            lambda key: Condensed(self.system, key[0], self._operator, key[1], self.options),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
@@ -271,7 +119,7 @@ class InterfaceSolver:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: _Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
+        condensed: Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
         factored = condensed.matrix.solve_linear(b, x, self._free)
         if condensed.static:
             self._refine(condensed.matrix, b, x)
@@ -296,7 +144,7 @@ class InterfaceSolver:
             counts=self._contact.counts(found.response.status),
         )
 
-    def _start(self, condensed: _Condensed) -> tuple[Floats, Floats]:
+    def _start(self, condensed: Condensed) -> tuple[Floats, Floats]:
         """Forces f to start from, and S f: on the line through those of the last two steps."""
         known, force, coupled = self._last
         if known is condensed:
@@ -308,7 +156,7 @@ class InterfaceSolver:
             force = force / known.compliance.scale * condensed.compliance.scale
         return force, condensed.compliance.split.product(force, np.flatnonzero(force))
 
-    def _expand(self, condensed: _Condensed, force: Floats, x: PETSc.Vec) -> None:
+    def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
 
         The gaps they cause give S f without the rounding of the iteration's sums.
@@ -396,7 +244,7 @@ class _Step:
     def __init__(
         self,
         contact: Contact,
-        condensed: _Condensed,
+        condensed: Condensed,
         areas: Floats,
         mine: slice,
         free_gap: Floats,

@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 import dolfinx_joints as dj
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import CoulombOscillator, ImpactOscillator, SlidingBlock
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.laws import JointState, Law, Response
 from dolfinx_joints.parallel import on_root
 from dolfinx_joints.redistribution import redistribute
 from dolfinx_joints.rigid import RigidJoint
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, Scheme, initial_state
 from dolfinx_joints.stepping import Stepper
 from geometry.jointed_wall import jointed_wall

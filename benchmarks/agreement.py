@@ -30,8 +30,8 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.solver import StepSolver
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, initial_state
 
 SCHEME = dj.EnergyConsistent()

@@ -28,7 +28,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
-from dolfinx_joints.interface import KINDS
+from dolfinx_joints.solver_choice import KINDS
 
 Row = dict[str, Any]
 

@@ -38,8 +38,8 @@ import numpy as np
 
 import dolfinx_joints as dj
 from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.laws import Law
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import Scheme, initial_state
 from dolfinx_joints.stepping import Stepper
 

@@ -24,7 +24,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._measure import free_memory
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
-from dolfinx_joints.interface import KINDS
+from dolfinx_joints.solver_choice import KINDS
 from dolfinx_joints.stages import Record
 
 STIFFNESSES = (1e9, 1e11, 1e13, 1e15, math.inf)

@@ -40,7 +40,7 @@ from benchmarks._problems import (
 )
 from dolfinx_joints import JointsError
 from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver_choice import make_solver
 
 Row = dict[str, Any]
 

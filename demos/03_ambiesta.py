@@ -33,8 +33,8 @@ from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints import plots
-from dolfinx_joints.interface import KINDS
 from dolfinx_joints.parallel import on_root
+from dolfinx_joints.solver_choice import KINDS
 from dolfinx_joints.spectra import fourier_amplitude
 from geometry.ambiesta import ambiesta
 from geometry.arch import mid_crest

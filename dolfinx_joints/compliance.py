@@ -33,7 +33,7 @@ LARGEST_DENSE = 2000
 TOLERANCE, ROUGH_TOLERANCE = 1e-12, 1e-4
 
 # Points at which the diagonal is found by solving, where it is not needed exactly.
-SAMPLES = 24
+SAMPLES = 8
 
 
 class Part(Protocol):
@@ -87,8 +87,8 @@ class Compliance:
         dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
             shape (points, 3).
         split: S.
-        rough: S to `ROUGH_TOLERANCE`, None where the places of the points are not known or
-            nothing is kept.
+        rough: S to `ROUGH_TOLERANCE`; None where the places of the points are not known, or
+            nothing is kept and the bulk is factored.
     """
 
     def __init__(
@@ -117,6 +117,10 @@ class Compliance:
         self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)
         if self.kind == "free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
+            if isinstance(effective.solver, IterativeSolver):
+                self.rough = _Products(
+                    self._forces.rough_product, self.scale, self.dead, self._comm
+                )
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
         fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
@@ -251,10 +255,24 @@ class _UnitForces:
 
     def product(self, forces: Floats) -> Floats:
         """G F at the rank's points, F of all points (collective)."""
+        self._load(forces)
+        self._effective.solver.solve(self._nodal, self._moved)
+        return self._gaps()
+
+    def rough_product(self, forces: Floats) -> Floats:
+        """G F to `ROUGH_TOLERANCE`, for a bulk solved by iteration (collective)."""
+        assert isinstance(self._effective.solver, IterativeSolver)
+        self._load(forces)
+        self._effective.solver.solve(self._nodal, self._moved, ROUGH_TOLERANCE)
+        return self._gaps()
+
+    def _load(self, forces: Floats) -> None:
+        """Nodal forces of joint forces of all points."""
         start, stop = self._operator.getOwnershipRange()
         self._points.setArray(forces[start:stop])
         self._operator.multTranspose(self._points, self._nodal)
-        self._effective.solver.solve(self._nodal, self._moved)
+
+    def _gaps(self) -> Floats:
         self._operator.mult(self._moved, self._points)
         return self._points.getArray(readonly=True).copy()
 

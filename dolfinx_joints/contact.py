@@ -90,9 +90,9 @@ class Contact:
         self.initial_gap: Floats = operator.initial_gap.copy()
         for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
-            places = getattr(operator, "points", np.zeros((len(here), 3)))[here]
+            places = np.zeros((len(here), 3)) if operator.points is None else operator.points
             with raised_together(operator.comm):
-                self.initial_gap[here, 0] += _checked_gap(name, gap, places)
+                self.initial_gap[here, 0] += _checked_gap(name, gap, places[here])
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""

@@ -15,7 +15,7 @@ it is done in the scaled forces f and gaps of `compliance`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -23,18 +23,14 @@ from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.compliance import Compliance
+from dolfinx_joints.condensed import Condensed
 from dolfinx_joints.contact import Contact, Rule
-from dolfinx_joints.corrections import Correction, Corrections
-from dolfinx_joints.errors import JointsError
-from dolfinx_joints.joint_springs import JointSprings
+from dolfinx_joints.corrections import Correction
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import (
     NewtonOptions,
-    NewtonSolver,
     SolveReport,
-    StepSolver,
     joint_failure,
 )
 from dolfinx_joints.system import MatrixSystem
@@ -50,152 +46,6 @@ INNER_TOLERANCE = 0.03
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
-
-KINDS = ("auto", "condensed", "monolithic")
-
-
-def check_kind(kind: str) -> None:
-    """Refuse a kind of solver that does not exist.
-
-    Raises:
-        ValueError: It is not one of `KINDS`.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
-
-
-def make_solver(
-    system: MatrixSystem,
-    options: NewtonOptions | None = None,
-    kind: str = "auto",
-    rule: Rule = "end_point",
-    *,
-    static_steps: int = 0,
-) -> StepSolver:
-    """A solver of the steps of a system (collective).
-
-    Args:
-        system: The system.
-        options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
-            joints of finite stiffness: near the limit of what they carry it goes further.
-        rule: What the time scheme will ask the laws for.
-        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
-
-    Raises:
-        ValueError: The kind is unknown.
-        JointsError: ``condensed`` was asked for and a law cannot be solved locally.
-    """
-    check_kind(kind)
-    contact = system.contact
-    if kind == "monolithic" or contact is None:
-        return NewtonSolver(system, options)
-    missing = contact.without_local(rule)
-    if kind == "condensed" and missing:
-        raise JointsError(
-            f"The condensed solver needs laws with a local solution; {missing[0]} has none."
-        )
-    if kind == "condensed" or not missing:
-        loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)
-        if not loose:
-            return InterfaceSolver(system, _for_steps(options, contact, static_steps))
-    return NewtonSolver(system, options)
-
-
-def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
-    """Options with no compliance kept where few solves do not pay for it.
-
-    A static solve takes some 150 products, and a column of the compliance in a block of them a
-    seventh of a back-substitution.
-    """
-    options = options or NewtonOptions()
-    few = 0 < 7 * 150 * static_steps < 3 * contact.operator.num_points
-    return replace(options, compliance="free") if few and options.compliance == "auto" else options
-
-
-class _Condensed:
-    """The bulk factored for one set of coefficients, with its compliance at the joints.
-
-    Attributes:
-        matrix: The bulk, in statics with springs across the joints.
-        springs: These springs, None in dynamics.
-        compliance: G, scaled.
-        corrections: Solver of Newton's corrections.
-    """
-
-    def __init__(
-        self,
-        system: MatrixSystem,
-        effective: Effective,
-        operator: PETSc.Mat,
-        weight: float,
-        options: NewtonOptions,
-    ) -> None:
-        """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
-        assert system.contact is not None
-        linear = options.linear
-        self.springs: JointSprings | None = None
-        self.matrix = EffectiveMatrix(system, effective, linear=linear)
-        if not effective.mass and not _is_held(self.matrix, free_dofs(system)):
-            self.matrix.destroy()
-            self.springs = JointSprings(system)
-            self.matrix = EffectiveMatrix(
-                system, effective, linear=linear, added=self.springs.matrix
-            )
-        largest = None if self.springs is None else self.springs.largest_compliance
-        self.compliance = Compliance(
-            self.matrix,
-            operator,
-            system.contact.operator,
-            kind=options.compliance,
-            largest=largest,
-        )
-        stuck = None
-        if self.springs is None:
-            stuck = self._stuck(system.contact, weight)
-        self.corrections = Corrections(
-            self.compliance.split, self.compliance.rough, stuck, operator.comm.tompi4py()
-        )
-
-    def _stuck(self, contact: Contact, weight: float) -> Floats:
-        """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
-        own = np.repeat(self.compliance.own, (1, 2), axis=1)
-        stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
-        with np.errstate(divide="ignore"):
-            total = own + weight / stiffness
-        ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
-        every = np.concatenate(contact.operator.comm.allgather(ratio))
-        return np.where(self.compliance.dead, 0.0, every)
-
-    def destroy(self) -> None:
-        """Free matrices and factor."""
-        self.compliance.destroy()
-
-
-def _is_loose(system: MatrixSystem, options: NewtonOptions | None) -> bool:
-    """Whether K is singular: there are blocks that nothing but joints holds (collective)."""
-    linear = (options or NewtonOptions()).linear
-    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
-    matrix = EffectiveMatrix(system, effective, linear=linear)
-    held = _is_held(matrix, free_dofs(system))
-    matrix.destroy()
-    return not held
-
-
-def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
-    """Whether a matrix of statics is regular: no block that nothing but joints supports."""
-    load, moved = free.duplicate(), free.duplicate()
-    load.setRandom()
-    load.pointwiseMult(load, free)
-    try:
-        matrix.solver.solve(load, moved)
-    except JointsError:
-        return False
-    rest = load.duplicate()
-    matrix.held.mult(moved, rest)
-    rest.axpy(-1.0, load)
-    return bool(rest.norm() <= 1e-6 * load.norm())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,10 +101,10 @@ class InterfaceSolver:
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(size)
-        self._last: tuple[_Condensed | None, Floats, Floats] = (None, nothing, nothing)
-        self._before: tuple[_Condensed | None, Floats, Floats] = self._last
+        self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
+        self._before: tuple[Condensed | None, Floats, Floats] = self._last
         self._condensed = Cache(
-            lambda key: _Condensed(self.system, key[0], self._operator, key[1], self.options),
+            lambda key: Condensed(self.system, key[0], self._operator, key[1], self.options),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
@@ -269,24 +119,20 @@ class InterfaceSolver:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: _Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
+        condensed: Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
         factored = condensed.matrix.solve_linear(b, x, self._free)
-        if condensed.springs is not None:
+        if condensed.static:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)
         step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
         found, iterations, relative = self._iterate(step, *self._start(condensed))
         nothing = np.zeros_like(found.force)
         self._last = (condensed, nothing, nothing)
-        for _ in range(1 if condensed.springs is None else 1 + REFINEMENTS):
-            if not relative <= self.options.relative_tolerance:
-                raise joint_failure(
-                    self._contact, found.response, state, iterations, relative, self.options
-                )
+        for _ in range(1 + REFINEMENTS * condensed.static):
             self._expand(condensed, found.force - found.residual, x)
-            if condensed.springs is None:
+            if not condensed.static:
                 break
-            # From the gaps of the body as it now stands: springs turn their rounding into forces.
+            # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
             found, more, relative = self._iterate(step, *self._last[1:])
             if more == 0:
                 break
@@ -298,7 +144,7 @@ class InterfaceSolver:
             counts=self._contact.counts(found.response.status),
         )
 
-    def _start(self, condensed: _Condensed) -> tuple[Floats, Floats]:
+    def _start(self, condensed: Condensed) -> tuple[Floats, Floats]:
         """Forces f to start from, and S f: on the line through those of the last two steps."""
         known, force, coupled = self._last
         if known is condensed:
@@ -310,7 +156,7 @@ class InterfaceSolver:
             force = force / known.compliance.scale * condensed.compliance.scale
         return force, condensed.compliance.split.product(force, np.flatnonzero(force))
 
-    def _expand(self, condensed: _Condensed, force: Floats, x: PETSc.Vec) -> None:
+    def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
 
         The gaps they cause give S f without the rounding of the iteration's sums.
@@ -320,7 +166,7 @@ class InterfaceSolver:
         self._points.setArray((change / scale)[self._mine])
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solver.solve(self._nodal, self._moved)
-        if condensed.springs is not None:
+        if condensed.static:
             self._refine(condensed.matrix, self._nodal, self._moved)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
@@ -340,25 +186,33 @@ class InterfaceSolver:
         x.axpy(1.0, change)
 
     def _iterate(self, step: _Step, force: Floats, coupled: Floats) -> tuple[_Iterate, int, float]:
-        """The solution, iterations, and residual relative to the largest force."""
+        """The solution, iterations, and residual relative to the largest force.
+
+        Raises:
+            ConvergenceError: The residual did not become small enough.
+        """
         at = step.evaluate(force, coupled)
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
-        # What springs carry may be far more than what joints do.
-        enough = 0.01 * tolerance if step.condensed.springs is None else 0.0
-        inner = INNER_TOLERANCE
+        # Statics, where little is solved, go as far as rounding lets them.
+        enough = 0.0 if step.condensed.static else 0.01 * tolerance
+        first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
             scale = at.largest or size or 1.0
-            relative = size / scale
+            relative, rounding = size / scale, step.rounding(at) / scale
+            accepted = max(tolerance, min(rounding, 1e-6))
             if step.condensed.springs is not None:
                 # What springs carry on a mechanism drowns the joints' forces.
-                relative = max(relative, 1e-14 * float(np.abs(at.force).max(initial=0.0)) / scale)
+                accepted = tolerance if rounding <= tolerance else 0.0
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
-            done = relative <= enough or (relative <= tolerance and size >= 0.5 * last)
-            if done or iteration == self.options.max_iterations or not np.isfinite(size):
+            if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
+            if iteration == self.options.max_iterations or not np.isfinite(size):
+                raise joint_failure(
+                    self._contact, at.response, step.state, iteration, relative, self.options
+                )
             if iteration:
-                inner = min(INNER_TOLERANCE, (size / last) ** 2)
+                inner = min(first, (size / last) ** 2)
             last = size
             # What is done already costs no product.
             left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
@@ -390,7 +244,7 @@ class _Step:
     def __init__(
         self,
         contact: Contact,
-        condensed: _Condensed,
+        condensed: Condensed,
         areas: Floats,
         mine: slice,
         free_gap: Floats,
@@ -399,7 +253,14 @@ class _Step:
     ) -> None:
         self.condensed, self._contact, self._mine = condensed, contact, mine
         self._compliance, self._areas = condensed.compliance, areas
-        self._free_gap, self._state, self._rule = free_gap, state, rule
+        self._free_gap, self.state, self._rule = free_gap, state, rule
+        reach = float(np.abs(free_gap.ravel() / self._compliance.scale[mine]).max(initial=0.0))
+        self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
+
+    def rounding(self, at: _Iterate) -> float:
+        """Scaled force that rounding of the gaps may leave."""
+        parts = self._reach, *(np.abs(v).max(initial=0.0) for v in (at.force, at.coupled))
+        return 16.0 * float(np.finfo(float).eps) * float(sum(parts))
 
     def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
         """Residual and tangent of all points, response of the rank's (collective)."""
@@ -407,13 +268,13 @@ class _Step:
         gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         if springs is None:
-            response = self._contact.respond_locally(gap, own, self._state, self._rule)
+            response = self._contact.respond_locally(gap, own, self.state, self._rule)
             traction, tangent = response.traction, response.tangent
         else:
             response = self._contact.respond_locally(
-                *springs.without(gap, own, self._state.gap), self._state, self._rule
+                *springs.without(gap, own, self.state.gap), self.state, self._rule
             )
-            traction, tangent = springs.taken_off(response, own, self._state.gap)
+            traction, tangent = springs.taken_off(response, own, self.state.gap)
         forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
         largest = float(np.abs(forces).max(initial=0.0))
         if comm.size > 1:

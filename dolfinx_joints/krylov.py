@@ -76,13 +76,19 @@ class IterativeSolver:
         """Set the preconditioner up anew at the next solve."""
         self._stale = True
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = TOLERANCE) -> bool:
         """Solve A x = b; whether the preconditioner was set up for it (collective).
+
+        Args:
+            b: Right-hand side.
+            x: Solution.
+            tolerance: Residual relative to b.
 
         Raises:
             JointsError: The iteration did not converge.
         """
         renewed = self._set_up()
+        self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0 and not self._as_rounding_lets(b, x):

@@ -20,7 +20,6 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
-from dolfinx_joints.interface import check_kind, make_solver
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
@@ -28,6 +27,7 @@ from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import NewtonOptions, SolveReport, StepSolver
+from dolfinx_joints.solver_choice import check_kind, make_solver
 from dolfinx_joints.stages import Monitor, Outcome, Record, StaticState
 from dolfinx_joints.states import DynamicState, Products, Scheme, StepReport, initial_state
 from dolfinx_joints.stepping import StepControl, Stepper, check_step, located

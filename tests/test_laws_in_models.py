@@ -22,7 +22,7 @@ from dolfinx_joints import (
     RigidJoint,
     ViscousJoint,
 )
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
 FRICTION = {"normal_stiffness": 1e10, "shear_stiffness": 4e9, "friction_angle_deg": 30.0}

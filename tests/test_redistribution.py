@@ -29,8 +29,8 @@ from dolfinx_joints import (
     mass_proportional,
     split_mesh,
 )
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.redistribution import joint_dofs, linear_extrapolation, redistribute
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
 pytestmark = pytest.mark.mpi

@@ -25,7 +25,7 @@ from dolfinx_joints import (
     Rayleigh,
 )
 from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
 SOLVERS = ["condensed", "monolithic"]

@@ -22,7 +22,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import ImpactOscillator
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, initial_state
 from dolfinx_joints.stepping import Stepper, check_step, located
 

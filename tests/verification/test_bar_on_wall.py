@@ -53,8 +53,8 @@ from dolfinx_joints import (
     split_mesh,
 )
 from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.redistribution import redistribute
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 from dolfinx_joints.stepping import Stepper
 

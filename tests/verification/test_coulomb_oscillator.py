@@ -34,8 +34,8 @@ pytest.importorskip("petsc4py")
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, NewtonOptions
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import CoulombOscillator
-from dolfinx_joints.interface import make_solver
 from dolfinx_joints.laws import JointState
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
 NORMAL_FORCE, MU = 10.0, 0.1

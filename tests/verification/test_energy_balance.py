@@ -40,7 +40,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.interface import make_solver
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, StepReport, initial_state
 from dolfinx_joints.stepping import Stepper
 

@@ -1,0 +1,87 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which solver takes the steps of a system."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dolfinx_joints.condensed import is_held
+from dolfinx_joints.contact import Contact, Rule
+from dolfinx_joints.errors import JointsError
+from dolfinx_joints.interface import InterfaceSolver
+from dolfinx_joints.linear import Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.solver import NewtonOptions, NewtonSolver, StepSolver
+from dolfinx_joints.system import MatrixSystem
+
+KINDS = ("auto", "condensed", "monolithic")
+
+
+def check_kind(kind: str) -> None:
+    """Refuse a kind of solver that does not exist.
+
+    Raises:
+        ValueError: It is not one of `KINDS`.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
+
+
+def make_solver(
+    system: MatrixSystem,
+    options: NewtonOptions | None = None,
+    kind: str = "auto",
+    rule: Rule = "end_point",
+    *,
+    static_steps: int = 0,
+) -> StepSolver:
+    """A solver of the steps of a system (collective).
+
+    Args:
+        system: The system.
+        options: Tolerances and limits.
+        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
+            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
+            joints of finite stiffness: near the limit of what they carry it goes further.
+        rule: What the time scheme will ask the laws for.
+        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
+
+    Raises:
+        ValueError: The kind is unknown.
+        JointsError: ``condensed`` was asked for and a law cannot be solved locally.
+    """
+    check_kind(kind)
+    contact = system.contact
+    if kind == "monolithic" or contact is None:
+        return NewtonSolver(system, options)
+    missing = contact.without_local(rule)
+    if kind == "condensed" and missing:
+        raise JointsError(
+            f"The condensed solver needs laws with a local solution; {missing[0]} has none."
+        )
+    if kind == "condensed" or not missing:
+        loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)
+        if not loose:
+            return InterfaceSolver(system, _for_steps(options, contact, static_steps))
+    return NewtonSolver(system, options)
+
+
+def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
+    """Options with no compliance kept where few solves do not pay for it.
+
+    A static solve takes some 150 products, and a column of the compliance in a block of them a
+    seventh of a back-substitution.
+    """
+    options = options or NewtonOptions()
+    few = 0 < 7 * 150 * static_steps < 3 * contact.operator.num_points
+    return replace(options, compliance="free") if few and options.compliance == "auto" else options
+
+
+def _is_loose(system: MatrixSystem, options: NewtonOptions | None) -> bool:
+    """Whether K is singular: there are blocks that nothing but joints holds (collective)."""
+    linear = (options or NewtonOptions()).linear
+    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+    matrix = EffectiveMatrix(system, effective, linear=linear)
+    held = is_held(matrix, free_dofs(system))
+    matrix.destroy()
+    return not held

@@ -205,7 +205,16 @@ class Compliance:
 
 
 def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:
-    """The kind of compliance to be made."""
+    """The kind of compliance to be made.
+
+    Raises:
+        ValueError: It cannot be compressed.
+    """
+    if kind == "compressed" and joints.points is None:
+        raise ValueError(
+            "compliance is 'compressed', but the places of the joint points are not known: this "
+            "system comes from matrices; take 'dense' or 'free'."
+        )
     if kind != "auto":
         return kind
     if isinstance(effective.solver, IterativeSolver):

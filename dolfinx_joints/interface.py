@@ -125,7 +125,7 @@ class InterfaceSolver:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)
         step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
-        found, iterations, relative = self._iterate(step, *self._start(condensed))
+        found, iterations, relative = self._iterate(step, self._start(step))
         nothing = np.zeros_like(found.force)
         self._last = (condensed, nothing, nothing)
         for _ in range(1 + REFINEMENTS * condensed.static):
@@ -133,7 +133,7 @@ class InterfaceSolver:
             if not condensed.static:
                 break
             # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
-            found, more, relative = self._iterate(step, *self._last[1:])
+            found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
             if more == 0:
                 break
             iterations += more
@@ -144,17 +144,20 @@ class InterfaceSolver:
             counts=self._contact.counts(found.response.status),
         )
 
-    def _start(self, condensed: Condensed) -> tuple[Floats, Floats]:
-        """Forces f to start from, and S f: on the line through those of the last two steps."""
+    def _start(self, step: _Step) -> _Iterate:
+        """The better of two starts: the last step's forces, and the line through the last two."""
         known, force, coupled = self._last
-        if known is condensed:
-            before, self._before = self._before, (condensed, force, coupled)
-            if before[0] is condensed:
-                return 2.0 * force - before[1], 2.0 * coupled - before[2]
-            return force, coupled
-        if known is not None:
-            force = force / known.compliance.scale * condensed.compliance.scale
-        return force, condensed.compliance.split.product(force, np.flatnonzero(force))
+        if known is not step.condensed:
+            if known is not None:
+                force = force / known.compliance.scale * step.condensed.compliance.scale
+            coupled = step.condensed.compliance.split.product(force, np.flatnonzero(force))
+            return step.evaluate(force, coupled)
+        start = step.evaluate(force, coupled)
+        before, self._before = self._before, self._last
+        if before[0] is not known:
+            return start
+        ahead = step.evaluate(2.0 * force - before[1], 2.0 * coupled - before[2])
+        return min(start, ahead, key=lambda at: float(np.linalg.norm(at.residual)))
 
     def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
@@ -185,13 +188,12 @@ class InterfaceSolver:
         matrix.solver.solve(rest, change)
         x.axpy(1.0, change)
 
-    def _iterate(self, step: _Step, force: Floats, coupled: Floats) -> tuple[_Iterate, int, float]:
+    def _iterate(self, step: _Step, at: _Iterate) -> tuple[_Iterate, int, float]:
         """The solution, iterations, and residual relative to the largest force.
 
         Raises:
             ConvergenceError: The residual did not become small enough.
         """
-        at = step.evaluate(force, coupled)
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         enough = 0.0 if step.condensed.static else 0.01 * tolerance

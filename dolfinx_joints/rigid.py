@@ -77,8 +77,8 @@ class RigidJoint:
         """
         if np.any(gap[:, 0] < 0.0):
             raise JointsError(
-                f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it needs the condensed "
-                "solver, the scheme EnergyConsistent, and a start without overlap."
+                f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it must start "
+                "without overlap, or from a static stage, and needs the condensed solver."
             )
         count = len(gap)
         return Response(

@@ -69,11 +69,11 @@ def make_solver(
 def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
     """Options with no compliance kept where few solves do not pay for it.
 
-    A static solve takes some 150 products, and a column of the compliance in a block of them a
+    A static solve takes some 250 products, and a column of the compliance in a block of them a
     seventh of a back-substitution.
     """
     options = options or NewtonOptions()
-    few = 0 < 7 * 150 * static_steps < 3 * contact.operator.num_points
+    few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
     return replace(options, compliance="free") if few and options.compliance == "auto" else options
 
 

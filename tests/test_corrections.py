@@ -18,8 +18,6 @@ from dolfinx_joints import corrections
 from dolfinx_joints.corrections import Corrections
 from dolfinx_joints.row_matrix import RowMatrix
 
-pytestmark = pytest.mark.mpi
-
 POINTS = 40
 EXACT = 1e-13  # asked for where solutions are compared to rounding
 
@@ -173,6 +171,7 @@ def test_dead_directions(comm, route, kind):
     np.testing.assert_allclose(found.step[still], r[still], rtol=0, atol=1e-12)
 
 
+@pytest.mark.mpi
 def test_points_that_all_stick_need_no_iteration(comm, route):
     s, stuck = scaled_compliance(), stuck_tangent(1e6)
     blocks, r = tangents(states("stuck"), stuck), right_side()
@@ -196,6 +195,7 @@ def test_nothing_to_correct(comm, route):
     np.testing.assert_array_equal(found.coupled, np.zeros(3 * POINTS))
 
 
+@pytest.mark.mpi
 def test_what_is_kept_between_solves_does_not_matter(comm, route):
     # Sets grow, shrink, move to the other half and vanish; each solve against its dense one.
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
@@ -210,6 +210,7 @@ def test_what_is_kept_between_solves_does_not_matter(comm, route):
         check(one.solve(r, blocks, EXACT), s, blocks, r)
 
 
+@pytest.mark.mpi
 def test_the_complement_is_made_once_it_pays(comm):
     # All points stick: 15 products of 120^2 each time, against 2.3 x 120^3 operations. The answer
     # is the same before and after, and the iteration gone.
@@ -266,6 +267,7 @@ def test_a_rough_matrix_inside(comm, kind):
     np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12)
 
 
+@pytest.mark.mpi
 def test_corrections_with_a_rough_matrix_converge(comm):
     # Each leaves a thousandth: four of them solve to 1e-11.
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
@@ -281,6 +283,7 @@ def test_corrections_with_a_rough_matrix_converge(comm):
     assert np.linalg.norm(left) <= 1e-11 * np.linalg.norm(r)
 
 
+@pytest.mark.mpi
 def test_results_do_not_depend_on_the_ranks(comm, route):
     from mpi4py import MPI
 

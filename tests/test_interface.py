@@ -42,8 +42,6 @@ from dolfinx_joints.interface import InterfaceSolver, make_solver
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.states import initial_state
 
-pytestmark = pytest.mark.mpi
-
 COMPLIANCES = ("dense", "compressed", "free")
 LINEAR = ("direct", "iterative")
 DT = 0.005
@@ -120,6 +118,7 @@ def far(one: list[np.ndarray], two: list[np.ndarray]) -> float:
     return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
 
 
+@pytest.mark.mpi
 def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
     """All six, against the dense one with a direct solver, which the monolithic one checks.
 
@@ -144,6 +143,7 @@ def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
     assert difference(outcome.state.displacement, reference.state.displacement) <= 1e-9
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("compliance", COMPLIANCES)
 def test_ranks_do_not_matter(wall, comm, compliance):
     spread, _, outcome = march(wall(), compliance=compliance)
@@ -225,6 +225,7 @@ def test_steps_of_changing_length(wall):
     assert difference(states[0].displacement, states[1].displacement) <= 1e-9
 
 
+@pytest.mark.mpi
 def test_a_step_too_hard_is_cut(wall):
     # Four iterations are too few for some of the steps from a sudden self weight; halves pass.
     model = wall()
@@ -238,6 +239,7 @@ def test_a_step_too_hard_is_cut(wall):
         )
 
 
+@pytest.mark.mpi
 def test_a_solve_that_failed_leaves_no_trace(wall):
     """The next solve starts from zero forces and gives what a new solver gives."""
     model = wall()
@@ -262,6 +264,7 @@ def solved(solver: Any, effective: Effective, b: Any, system: Any) -> Any:
     return x, report
 
 
+@pytest.mark.mpi
 def test_the_same_solve_again_takes_no_iteration(wall):
     system = wall().system()
     b = system.stiffness.createVecRight()
@@ -282,6 +285,7 @@ def test_the_same_solve_again_takes_no_iteration(wall):
         ("linear", "linear is 'sparse'; it must be one of auto, direct, iterative."),
     ],
 )
+@pytest.mark.mpi
 def test_unknown_options_are_refused(name, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         NewtonOptions(**{name: "sparse"})

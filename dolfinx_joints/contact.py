@@ -88,9 +88,9 @@ class Contact:
             self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((_variables(law) for law in distinct), default=0)
         self.initial_gap: Floats = operator.initial_gap.copy()
+        places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
-            places = np.zeros((len(here), 3)) if operator.points is None else operator.points
             with raised_together(operator.comm):
                 self.initial_gap[here, 0] += _checked_gap(name, gap, places[here])
 

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+# What is left of a direction that depends on the others, relative to it.
+ROUNDING = 1e-14
+
 
 def gmres(
     apply: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int
@@ -48,6 +51,7 @@ def _orthogonalise(
 ) -> bool:
     """Add a direction and rotate its column of the Hessenberg matrix; whether it is the last."""
     column = np.zeros(j + 2)
+    whole = np.sqrt((new * new).sum())
     for _ in range(2):  # twice: a single pass loses orthogonality
         for i in range(j + 1):
             part = 0.0
@@ -63,6 +67,8 @@ def _orthogonalise(
         a, b = column[i], column[i + 1]
         column[i], column[i + 1] = c * a + s * b, c * b - s * a
     norm = np.hypot(column[j], length)
+    if norm <= ROUNDING * whole:  # singular: what this direction would add is rounding, made large
+        norm, length = 0.0, 0.0
     turns[j, 0], turns[j, 1] = (column[j] / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
     column[j] = norm
     triangle[: j + 1, j] = column[: j + 1]
@@ -70,7 +76,7 @@ def _orthogonalise(
     left[j] *= turns[j, 0]
     if length > 0.0:
         basis[j + 1] = new / length
-    return not length > 1e-14 * norm
+    return not length > ROUNDING * whole
 
 
 @njit(cache=True)

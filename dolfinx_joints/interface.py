@@ -171,6 +171,7 @@ class InterfaceSolver:
         condensed.matrix.solver.solve(self._nodal, self._moved)
         if condensed.static:
             self._refine(condensed.matrix, self._nodal, self._moved)
+        self._moved.pointwiseMult(self._moved, self._free)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
         comm = self._contact.operator.comm
@@ -186,6 +187,7 @@ class InterfaceSolver:
         rest.aypx(-1.0, right)
         rest.pointwiseMult(rest, self._free)
         matrix.solver.solve(rest, change)
+        change.pointwiseMult(change, self._free)
         x.axpy(1.0, change)
 
     def _iterate(self, step: _Step, at: _Iterate) -> tuple[_Iterate, int, float]:

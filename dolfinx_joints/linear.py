@@ -276,7 +276,9 @@ class EffectiveMatrix:
         right.pointwiseMult(b, free)
         if not self._moves:
             x.set(0.0)
-            return self.solver.solve(right, x)
+            factored = self.solver.solve(right, x)
+            x.pointwiseMult(x, free)  # iterations leave rounding there: clamped points would open
+            return factored
         held, pushed = x.duplicate(), b.duplicate()
         held.pointwiseMult(x, free)
         held.aypx(-1.0, x)
@@ -284,6 +286,7 @@ class EffectiveMatrix:
         pushed.pointwiseMult(pushed, free)
         right.axpy(-1.0, pushed)
         factored = self.solver.solve(right, x)
+        x.pointwiseMult(x, free)
         x.axpy(1.0, held)
         return factored
 

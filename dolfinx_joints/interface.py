@@ -198,7 +198,7 @@ class InterfaceSolver:
         """
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
-        enough = 0.0 if step.condensed.static else 0.01 * tolerance
+        enough = 1e-14 if step.condensed.static else 0.01 * tolerance
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
@@ -211,7 +211,10 @@ class InterfaceSolver:
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
             if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
-            if iteration == self.options.max_iterations or not np.isfinite(size):
+            given_up = iteration == self.options.max_iterations or not np.isfinite(size)
+            if given_up and relative <= accepted:
+                return at, iteration, relative
+            if given_up:
                 raise joint_failure(
                     self._contact, at.response, step.state, iteration, relative, self.options
                 )
@@ -221,7 +224,7 @@ class InterfaceSolver:
             # What is done already costs no product.
             left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
             correction = step.condensed.corrections.solve(
-                left, at.tangent, max(inner, 0.3 * max(enough, 1e-15) / relative)
+                left, at.tangent, max(inner, 0.3 * enough / relative)
             )
             at = self._search(step, at, correction)
             iteration += 1

@@ -38,8 +38,9 @@ from dolfinx_joints import (
     corrections,
     stiffness_proportional,
 )
-from dolfinx_joints.interface import InterfaceSolver, make_solver
+from dolfinx_joints.interface import InterfaceSolver
 from dolfinx_joints.linear import Effective
+from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
 COMPLIANCES = ("dense", "compressed", "free")

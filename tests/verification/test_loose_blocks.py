@@ -46,7 +46,7 @@ from dolfinx_joints import (
     RigidJoint,
     Simulation,
     Traction,
-    interface,
+    condensed,
     split_mesh,
 )
 from dolfinx_joints.joint_springs import JointSprings
@@ -191,7 +191,7 @@ def test_the_springs_leave_no_trace(name, factor, monkeypatch):
     push = Traction(group="top", value=(5e3, 2e3, -2e3))
     model = column(LAWS[name], blocks=3, loads=(push,), poisson=0.2)
     reference = statics(model)
-    monkeypatch.setattr(interface, "JointSprings", other)
+    monkeypatch.setattr(condensed, "JointSprings", other)
     found = statics(model)
     assert difference(found.displacement, reference.displacement) <= 1e-9
     size = largest(reference.joints.traction)

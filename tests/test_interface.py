@@ -119,7 +119,6 @@ def far(one: list[np.ndarray], two: list[np.ndarray]) -> float:
     return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
 
 
-@pytest.mark.mpi
 def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
     """All six, against the dense one with a direct solver, which the monolithic one checks.
 
@@ -145,10 +144,12 @@ def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("compliance", COMPLIANCES)
-def test_ranks_do_not_matter(wall, comm, compliance):
-    spread, _, outcome = march(wall(), compliance=compliance)
-    alone, _, expected = march(wall(on=MPI.COMM_SELF), compliance=compliance)
+@pytest.mark.parametrize(
+    ("compliance", "linear"), [*product(COMPLIANCES, ["direct"]), ("dense", "iterative")]
+)
+def test_ranks_do_not_matter(wall, compliance, linear):
+    spread, _, outcome = march(wall(), compliance=compliance, linear=linear)
+    alone, _, expected = march(wall(on=MPI.COMM_SELF), compliance=compliance, linear=linear)
     assert far(spread.gaps, alone.gaps) <= 1e-9
     assert far(spread.tractions, alone.tractions) <= 1e-8
     assert spread.counts == alone.counts

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.laws import FrictionNoTension, JointState, Status
+from dolfinx_joints.rigid import RigidJoint
 
 # k_n 1e12, k_s 2e12 Pa/m, mu 0.5: a gap of -1 um carries -1 MPa, and slides beyond 0.5 MPa,
 # that is beyond an elastic slip of 0.25 um.
@@ -337,3 +338,78 @@ def test_no_points():
     assert answer.traction.shape == (0, 3)
     assert answer.tangent.shape == (0, 3, 3)
     assert LAW.stored_energy(answer.state).shape == (0,)
+
+
+# A joint without compliance, on the compliance of the structure.
+
+OWN = np.array([[2e-11, 1e-11]])  # c_n, c_s [m/Pa]
+
+
+def rigid(angle=30.0):
+    return RigidJoint(friction_angle_deg=angle)
+
+
+def solve_rigid(free, before=(0.0, 0.0, 0.0), angle=30.0):
+    state = JointState.at_rest(np.array([before]), variables=3)
+    return rigid(angle).local_solve(np.array([free]), OWN, state)
+
+
+def test_rigid_joint_by_hand():
+    """Closed: t_n = h_n/c_n = -2e-5/2e-11 = -1 MPa; t_s = h_s/c_s = 3e-6/1e-11 = 0.3 MPa."""
+    answer = solve_rigid([-2e-5, 3e-6, 0.0])
+    np.testing.assert_allclose(answer.traction, [[-1e6, 3e5, 0.0]], rtol=1e-14)
+    np.testing.assert_allclose(answer.state.gap, np.zeros((1, 3)), atol=1e-20)
+    np.testing.assert_array_equal(answer.state.elastic_slip, np.zeros((1, 2)))
+    np.testing.assert_array_equal(answer.state.internal, np.zeros((1, 3)))
+    np.testing.assert_allclose(answer.tangent[0], np.diag([5e10, 1e11, 1e11]), rtol=1e-14)
+    assert answer.status.tolist() == [Status.STICK]
+    # 8 um ask for 0.8 MPa; mu p = 0.57735 MPa are there, and the rest is slip: 8 - 5.7735 um.
+    answer = solve_rigid([-2e-5, 8e-6, 0.0])
+    np.testing.assert_allclose(answer.traction, [[-1e6, 577350.269, 0.0]], rtol=1e-9)
+    np.testing.assert_allclose(answer.state.gap, [[0.0, 2.22649731e-6, 0.0]], rtol=1e-8)
+    assert answer.dissipation[0] == pytest.approx(577350.269 * 2.22649731e-6, rel=1e-8)
+    assert answer.status.tolist() == [Status.SLIP]
+    # Pulled: it opens and carries nothing.
+    answer = solve_rigid([1e-6, 3e-6, 0.0])
+    np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
+    np.testing.assert_array_equal(answer.state.gap, [[1e-6, 3e-6, 0.0]])
+    assert answer.status.tolist() == [Status.OPEN]
+
+
+def test_rigid_joint_is_the_limit_of_stiff_ones():
+    """At k_n = k_s = 1e30 the joint's compliance is below rounding of the structure's."""
+    rng = np.random.default_rng(6)
+    count = 2000
+    free = 1e-5 * rng.normal(size=(count, 3))
+    before = np.column_stack([1e-5 * rng.uniform(-1, 1, count).clip(0.0), np.zeros((count, 2))])
+    compliance = 10.0 ** rng.uniform(-14, -9, (count, 2))
+    stiff = FrictionNoTension(normal_stiffness=1e30, shear_stiffness=1e30, friction_angle_deg=30.0)
+    one = rigid().local_solve(free, compliance, JointState.at_rest(before, variables=3))
+    two = stiff.local_solve(free, compliance, JointState.at_rest(before))
+    assert set(one.status.tolist()) == {0, 1, 2}
+    np.testing.assert_array_equal(one.status, two.status)
+    for name in ("traction", "tangent"):
+        a, b = getattr(one, name), getattr(two, name)
+        size = np.abs(b).reshape(count, -1).max(axis=1).reshape(-1, *[1] * (b.ndim - 1))
+        assert np.all(np.abs(a - b) <= 1e-12 * size)
+    np.testing.assert_allclose(one.state.gap, two.state.gap, rtol=0, atol=1e-19)
+
+
+def test_rigid_joint_meets_coulombs_law():
+    """No overlap, no tension, no traction across a gap, |t_s| <= mu p, and slip along t_s."""
+    rng = np.random.default_rng(7)
+    free = 1e-5 * rng.normal(size=(2000, 3))
+    answer = rigid().local_solve(free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3))
+    t, gap = answer.traction, answer.state.gap
+    assert gap[:, 0].min() >= 0.0
+    assert t[:, 0].max() <= 0.0
+    assert not (t[:, 0] * gap[:, 0]).any()
+    shear, limit = np.hypot(t[:, 1], t[:, 2]), -math.tan(math.radians(30.0)) * t[:, 0]
+    assert np.all(shear <= limit * (1 + 1e-14))
+    slipped = np.sum(t[:, 1:] * gap[:, 1:], axis=1)
+    length = shear * np.hypot(gap[:, 1], gap[:, 2])
+    sliding = answer.status == Status.SLIP
+    np.testing.assert_allclose(slipped[sliding], length[sliding], rtol=1e-9)
+    assert np.abs(gap[answer.status == Status.STICK]).max() <= 1e-20
+    np.testing.assert_allclose(answer.dissipation[sliding], length[sliding], rtol=1e-9)
+    assert np.abs(answer.dissipation[~sliding]).max() <= 1e-14 * length.max()

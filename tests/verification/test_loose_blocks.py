@@ -134,9 +134,10 @@ def test_a_column_of_loose_blocks(name, blocks):
     size = DENSITY * G * blocks * HEIGHT
     expected = np.column_stack([-weight, np.zeros((len(weight), 2))])
     stiffness = LAWS[name].closed_stiffness()[0]
-    # Cells of E/h, moved by the overlap of all the joints below, are rounded by a part of this.
+    # Cells of E/h, moved by the overlap of all joints, are rounded by this; the condition of a
+    # chain grows with the square of its length.
     moved = np.finfo(float).eps * (YOUNG / (0.5 * HEIGHT)) * blocks * size / stiffness
-    assert largest(found.joints.traction - expected) <= 1e-11 * size + 20.0 * moved
+    assert largest(found.joints.traction - expected) <= 1e-11 * size + blocks**2 * moved
     gap = found.joints.state.gap[:, 0]
     assert largest(gap + weight / stiffness) <= 1e-10 * size / min(stiffness, 1e11)
     if math.isinf(stiffness):

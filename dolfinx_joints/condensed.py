@@ -28,6 +28,7 @@ class Condensed:
         static: Whether there is no inertia.
         springs: These springs, or None.
         compliance: G, scaled.
+        used: Whether a step has been solved with it.
         corrections: Solver of Newton's corrections.
     """
 
@@ -42,7 +43,7 @@ class Condensed:
         """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
         assert system.contact is not None
         linear = options.linear
-        self.static = not effective.mass
+        self.static, self.used = not effective.mass, False
         self.springs: JointSprings | None = None
         self.matrix = EffectiveMatrix(system, effective, linear=linear)
         if self.static and not is_held(self.matrix, free_dofs(system)):

@@ -120,7 +120,8 @@ class InterfaceSolver:
         if state is None:
             raise ValueError("The state of the joints is missing.")
         condensed: Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
-        factored = condensed.matrix.solve_linear(b, x, self._free)
+        factored, condensed.used = not condensed.used, True
+        condensed.matrix.solve_linear(b, x, self._free)
         if condensed.static:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)

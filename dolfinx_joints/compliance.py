@@ -183,6 +183,7 @@ class Compliance:
             joint=np.concatenate(self._comm.allgather(joints.joint)),
             tolerance=tolerance,
             dtype=dtype,
+            symmetric=self.effective.symmetric,
         )
 
     def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:

@@ -61,7 +61,7 @@ class Condensed:
             largest=largest,
         )
         stuck = None
-        if self.springs is None:
+        if self.springs is None and system.symmetric:
             stuck = self._stuck(system.contact, weight)
         self.corrections = Corrections(
             self.compliance.split, self.compliance.rough, stuck, operator.comm.tompi4py()

@@ -103,8 +103,9 @@ class InterfaceSolver:
         nothing = np.zeros(size)
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
+        operator, newton = self._operator, self.options  # a reference to self would keep it alive
         self._condensed = Cache(
-            lambda key: Condensed(self.system, key[0], self._operator, key[1], self.options),
+            lambda key: Condensed(system, key[0], operator, key[1], newton),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
@@ -284,6 +285,8 @@ class _Step:
             )
             traction, tangent = springs.taken_off(response, own, self.state.gap)
         forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
+        # Where nothing can move, the scale has no meaning.
+        forces[self._compliance.dead.ravel()[self._mine]] = 0.0
         largest = float(np.abs(forces).max(initial=0.0))
         if comm.size > 1:
             largest = comm.allreduce(largest, MPI.MAX)
@@ -317,7 +320,7 @@ def _scaled(
         for a in range(3):
             k = 3 * i + a
             root = scale[k] * areas[k]
-            residual[k] -= root * traction[i, a]
+            residual[k] = 0.0 if dead[i, a] else residual[k] - root * traction[i, a]
             for b in range(3):
                 if not (dead[i, a] or dead[i, b]):
                     scaled[i, a, b] = root * tangent[i, a, b] * scale[3 * i + b]

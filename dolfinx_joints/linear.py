@@ -212,6 +212,7 @@ class EffectiveMatrix:
         full: A.
         held: A with rows and columns of constrained dofs replaced by a diagonal.
         norm: Infinity norm of A.
+        symmetric: Whether A is.
     """
 
     def __init__(
@@ -235,7 +236,7 @@ class EffectiveMatrix:
         rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
-        self._symmetric, self._moves = system.symmetric, system.values is not None
+        self.symmetric, self._moves = system.symmetric, system.values is not None
         self._linear, self._components = linear, system.components
         self._near = system.stiffness.getNearNullSpace()
         self._solver: DirectSolver | IterativeSolver | None = None
@@ -249,14 +250,14 @@ class EffectiveMatrix:
 
     def _made(self) -> DirectSolver | IterativeSolver:
         if not self._iterates():
-            return DirectSolver(self.held, symmetric=self._symmetric)
+            return DirectSolver(self.held, symmetric=self.symmetric)
         self.held.setNearNullSpace(self._near)
         return IterativeSolver(self.held)
 
     def _iterates(self) -> bool:
         if self._linear != "auto":
             return self._linear == "iterative"
-        if not self._symmetric:
+        if not self.symmetric:
             return False
         comm = self.held.comm.tompi4py()
         return not factor_fits(comm, self.held.getSize()[0], self._components)

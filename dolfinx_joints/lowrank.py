@@ -109,13 +109,14 @@ class LowRankMatrix:
         columns: Gives the columns of some unknowns, shape (3 rows, k), for their numbers, shape
             (k,). Called once for each panel, in the same order on all ranks.
         points: Coordinates of all points, shape (n, 3), [m].
-        rows: Range of the points whose rows are held; all unless given. If all, the matrix is
-            taken to be symmetric and only one of two mirrored blocks is held.
+        rows: Range of the points whose rows are held; all unless given.
         scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
         joint: Number of the joint of each point, shape (n,).
         tolerance: Largest error of a block relative to the unit diagonal.
         dtype: What blocks are held in and multiplied with, float64 or float32.
         leaf: Largest number of points in a cluster that is not cut.
+        symmetric: Whether the matrix is; where all rows are held, only one of two mirrored blocks
+            then is.
 
     Attributes:
         shape: Rows and columns.
@@ -134,10 +135,11 @@ class LowRankMatrix:
         tolerance: float = 1e-12,
         dtype: Any = np.float64,
         leaf: int = LEAF,
+        symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel."""
         held = np.arange(len(points))[slice(None) if rows is None else rows]
-        self.symmetric = len(held) == len(points)
+        self.symmetric = symmetric and len(held) == len(points)
         self.shape = (3 * len(held), 3 * len(points))
         self._tolerance, self._dtype = tolerance, np.dtype(dtype)
         order, across = clusters(points, leaf, joint)

@@ -33,6 +33,7 @@ class RowMatrix:
         self._columns, self._comm, self.size = columns, comm, len(columns)
         stop = comm.scan(columns.shape[1])
         self._mine = (stop - columns.shape[1], stop)
+        self._widest = max(comm.allgather(columns.shape[1]))
 
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector that is zero but for some rows, shape (size,) (collective)."""
@@ -48,7 +49,7 @@ class RowMatrix:
 
     def cost(self, rows: int) -> float:
         """Entries that a product with so many nonzero values reads."""
-        return float(rows * self._columns.shape[1])
+        return float(rows * self._widest)
 
     def whole(self) -> Floats:
         """The matrix, shape (size, size) (collective)."""

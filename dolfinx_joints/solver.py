@@ -201,9 +201,10 @@ class NewtonSolver:
         product = None
         if system.contact is not None:
             product = JointTangent(system.contact.operator, self.free)
+        newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: _Tangent(
-                EffectiveMatrix(self.system, key, linear=self.options.linear), product, self.options
+                EffectiveMatrix(system, key, linear=newton.linear), product, newton
             )
         )
 

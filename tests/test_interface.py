@@ -8,7 +8,9 @@ Statics of blocks that joints alone hold, rigid joints among them, are in
 
 from __future__ import annotations
 
+import gc
 import re
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
@@ -16,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import ufl
 
 pytest.importorskip("dolfinx")
 
@@ -40,6 +43,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.interface import InterfaceSolver
 from dolfinx_joints.linear import Effective
+from dolfinx_joints.solver import NewtonSolver
 from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
 
@@ -305,3 +309,54 @@ def test_a_system_without_joints_is_refused(wall_file, read):
     )
     with pytest.raises(ValueError, match="has nothing to condense onto"):
         InterfaceSolver(model.system())
+
+
+@pytest.mark.parametrize("compliance", COMPLIANCES)
+def test_an_unsymmetric_body(wall, compliance):
+    """Compressed, half of an unsymmetric matrix must not stand for the other half."""
+
+    def skew(u: Any, v: Any) -> Any:
+        return 1e9 * (u[0] * v[2] - u[2] * v[0]) * ufl.dx
+
+    model = wall(extra_stiffness=skew, symmetric=False)
+    _, at_rest, end = march(model, compliance=compliance)
+    _, expected_at_rest, expected = march(model, solver="monolithic")
+    assert difference(at_rest.displacement, expected_at_rest.displacement) <= 1e-9
+    assert difference(end.state.displacement, expected.state.displacement) <= 1e-9
+
+
+@pytest.mark.mpi
+def test_clamped_points_that_carry_load_do_not_loosen_tolerances(wall):
+    """A joint pressed 10 um together on its clamped base: some 1e4 N there, which nothing moves."""
+    model = wall(initial_gaps={"joint_2": -1e-5})
+    outcome = Simulation(model).dynamics(dt=DT, steps=10, motion=shaking)
+    assert outcome.counts.rejected == 0
+    assert outcome.imbalance <= 1e-12
+
+
+@pytest.mark.mpi
+def test_ranks_count_costs_alike(wall):
+    """The choice between the two sets, made of costs, must be the same on all ranks."""
+    model = wall()
+    system = model.system()
+    solver = InterfaceSolver(system, NewtonOptions(compliance="dense"))
+    effective = Effective(mass=1e5, damping=0.0, stiffness=1.0)
+    b = system.stiffness.createVecRight()
+    system.load(0.0, b)
+    solved(solver, effective, b, system)
+    split = solver._last[0].compliance.split
+    costs = model.operator.comm.allgather(split.cost(7))
+    assert len(set(costs)) == 1
+
+
+@pytest.mark.parametrize("kind", [InterfaceSolver, NewtonSolver])
+def test_solvers_go_when_nothing_uses_them(wall, kind):
+    """Without waiting for Python's search for cycles: a factor may hold gigabytes."""
+    solver = kind(wall().system())
+    watched = weakref.ref(solver)
+    gc.disable()
+    try:
+        del solver
+        assert watched() is None
+    finally:
+        gc.enable()

@@ -28,16 +28,12 @@ from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.corrections import Correction
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
-from dolfinx_joints.solver import (
-    NewtonOptions,
-    SolveReport,
-    joint_failure,
-)
+from dolfinx_joints.solver import NewtonOptions, SolveReport, joint_failure
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
 
-# What several of them, one per step length, may take together.
+# What dense compliances, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
 
 # The linear systems inside are solved to this part of their right-hand sides at first; later as

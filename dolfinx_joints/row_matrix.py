@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Symmetric matrices over the joint unknowns, spread over the ranks."""
+"""Matrices over the joint unknowns, spread over the ranks."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Rows = NDArray[np.int64]
 
 
 class RowMatrix:
-    """A symmetric matrix over the joint unknowns, of which a rank keeps its own columns.
+    """A matrix over the joint unknowns, of which a rank keeps its own rows, column by column.
 
-    By symmetry a column of the rank's part is a row of the matrix, contiguous in memory: products
-    with vectors that are mostly zero read only what they need.
+    Each column of the rank's rows is contiguous in memory: products with vectors that are mostly
+    zero read only what they need. Taken or given as a whole, the matrix must be symmetric.
 
     Args:
-        columns: The rank's columns, shape (size, local).
+        columns: Columns of the rank's rows, one after the other, shape (size, local).
         comm: Communicator of the ranks.
 
     Attributes:
@@ -69,7 +69,7 @@ class Block:
     """A square part of a `RowMatrix`."""
 
     def __init__(self, columns: Floats, comm: Any) -> None:
-        """Keep the rank's columns."""
+        """Keep the columns of the rank's rows."""
         self._columns, self._comm = columns, comm
 
     def product(self, values: Floats) -> Floats:

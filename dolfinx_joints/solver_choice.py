@@ -48,16 +48,18 @@ def make_solver(
 
     Raises:
         ValueError: The kind is unknown.
-        JointsError: ``condensed`` was asked for and a law cannot be solved locally.
+        JointsError: ``condensed`` was asked for, or a joint is rigid, and a law cannot be solved
+            locally.
     """
     check_kind(kind)
     contact = system.contact
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.without_local(rule)
-    if kind == "condensed" and missing:
+    if missing and (kind == "condensed" or contact.rigid):
+        rigid = "Rigid joints need the condensed solver. " if contact.rigid else ""
         raise JointsError(
-            f"The condensed solver needs laws with a local solution; {missing[0]} has none."
+            f"{rigid}The condensed solver needs laws with a local solution; {missing[0]} has none."
         )
     if kind == "condensed" or not missing:
         loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)

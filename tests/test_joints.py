@@ -638,8 +638,6 @@ def block_motion(number, points):
 @pytest.mark.parametrize("doubled", [False, True], ids=["split here", "split in the file"])
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_networks_from_files(mesh_file, comm, shape, doubled, name):
-    if comm.size > 1 and (shape.degree == 2 or doubled):
-        pytest.skip("on several ranks meshes of degree 1, split when read, stand for all")
     path = mesh_file(_network, name=name, cell=shape.name, order=shape.degree, doubled=doubled)
     jointed = read_msh(path, comm, joints=sorted(CASES[name][0]))
     mesh, gdim = jointed.mesh, shape.dim

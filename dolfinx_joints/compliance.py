@@ -25,7 +25,8 @@ from dolfinx_joints.row_matrix import RowMatrix, gathered
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# Beyond this size the compressed S is not only smaller, its products are also faster.
+# Beyond this size the compressed S is not only smaller, its products are also faster; a rough one
+# inside corrections pays beyond it too.
 LARGEST_DENSE = 2000
 
 # Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
@@ -87,8 +88,8 @@ class Compliance:
         dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
             shape (points, 3).
         split: S.
-        rough: S to `ROUGH_TOLERANCE`; None where the places of the points are not known, or
-            nothing is kept and the bulk is factored.
+        rough: S to `ROUGH_TOLERANCE`; None where S is small, the places of the points are not
+            known, or nothing is kept and the bulk is factored.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class Compliance:
         if self.kind == "dense":
             columns = self._dense(operator, joints, largest)
             self.split = RowMatrix(columns, self._comm)
-            if joints.points is not None:
+            if joints.points is not None and size > LARGEST_DENSE:
                 self.rough = self._rough(columns, joints)
             return
         self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)

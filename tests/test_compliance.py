@@ -233,8 +233,9 @@ def test_parts_of_what_is_kept(scene, kind):
 
 @pytest.mark.parametrize("kind", ["dense", "compressed"])
 @pytest.mark.parametrize("name", ["wall", "blocks", "plane"])
-def test_the_rough_one_is_near(scene, name, kind):
+def test_the_rough_one_is_near(scene, name, kind, monkeypatch):
     # Each block to 1e-4 of the diagonal, and there are some ten of them in a row.
+    monkeypatch.setattr(module, "LARGEST_DENSE", 0)  # with a dense S none is made for so few points
     case = scene(name)
     found = case.compliance(kind)
     x = np.random.default_rng(6).normal(size=case.size)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints import GapOperator
+from dolfinx_joints.joints import GapOperator, diagonal_compliance
 from dolfinx_joints.krylov import IterativeSolver
 from dolfinx_joints.linear import BLOCK, EffectiveMatrix
 from dolfinx_joints.lowrank import LowRankMatrix
@@ -49,9 +49,11 @@ class Split(Protocol):
 
     Attributes:
         size: Number of rows.
+        nbytes: Memory of what is kept on this rank [bytes].
     """
 
     size: int
+    nbytes: int
 
     def cost(self, rows: int) -> float:
         """Entries that a product with so many nonzero values reads."""
@@ -200,9 +202,13 @@ class Compliance:
         self.dead = every == 0.0
         self.scale = np.where(self.dead, 1.0, every).ravel()
 
+    @property
+    def kept_bytes(self) -> int:
+        """Memory that S and its rough form take on this rank [bytes]."""
+        return self.split.nbytes + (self.rough.nbytes if self.rough is not None else 0)
+
     def destroy(self) -> None:
-        """Free the bulk's matrices and factor."""
-        self.effective.destroy()
+        """Free what the products need; the bulk's factor is left."""
         self._forces.destroy()
 
 
@@ -306,6 +312,7 @@ class _Products:
         """Keep what is needed."""
         self._multiply, self._scale, self._comm = multiply, scale, comm
         self._live, self.size = ~dead.ravel(), len(scale)
+        self.nbytes = 0
 
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector, shape (size,) (collective)."""
@@ -333,7 +340,7 @@ class _Compressed(_Products):
     ) -> None:
         """Keep the matrix."""
         super().__init__(matrix.product, scale, dead, comm)
-        self._matrix = matrix
+        self._matrix, self.nbytes = matrix, int(matrix.nbytes)
         self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
 
     def cost(self, rows: int) -> float:
@@ -371,15 +378,7 @@ def _diagonal(effective: EffectiveMatrix, operator: PETSc.Mat, forces: _UnitForc
     and for tangential directions. The iteration is right with any; with this it is quick.
     """
     comm = operator.comm.tompi4py()
-    squares, nodes = operator.copy(), effective.held.getDiagonal()
-    starts, columns, values = squares.getValuesCSR()
-    squares.setValuesCSR(starts, columns, values**2)
-    squares.assemble()
-    nodes.reciprocal()
-    rough = squares.createVecLeft()
-    squares.mult(nodes, rough)
-    estimate = rough.getArray().copy()
-    squares.destroy()
+    estimate = diagonal_compliance(operator, effective.held.getDiagonal())
     every = np.concatenate(comm.allgather(estimate))
     points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
     numbers = (3 * points[:, None] + np.arange(3)).ravel()

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.compliance import Compliance
-from dolfinx_joints.contact import Contact
 from dolfinx_joints.corrections import Corrections
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.joint_springs import JointSprings
@@ -23,13 +24,19 @@ Floats = NDArray[np.float64]
 class Condensed:
     """The bulk factored for one set of coefficients, with its compliance at the joints.
 
+    Args:
+        system: The system.
+        effective: The coefficients.
+        operator: B with the columns of constrained dofs empty.
+        weight: That of 1/k in the law.
+        options: How the bulk is solved, and what is kept of the compliance.
+
     Attributes:
-        matrix: The bulk, with springs across the joints in statics of loose blocks.
         static: Whether there is no inertia.
-        springs: These springs, or None.
-        compliance: G, scaled.
+        loose: Whether there are blocks that nothing but joints supports.
+        springs: Springs across the joints in statics of loose blocks, or None.
+        matrix: The bulk, with these springs.
         used: Whether a step has been solved with it.
-        corrections: Solver of Newton's corrections.
     """
 
     def __init__(
@@ -40,49 +47,63 @@ class Condensed:
         weight: float,
         options: NewtonOptions,
     ) -> None:
-        """Factor, and find the compliance; ``weight`` is that of 1/k in the law (collective)."""
+        """Factor (collective)."""
         assert system.contact is not None
+        self._system, self._contact, self._options = system, system.contact, options
+        self._operator, self._weight = operator, weight
         linear = options.linear
         self.static, self.used = not effective.mass, False
         self.springs: JointSprings | None = None
         self.matrix = EffectiveMatrix(system, effective, linear=linear)
-        if self.static and not is_held(self.matrix, free_dofs(system)):
+        self.loose = self.static and not _is_held(self.matrix, free_dofs(system))
+        if self.loose:
             self.matrix.destroy()
             self.springs = JointSprings(system)
             self.matrix = EffectiveMatrix(
                 system, effective, linear=linear, added=self.springs.matrix
             )
-        largest = None if self.springs is None else self.springs.largest_compliance
-        self.compliance = Compliance(
+
+    @cached_property
+    def compliance(self) -> Compliance:
+        """G, scaled, made when first asked for (collective)."""
+        return Compliance(
             self.matrix,
-            operator,
-            system.contact.operator,
-            kind=options.compliance,
-            largest=largest,
-        )
-        stuck = None
-        if self.springs is None and system.symmetric:
-            stuck = self._stuck(system.contact, weight)
-        self.corrections = Corrections(
-            self.compliance.split, self.compliance.rough, stuck, operator.comm.tompi4py()
+            self._operator,
+            self._contact.operator,
+            kind=self._options.compliance,
+            largest=None if self.springs is None else self.springs.largest_compliance,
         )
 
-    def _stuck(self, contact: Contact, weight: float) -> Floats:
+    @cached_property
+    def corrections(self) -> Corrections:
+        """Solver of Newton's corrections (collective when first asked for)."""
+        known = self.springs is None and self._system.symmetric
+        return Corrections(
+            self.compliance.split,
+            self.compliance.rough,
+            self._stuck() if known else None,
+            self._operator.comm.tompi4py(),
+        )
+
+    def _stuck(self) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
+        contact = self._contact
         own = np.repeat(self.compliance.own, (1, 2), axis=1)
         stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
         with np.errstate(divide="ignore"):
-            total = own + weight / stiffness
+            total = own + self._weight / stiffness
         ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
         every = np.concatenate(contact.operator.comm.allgather(ratio))
         return np.where(self.compliance.dead, 0.0, every)
 
     def destroy(self) -> None:
         """Free matrices and factor."""
-        self.compliance.destroy()
+        if "compliance" in self.__dict__:
+            self.compliance.destroy()
+        self.matrix.destroy()
 
 
-def is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
+def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
     """Whether a matrix of statics is regular: no block that nothing but joints supports."""
     load, moved = free.duplicate(), free.duplicate()
     load.setRandom()

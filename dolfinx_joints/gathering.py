@@ -93,13 +93,16 @@ def _stack(comm: Any, rows: NDArray[Any]) -> NDArray[Any]:
 
 def _tagged_facets(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints) -> Ints:
     """Input cell, local facet and tag of each tagged facet, shape (n, 3)."""
+    from dolfinx.cpp.mesh import cell_num_entities
+
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     mesh.topology.create_connectivity(tdim, tdim - 1)
     to_cell = mesh.topology.connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     cell = to_cell.array[to_cell.offsets[tags.indices]]
-    per_cell = to_facet.array.reshape(-1, to_facet.offsets[1])
+    facets = cell_num_entities(mesh.topology.cell_type, tdim - 1)
+    per_cell = to_facet.array.reshape(-1, facets)  # a rank may have no cells
     local = np.argmax(per_cell[cell] == tags.indices[:, None], axis=1)
     return np.column_stack([original[cell], local, tags.values]).astype(np.int64)
 

@@ -27,7 +27,7 @@ from dolfinx_joints.condensed import Condensed
 from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.corrections import Correction
 from dolfinx_joints.laws import JointState, Response
-from dolfinx_joints.linear import Cache, Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.linear import STATIC, Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import NewtonOptions, SolveReport, joint_failure
 from dolfinx_joints.system import MatrixSystem
 
@@ -104,6 +104,11 @@ class InterfaceSolver:
             lambda key: Condensed(system, key[0], operator, key[1], newton),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
+
+    def has_loose_blocks(self) -> bool:
+        """Whether statics has blocks that nothing but joints supports; factors K (collective)."""
+        condensed: Condensed = self._condensed((STATIC, 1.0))
+        return condensed.loose
 
     def solve(
         self,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.joints import diagonal_compliance
 from dolfinx_joints.laws import Response
 from dolfinx_joints.system import MatrixSystem
 
@@ -42,20 +43,13 @@ class JointSprings:
         """Take the elements' stiffness from the diagonal of K (collective)."""
         assert system.contact is not None
         operator = system.contact.operator
-        nodes = system.stiffness.getDiagonal()
-        nodes.reciprocal()
-        work = operator.matrix.copy()
-        starts, columns, values = work.getValuesCSR()
-        work.setValuesCSR(starts, columns, values**2)
-        work.assemble()
-        rows = work.createVecLeft()
-        work.mult(nodes, rows)
-        elements = operator.areas[:, None] * rows.getArray().reshape(-1, 3).max(axis=1)[:, None]
+        own = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
+        elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
         joint = system.contact.closed_stiffness()
         joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
         self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
+        rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()
         rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
-        operator.matrix.copy(work, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         work.diagonalScale(L=rows)
         self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
         self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness

@@ -208,6 +208,26 @@ def _assemble_operator(
     return matrix
 
 
+def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
+    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N].
+
+    Args:
+        operator: B.
+        diagonal: That of the body's matrix A [N/m].
+    """
+    squares, inverse = operator.copy(), diagonal.copy()
+    starts, columns, values = squares.getValuesCSR()
+    squares.setValuesCSR(starts, columns, values**2)
+    squares.assemble()
+    inverse.reciprocal()
+    rows = squares.createVecLeft()
+    squares.mult(inverse, rows)
+    found: Floats = rows.getArray().copy()
+    for used in (squares, inverse, rows):
+        used.destroy()
+    return found
+
+
 def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[Ints, Ints, Floats]:
     """Rows, columns and values that the sides of this rank's cells add to B.
 

@@ -53,6 +53,10 @@ class Effective:
     stiffness: float
 
 
+# K alone.
+STATIC = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+
+
 class DirectSolver:
     """A PETSc direct solver under a prefix of its own.
 

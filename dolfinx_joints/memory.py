@@ -46,7 +46,12 @@ def available_bytes(comm: Any) -> float:
 
 
 def _free_here() -> float:
-    """Memory that this machine can give without swapping, else all that it has, [bytes]."""
+    """Memory that this machine and the container around the process still give, [bytes]."""
+    return min([_free_on_machine(), *_free_in_groups()])
+
+
+def _free_on_machine() -> float:
+    """Memory that can be had without swapping, else all that there is, [bytes]."""
     report = Path("/proc/meminfo")
     if report.exists():
         for line in report.read_text(encoding="ascii").splitlines():
@@ -54,3 +59,44 @@ def _free_here() -> float:
             if name == "MemAvailable":
                 return 1024.0 * float(value.split()[0])
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
+def _free_in_groups(
+    process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
+) -> list[float]:
+    """What each control group around the process leaves of its limit, [bytes].
+
+    Args:
+        process: The groups of the process.
+        mounted: Where they are; version 2 has them there, version 1 in ``memory`` below.
+    """
+    found = []
+    for line in process.read_text().splitlines() if process.exists() else []:
+        _, controllers, name = line.split(":", 2)
+        if controllers not in ("", "memory"):
+            continue
+        root = mounted / controllers
+        folder = root / name.strip("/")
+        for group in (folder, *folder.parents):
+            if group.is_relative_to(root):
+                found += _free_in_group(group)
+    return found
+
+
+def _free_in_group(group: Path) -> list[float]:
+    """What a group leaves of its limit, nothing where it has none; caches count as free."""
+    for limit, usage in (
+        ("memory.max", "memory.current"),
+        ("memory.limit_in_bytes", "memory.usage_in_bytes"),
+    ):
+        try:
+            most, used = (group / limit).read_text().strip(), (group / usage).read_text()
+            statistics = (group / "memory.stat").read_text().splitlines()
+        except OSError:
+            continue
+        if most == "max":
+            return []
+        held = dict(line.split()[:2] for line in statistics)
+        cached = held.get("total_inactive_file", held.get("inactive_file", "0"))
+        return [max(float(most) - float(used) + float(cached), 0.0)]
+    return []

@@ -26,11 +26,13 @@ class RowMatrix:
 
     Attributes:
         size: Number of rows.
+        nbytes: Memory of the rank's rows [bytes].
     """
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep them."""
         self._columns, self._comm, self.size = columns, comm, len(columns)
+        self.nbytes = columns.nbytes
         stop = comm.scan(columns.shape[1])
         self._mine = (stop - columns.shape[1], stop)
         self._widest = max(comm.allgather(columns.shape[1]))

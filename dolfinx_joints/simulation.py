@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
-from dolfinx_joints.linear import Effective
+from dolfinx_joints.linear import STATIC
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
@@ -132,7 +132,6 @@ class Simulation:
             held, reports = system.constrained, []
             elastic_force, load, b, x = (u.duplicate() for _ in range(4))
             system.stiffness.mult(u, elastic_force)
-            effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
             for step, (time, scale) in enumerate(path, start=1):
                 system.load(time or 0.0, load, scale=scale)
                 b.waxpy(-1.0, elastic_force, load)
@@ -140,8 +139,8 @@ class Simulation:
                 at_supports = system.prescribed(time or 0.0, scale=scale)
                 x.getArray()[held] = at_supports - u.array[held]
                 try:
-                    response, report = solver.solve(effective, b, x, joints)
-                    products = Products(solver, effective, b, x, response)
+                    response, report = solver.solve(STATIC, b, x, joints)
+                    products = Products(solver, STATIC, b, x, response)
                 except ConvergenceError as failure:
                     self._watch.warn("in a static stage")
                     raise located(failure, stage="static", step=step, time=time) from None

@@ -6,11 +6,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dolfinx_joints.condensed import is_held
 from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.interface import InterfaceSolver
-from dolfinx_joints.linear import Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.solver import NewtonOptions, NewtonSolver, StepSolver
 from dolfinx_joints.system import MatrixSystem
 
@@ -61,11 +59,12 @@ def make_solver(
         raise JointsError(
             f"{rigid}The condensed solver needs laws with a local solution; {missing[0]} has none."
         )
-    if kind == "condensed" or not missing:
-        loose = static_steps and kind == "auto" and not contact.rigid and _is_loose(system, options)
-        if not loose:
-            return InterfaceSolver(system, _for_steps(options, contact, static_steps))
-    return NewtonSolver(system, options)
+    if missing:
+        return NewtonSolver(system, options)
+    solver = InterfaceSolver(system, _for_steps(options, contact, static_steps))
+    if static_steps and kind == "auto" and not contact.rigid and solver.has_loose_blocks():
+        return NewtonSolver(system, options)
+    return solver
 
 
 def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
@@ -77,13 +76,3 @@ def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: in
     options = options or NewtonOptions()
     few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
     return replace(options, compliance="free") if few and options.compliance == "auto" else options
-
-
-def _is_loose(system: MatrixSystem, options: NewtonOptions | None) -> bool:
-    """Whether K is singular: there are blocks that nothing but joints holds (collective)."""
-    linear = (options or NewtonOptions()).linear
-    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
-    matrix = EffectiveMatrix(system, effective, linear=linear)
-    held = is_held(matrix, free_dofs(system))
-    matrix.destroy()
-    return not held

@@ -16,7 +16,7 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks import agreement, jointed_wall, scaling, stiffness_range
+from benchmarks import agreement, compliances, jointed_wall, scaling, stiffness_range
 from benchmarks._parts import PARTS, Clocks
 from benchmarks._scenes import wall
 from dolfinx_joints.contact import Contact
@@ -74,6 +74,26 @@ def test_stiffness_range(capsys):
     assert found["largest_ledger"] <= stiffness_range.LARGEST_LEDGER
     # Vertical joints of a shaken wall open.
     assert all(result["open"] > 0.1 for result in found["results"])
+
+
+def test_compliances(capsys):
+    assert compliances.main(["--quick", "--kinds", "dense", "compressed", "free", "--json"]) == 0
+    rows = printed(capsys)
+    assert [row["kind"] for row in rows] == ["dense", "compressed", "free"]
+    for row in rows:
+        # 16 x 4 x 16 cells, 7 joints; the nodes of the clamped base count as well.
+        assert row["unknowns"] == 3 * 7 * 5 * 17
+        assert row["dense_mb"] == 8 * row["unknowns"] ** 2 / 2**20
+        assert row["ledger"] < 1e-9
+    dense, compressed, free = (row["kept_mb"] for row in rows)
+    assert dense == rows[0]["dense_mb"]
+    assert 0.0 < compressed < dense
+    assert free == 0.0
+
+
+def test_compliances_that_differ_are_shown(monkeypatch, capsys):
+    monkeypatch.setattr(compliances, "LARGEST_DIFFERENCE", -1.0)
+    assert compliances.main(["--quick", "--kinds", "dense"]) == 1
 
 
 def test_a_case_that_fails_is_shown(capsys, monkeypatch):

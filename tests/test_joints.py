@@ -489,6 +489,18 @@ def test_sizes_are_those_of_the_smallest_facet_around_a_point(comm, rule, sixtee
     np.testing.assert_allclose(16 * found, sixteenths, rtol=1e-14)
 
 
+def test_fewer_cells_than_ranks(comm):
+    # Two squares of 1 m with a joint between them: on three ranks and more some have no cells.
+    mesh = create_rectangle(comm, [[0, 0], [2, 1]], [2, 1], CellType.quadrilateral)
+    mesh.topology.create_connectivity(1, 2)
+    middle = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 1.0)).astype(np.int32)
+    tags = meshtags(mesh, 1, middle, np.full(len(middle), 4, dtype=np.int32))
+    jointed = split_mesh(mesh, tags, joints={"joint_1": 4})
+    assert jointed.mesh.topology.index_map(2).size_global == 2
+    assert len(jointed.pairs.joint) == 1
+    assert jointed.mesh.geometry.index_map().size_global == 8
+
+
 @pytest.mark.parametrize(
     ("jointed", "entries"),
     # A nodal point has one node on each side. In the inclined joint n and s2 have two components,

@@ -32,6 +32,7 @@ TIED_STEPS = 200
 DAM_SIZES: dict[str, dict[str, Any]] = {
     "dam tiny": {"size": 12.0, "order": 1},
     "dam": {"size": 5.5},
+    "dam middle": {"size": 4.2},
     "dam fine": {"size": 3.0, "layers": 2},
 }
 DAM_STEPS = 2288

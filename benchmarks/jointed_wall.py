@@ -173,7 +173,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         help="run the walls with these pressures on their end faces as well",
     )
     parser.add_argument("--dam", action="store_true", help="also the dam of demo 03, 8k dofs")
-    parser.add_argument("--dam-fine", action="store_true", help="also a finer one, 43k dofs")
+    parser.add_argument("--dam-middle", action="store_true", help="also a finer one, 15k dofs")
+    parser.add_argument("--dam-fine", action="store_true", help="also the finest, 43k dofs")
     parser.add_argument(
         "--steps",
         type=int,
@@ -195,6 +196,7 @@ def scenes(options: argparse.Namespace) -> list[Scene]:
     return [
         *chosen,
         *([dam("dam")] if options.dam else []),
+        *([dam("dam middle")] if options.dam_middle else []),
         *([dam("dam fine")] if options.dam_fine else []),
     ]
 

@@ -495,7 +495,7 @@ def test_fewer_cells_than_ranks(comm):
     mesh.topology.create_connectivity(1, 2)
     middle = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 1.0)).astype(np.int32)
     tags = meshtags(mesh, 1, middle, np.full(len(middle), 4, dtype=np.int32))
-    jointed = split_mesh(mesh, tags, joints={"joint_1": 4})
+    jointed = split_mesh(mesh, tags, joints={"joint_1": 4}, groups={})
     assert jointed.mesh.topology.index_map(2).size_global == 2
     assert len(jointed.pairs.joint) == 1
     assert jointed.mesh.geometry.index_map().size_global == 8

@@ -110,7 +110,7 @@ def measure(scene: Scene, kind: str, options: argparse.Namespace) -> Row:
     simulation = dj.Simulation(
         model,
         monitors=[watch],
-        newton=dj.NewtonOptions(compliance=kind, linear=options.linear),
+        newton=dj.NewtonOptions(compliance=kind, linear=options.linear, max_iterations=100),
         solver="condensed",
     )
     progress(f"{kind}: {model.num_dofs} dofs, {3 * model.operator.num_points} joint unknowns")

@@ -339,7 +339,7 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
             acceleration = acceleration_history(results, point, component)[1]
             row[f"{where}/acceleration"] = _largest(acceleration)
             row[f"{where}/frequency"], row[f"{where}/amplitude"] = spectrum[:2]
-    row |= {f"joints/{name}": value for name, value in _all_joints(results).items()}
+    row |= {f"joints/{name}": value for name, value in all_joints(results).items()}
     row |= {f"stress/{name}": value for name, value in stress_extremes(results).items()}
     summary = results.summary
     for name in ("energy_error", "iterations", "steps"):
@@ -348,7 +348,7 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
     return row
 
 
-def _all_joints(results: Results) -> dict[str, float]:
+def all_joints(results: Results) -> dict[str, float]:
     """Measures of all joints together: the largest, of shares the mean over the area."""
     names = [name for name in JOINT_MEASURES if not name.endswith("_time")]
     each = joint_measures(results)

@@ -79,18 +79,20 @@ class SurfaceStress:
             i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
             j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
             summed += coo_matrix((values.ravel(), (i.ravel(), j.ravel())), summed.shape).tocsr()
-        entries = summed.tocoo()
+        block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
         rows = np.empty(len(self.nodes), dtype=np.int64)
         rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
-        node = np.arange(local // 3, dtype=np.int32)
-        block = dofmap.index_map.local_to_global(node).astype(np.int64)
-        i = 6 * rows[entries.row // 6] + entries.row % 6
-        j = 3 * block[entries.col // 3] + entries.col % 3
+        rows = (6 * rows[:, None] + np.arange(6)).ravel()
+        filled = np.flatnonzero(np.diff(summed.indptr))
+        summed = summed[filled]
+        indices = 3 * block.astype(np.int64)[summed.indices // 3] + summed.indices % 3
         matrix = PETSc.Mat().create(comm=lasting(self._comm))
         matrix.setSizes(((6 * len(self.own), 6 * len(self.nodes)), columns))
         matrix.setType("aij")
-        matrix.setPreallocationCOO(i.astype(PETSc.IntType), j.astype(PETSc.IntType))
-        matrix.setValuesCOO(entries.data)
+        matrix.setUp()
+        csr = (array.astype(PETSc.IntType) for array in (summed.indptr, indices))
+        matrix.setValuesIJV(*csr, summed.data, addv=True, rowmap=rows[filled].astype(PETSc.IntType))
+        matrix.assemble()
         return matrix
 
     def __call__(self, u: PETSc.Vec) -> Floats:

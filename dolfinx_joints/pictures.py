@@ -62,7 +62,7 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
         ax.annotate("", start + end, start, arrowprops=arrow, annotation_clip=False)
         beyond = start + end + 0.3 * length * end / np.linalg.norm(end)
         ax.text(*beyond, name, ha="center", va="center", fontsize="small", fontstyle="italic")
-    place = {"xytext": (14, 0), "textcoords": "offset points", "va": "center"}
+    place = {"xytext": (20, 0), "textcoords": "offset points", "va": "center"}
     corner = (start[0] + max(float(ends[:, 0].max()), 0.3 * length), start[1])
     ax.annotate(f"axes: {length:g} m", corner, fontsize="small", **place)
     ax.set_ylim(min(bottom, float((start + ends.min(axis=0))[1]) - 0.4 * length), top)

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from dolfinx_joints.errors import JointsError
 
 Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
+Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
 
@@ -63,7 +65,7 @@ class Scene:
     def surface(
         self,
         points: ArrayLike,
-        faces: Sequence[Sequence[int]] | NDArray[np.integer[Any]],
+        faces: Faces,
         *,
         nodal: ArrayLike | None = None,
         of_faces: ArrayLike | None = None,
@@ -91,13 +93,15 @@ class Scene:
     def edges(
         self,
         points: ArrayLike,
-        faces: Sequence[Sequence[int]] | NDArray[np.integer[Any]],
+        faces: Faces,
         *,
         sharper_than_deg: float | None = 30.0,
         radius: float | None = None,
         **style: Any,
     ) -> None:
         """Add the outline of polygons, whose points count as one where they coincide.
+
+        They coincide within 1e-6 of the size of all.
 
         Args:
             points: shape (n, 3), [m].
@@ -109,7 +113,7 @@ class Scene:
         """
         lines = (
             polygons(points, faces)
-            .clean()
+            .clean(tolerance=1e-6, absolute=False)
             .extract_feature_edges(
                 feature_angle=180.0 if sharper_than_deg is None else sharper_than_deg,
                 boundary_edges=True,
@@ -169,7 +173,7 @@ class Scene:
         return image
 
 
-def polygons(points: ArrayLike, faces: Sequence[Sequence[int]] | NDArray[np.integer[Any]]) -> Any:
+def polygons(points: ArrayLike, faces: Faces) -> Any:
     """Polygons as a ``pyvista.PolyData``; the points are copied."""
     pyvista = load_pyvista()
     counted = [np.concatenate([[len(face)], face]) for face in faces]

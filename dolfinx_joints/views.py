@@ -36,7 +36,7 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 
 _CONCRETE, _JOINT, _LINE = "#d9d5cc", "#b2182b", "#4d4d4d"
-_OUTLINE = {"color": "#737373", "line_width": 3.0}
+_OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 _UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 _STATES = {"open": "black", "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
 _ENVELOPES = {
@@ -64,7 +64,12 @@ def mesh(
     """
     scene, names = Scene(), _short_names(results.joints)
     nodes, surface = _boundary(results)
-    shade = {"ambient": 0.45, "diffuse": 0.6, "show_edges": True, "edge_color": _LINE}
+    shade: dict[str, Any] = {
+        "ambient": 0.45,
+        "diffuse": 0.6,
+        "show_edges": True,
+        "edge_color": _LINE,
+    }
     scene.surface(nodes, surface, color=_CONCRETE, line_width=2.0, **shade)
     points = {}
     for joint in results.joints:
@@ -212,7 +217,12 @@ def envelope(
     limits = _data_limits(values)
     cmap = colours(dark_is_low=name.endswith("min"))
     scene = Scene()
-    style = {"cmap": cmap, "clim": limits, "nan_color": _CONCRETE, "edge_color": _LINE}
+    style: dict[str, Any] = {
+        "cmap": cmap,
+        "clim": limits,
+        "nan_color": _CONCRETE,
+        "edge_color": _LINE,
+    }
     scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
     figure, axes = draw(scene, [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg])
     colour_bar(figure, axes, cmap, limits, "[MPa], tension > 0")
@@ -226,7 +236,7 @@ def _boundary(results: Results) -> tuple[Floats, Ints]:
     nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
     if surface.shape[1] < 3:
         raise ValueError(
-            f"Pictures in space are of bodies in space; {results.path} is a plane one."
+            f"Pictures in space need a body in space; that of {results.path} is plane."
         )
     return nodes, surface
 
@@ -264,7 +274,7 @@ def _top(points: Floats, camera: Camera) -> Floats:
     return camera.project(points[highest].mean(axis=0))
 
 
-def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[NDArray[np.intp]]]:
+def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
     """Points of polygons one after the other, and the numbers of each polygon's points."""
     lengths = [len(polygon) for polygon in polygons]
     return np.concatenate(list(polygons)), np.split(

@@ -43,7 +43,11 @@ LEVELS = {
     "orientation": 0.2,
     "splitting": 1.0,
     "msh": 1.1,
+    "joint_values": 0.3,
+    "rendering": 0.1,
+    "pictures": 0.2,
     "plots": 1.1,
+    "views": 1.1,
     "gathering": 1.2,
     "mesh": 2.0,
     "jointpoints": 2.1,
@@ -92,7 +96,11 @@ LIGHT = [
     "spectra",
     "results",
     "results_writer",
+    "joint_values",
+    "rendering",
+    "pictures",
     "plots",
+    "views",
 ]
 
 
@@ -183,7 +191,7 @@ def test_matplotlib_is_imported_for_plots_only():
             for name in _imported(node)
         )
     ]
-    assert set(users) <= {"plots", "joint_surface"}
+    assert set(users) <= {"plots", "joint_surface", "joint_values", "pictures", "views"}
 
 
 def _imported(node: ast.AST) -> list[str]:

@@ -81,7 +81,7 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
     if quantity == "state":
         status: Floats = results.series("states", f"joints/{joint}/status", number).astype(float)
         return status
-    if quantity in ("opening", "slip"):
+    if quantity == "opening" or quantity == "slip":
         gap = 1e3 * results.series("states", f"joints/{joint}/gap", number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])

@@ -45,6 +45,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
 def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) -> None:
     """Draw the axes below the left corner of the picture, all of the same round length."""
     left, right, bottom, top = extent
+    arrow = {"arrowstyle": "-|>", "facecolor": "black", "shrinkA": 0, "shrinkB": 0}
+    small: dict[str, Any] = {"fontsize": "small"}
     length = round_down(0.12 * max(right - left, top - bottom))
     ends = camera.project(length * np.eye(3))
     start = np.array([left, bottom]) - np.minimum(ends.min(axis=0), 0.0)
@@ -52,19 +54,12 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
     for name, end in zip("xyz", ends, strict=True):
         if np.linalg.norm(end) < 0.1 * length:
             continue
-        arrow = {
-            "arrowstyle": "-|>",
-            "color": "black",
-            "linewidth": 0.9,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
-        ax.annotate("", start + end, start, arrowprops=arrow, annotation_clip=False)
-        beyond = start + end + 0.3 * length * end / np.linalg.norm(end)
-        ax.text(*beyond, name, ha="center", va="center", fontsize="small", fontstyle="italic")
-    place = {"xytext": (20, 0), "textcoords": "offset points", "va": "center"}
+        tip, beyond = start + end, start + end + 0.3 * length * end / np.linalg.norm(end)
+        ax.annotate("", _pair(tip), _pair(start), arrowprops=arrow, annotation_clip=False)
+        ax.text(beyond[0], beyond[1], name, ha="center", va="center", fontstyle="italic", **small)
     corner = (start[0] + max(float(ends[:, 0].max()), 0.3 * length), start[1])
-    ax.annotate(f"axes: {length:g} m", corner, fontsize="small", **place)
+    offset: dict[str, Any] = {"xytext": (20, 0), "textcoords": "offset points", "va": "center"}
+    ax.annotate(f"axes: {length:g} m", corner, **small, **offset)
     ax.set_ylim(min(bottom, float((start + ends.min(axis=0))[1]) - 0.4 * length), top)
 
 
@@ -73,9 +68,9 @@ def write(ax: Axes, place: Floats, text: str, colour: str) -> None:
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.0, foreground="white")]
-    style = {"color": colour, "fontsize": "small", "ha": "center", "va": "bottom"}
-    offset = {"xytext": (0, 3), "textcoords": "offset points"}
-    ax.annotate(text, place, path_effects=halo, **style, **offset)
+    style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom"}
+    offset: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points"}
+    ax.annotate(text, _pair(place), color=colour, path_effects=halo, **style, **offset)
 
 
 def colour_bar(
@@ -95,8 +90,12 @@ def legend(ax: Axes, colours: Mapping[str, str]) -> None:
     from matplotlib.patches import Patch
 
     handles = [Patch(color=colour, label=label) for label, colour in colours.items()]
-    place = {"loc": "lower right", "ncols": len(handles), "borderaxespad": 0.0}
+    place: dict[str, Any] = {"loc": "lower right", "ncols": len(handles), "borderaxespad": 0.0}
     ax.legend(handles=handles, frameon=False, fontsize="small", **place)
+
+
+def _pair(place: Floats) -> tuple[float, float]:
+    return float(place[0]), float(place[1])
 
 
 def round_down(wanted: float) -> float:

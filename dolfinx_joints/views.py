@@ -321,7 +321,7 @@ def _widest(results: Results, number: int) -> str:
     if not widest:
         return ""
     joint = max(widest, key=lambda name: widest[name])
-    return f"; widest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
+    return f"\nwidest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
 
 
 def _map_style(quantity: MapQuantity, values: Floats) -> tuple[dict[str, Any], tuple[float, float]]:

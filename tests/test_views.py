@@ -221,7 +221,7 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
 
 def test_deformed_chooses_a_round_scale(results: Results, scenes) -> None:
     # 6 % of the diagonal sqrt(2^2 + 10^2 + 8^2) = 12.96 m over 2 mm is 389: 200 is below it.
-    assert "displacements x 200;" in views.deformed(results).get_suptitle()
+    assert "displacements x 200\n" in views.deformed(results).get_suptitle()
     assert views.deformed(results, index=0).get_suptitle().endswith("displacements x 1")
 
 

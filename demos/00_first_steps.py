@@ -14,7 +14,7 @@
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints import plots
+from dolfinx_joints import plots, views
 from geometry.ambiesta import ambiesta, mid_crest
 
 dam = dj.read_msh(ambiesta("dam.msh", size=8.0, order=1, active_height=1.0), MPI.COMM_WORLD)
@@ -27,4 +27,4 @@ monitor = dj.ResultsMonitor("dam.h5", points={"crest": mid_crest()}, overwrite=T
 run = dj.Simulation(model, monitors=[monitor])
 run.statics()
 print(run.report(run.dynamics(dt=0.001, steps=2000, motion=dj.synthetic_motion(duration=2.0))))
-plots.save(plots.deformed(dj.Results("dam.h5"), time=0.5).figure, "first_steps.png", dpi=120)
+plots.save(views.deformed(dj.Results("dam.h5"), time=0.5), "first_steps.png", dpi=120)

@@ -32,7 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints import plots
+from dolfinx_joints import plots, views
 from dolfinx_joints.parallel import on_root
 from dolfinx_joints.solver_choice import KINDS
 from dolfinx_joints.spectra import fourier_amplitude
@@ -262,7 +262,7 @@ def figures(linear: dj.Results, joints: dj.Results, out: Path) -> None:
     u = joints.series("histories", "displacement")[:, 0]
     largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
     moment = float(joints.time("histories")[largest])
-    plots.save(plots.deformed(joints, time=moment).figure, out / "deformed.png")
+    plots.save(views.deformed(joints, time=moment), out / "deformed.png")
     middle = joints.joints[len(joints.joints) // 2]
     for quantity in ("normal", "tangential", "ratio"):
         ax = plots.joint_traction(joints, middle, quantity, time=moment)

@@ -20,6 +20,13 @@ class JointSurface:
     Args:
         results: the run.
         joint: name of the joint.
+
+    Attributes:
+        points: joint points in the plane, shape (n, 2), [m].
+        facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
+        corners: the same in space, shape (facets, 3 or 4, 3), [m].
+        axes: unit vectors across and up the plane, rows, shape (2, 3).
+        labels: what to write on the two axes.
     """
 
     def __init__(self, results: Results, joint: str) -> None:
@@ -35,7 +42,9 @@ class JointSurface:
         )
         self._corners = results.static("mesh/nodes")[results.static("mesh/surface")]
         axes, self.labels = _plane_axes(frames[:, 0].mean(axis=0))
-        own = self._corners[self._nearest(1)] @ axes.T
+        self.axes: Floats = axes
+        self.corners: Floats = self._corners[self._nearest(1)]
+        own = self.corners @ axes.T
         origin = np.array([own[..., 0].min(), 0.0])
         self.points: Floats = points @ axes.T - origin
         self.facets: Floats = own - origin
@@ -50,6 +59,13 @@ class JointSurface:
         Nearness is that of the facet's reference coordinates, so that a skew facet is split as
         its square is.
         """
+        return self._patches(_Bilinear(self.facets))
+
+    def patches_in_space(self) -> list[Floats]:
+        """The same polygons in space, of shape (corners, 3), [m]."""
+        return self._patches(_Bilinear(self.corners))
+
+    def _patches(self, target: _Bilinear) -> list[Floats]:
         shape = _Bilinear(self.facets)
         local = shape.inverse(self.points, self._facet_of_point)
         patches: list[Floats] = []
@@ -58,7 +74,7 @@ class JointSurface:
             for other in np.flatnonzero(self._facet_of_point == facet):
                 if other != i:
                     polygon = _nearer_part(polygon, local[i], local[other])
-            patches.append(shape(polygon, np.full(len(polygon), facet)))
+            patches.append(target(polygon, np.full(len(polygon), facet)))
         return patches
 
     def outlines(self) -> Floats:
@@ -98,7 +114,7 @@ class _Bilinear:
     """Maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
 
     Args:
-        corners: of the facets, in cyclic order, shape (facets, 3 or 4, 2).
+        corners: of the facets, in cyclic order, shape (facets, 3 or 4, 2 or 3).
     """
 
     def __init__(self, corners: Floats) -> None:
@@ -113,7 +129,7 @@ class _Bilinear:
             self._d = corners[:, 2] - corners[:, 1] - self._c
 
     def __call__(self, local: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
-        """Map reference coordinates (n, 2) of facets (n,) into the plane."""
+        """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
         mapped: Floats = linear + u * v * self._d[facet]

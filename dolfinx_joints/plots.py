@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Figures from a results file: histories, Fourier amplitudes, joint tractions, deformed shapes.
+"""Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
 
 Every function draws on the axes it is given, or on new ones, and returns them; nothing here uses
 matplotlib's global state. Tractions keep the sign of the files: compression is negative.
@@ -15,39 +15,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.joint_surface import JointSurface
-from dolfinx_joints.measures import Component, displacement_history, open_points
+from dolfinx_joints.joint_values import (
+    LABELS,
+    Quantity,
+    check_name,
+    colour_limits,
+    colours,
+    record_number,
+    traction_value,
+    tractions,
+)
+from dolfinx_joints.measures import Component, displacement_history
 from dolfinx_joints.results import ENERGY_TERMS, Results
 from dolfinx_joints.spectra import equally_spaced, fourier_amplitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure, SubFigure
 
-Quantity = Literal["normal", "tangential", "ratio"]
 Floats = NDArray[np.floating[Any]]
 
 BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
-_CONCRETE, _JOINT = "#d9d5cc", "#b2182b"
-_LABELS = {
-    "normal": r"normal traction $t_n$ [MPa], compression $< 0$",
-    "tangential": r"tangential traction $|t_s|$ [MPa]",
-    "ratio": r"$-|t_s|/|t_n|$ [-]",
-}
 
 
-def new_axes(*, width: float = 6.3, height: float = 3.2, projection: str | None = None) -> Axes:
+def new_axes(*, width: float = 6.3, height: float = 3.2) -> Axes:
     """Axes of a new figure of their own.
 
     Args:
         width: of the figure [inch].
         height: of the figure [inch].
-        projection: ``"3d"`` for :func:`deformed`.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="compressed")
-    ax: Axes = figure.add_subplot(projection=projection)
+    ax: Axes = figure.add_subplot()
     return ax
 
 
@@ -160,15 +161,17 @@ def joint_traction(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    _check(quantity, "quantity", _LABELS)
+    check_name(quantity, "quantity", LABELS)
     ax = new_axes(width=4.6, height=5.6) if ax is None else ax
-    number = _record(results, time, index)
+    number = record_number(results, time, index)
     surface = JointSurface(results, joint)
-    traction, is_open = _tractions(results, joint, number)
-    values = np.where(is_open, np.nan, _value(traction, quantity))
-    patches = PolyCollection(surface.patches(), array=values, cmap=_colours(quantity))
+    traction, is_open = tractions(results, joint, number)
+    values = np.where(is_open, np.nan, traction_value(traction, quantity))
+    patches = PolyCollection(
+        surface.patches(), array=values, cmap=colours(dark_is_low=quantity != "tangential")
+    )
     patches.set(edgecolor="face", linewidth=0.3)
-    patches.set_clim(*_colour_limits(values))
+    patches.set_clim(*colour_limits(values))
     ax.add_collection(patches)
     ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
     ax.set_aspect("equal")
@@ -176,7 +179,7 @@ def joint_traction(
     decorate(ax, *surface.labels, grid=False)
     ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
-    colour_bar.set_label(_LABELS[quantity])
+    colour_bar.set_label(LABELS[quantity])
     areas = results.static(f"joints/{joint}/areas")
     _open_legend(ax, float(areas[is_open].sum() / areas.sum()))
     return ax
@@ -206,22 +209,22 @@ def traction_profile(
         position: 0 at the upstream (left) edge of the joint, 1 at the other.
         ax: where to draw.
     """
-    _check(quantity, "quantity", ("tractions", "ratio"))
+    check_name(quantity, "quantity", ("tractions", "ratio"))
     if not 0.0 <= position <= 1.0:
         raise ValueError(f"position must lie within 0 to 1, got {position}.")
     ax = new_axes(width=4.6, height=4.6) if ax is None else ax
-    number = _record(results, time, index)
+    number = record_number(results, time, index)
     surface = JointSurface(results, joint)
     chosen = surface.points_along(position)
     height = surface.points[chosen, 1]
-    traction, is_open = (array[chosen] for array in _tractions(results, joint, number))
+    traction, is_open = (array[chosen] for array in tractions(results, joint, number))
     curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
     if quantity == "tractions":
         curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
     for name, colour, marker in curves:
-        values = _value(traction, name)
+        values = traction_value(traction, name)
         values[is_open] = 1.0 if name == "ratio" else 0.0
-        label = _LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
+        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
         ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
         ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
     ax.plot([], [], "o", color="black", markersize=4.5, label="open")
@@ -231,64 +234,6 @@ def traction_profile(
     ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
     legend(ax, "below")
     return ax
-
-
-def deformed(
-    results: Results,
-    *,
-    time: float | None = None,
-    index: int = -1,
-    scale: float | None = None,
-    elevation_deg: float = 24.0,
-    azimuth_deg: float = -28.0,
-    ax: Axes | None = None,
-) -> Axes:
-    """Deformed boundary surface in space, seen from downstream, joint faces red.
-
-    Args:
-        results: the run.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        scale: factor on the displacements; by default a round one by which the largest becomes
-            about 6 % of the model's size.
-        elevation_deg: of the eye above the horizon.
-        azimuth_deg: of the eye, from downstream (x) towards y.
-        ax: where to draw; must have the projection ``"3d"``.
-    """
-    from matplotlib.ticker import MaxNLocator
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    space: Any = new_axes(height=4.6, projection="3d") if ax is None else ax
-    if space.name != "3d":
-        raise ValueError("deformed draws on axes with projection='3d', got flat ones.")
-    number = _record(results, time, index)
-    displacement = results.series("states", "displacement", number)
-    nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
-    factor = _round_scale(nodes, displacement) if scale is None else scale
-    moved = nodes + factor * displacement
-    colours = np.full(len(surface), _CONCRETE, dtype=object)
-    for joint in results.joints:
-        colours[JointSurface(results, joint).sides()] = _JOINT
-    shaded = _shaded(moved[surface], list(colours), azimuth_deg)
-    faces = Poly3DCollection(moved[surface], facecolors=shaded, edgecolors="black", linewidths=0.25)
-    space.add_collection3d(faces)
-    low, high = moved[surface].min(axis=(0, 1)), moved[surface].max(axis=(0, 1))
-    space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    size = high - low
-    room = float(np.clip(1.1 - 0.4 * size[2] / max(size[:2]), 0.6, 1.0))  # tall bodies: smaller
-    space.set_box_aspect(size, zoom=room)  # one scale for all axes
-    space.view_init(elev=elevation_deg, azim=azimuth_deg)
-    space.set_xlabel("x [m]")
-    space.set_ylabel("y [m]", labelpad=9)
-    space.set_zlabel("z [m]")
-    for axis, length in zip((space.xaxis, space.yaxis, space.zaxis), size, strict=True):
-        axis.set_major_locator(MaxNLocator(max(1, round(6 * length / max(size)))))
-        axis.set_tick_params(labelsize="small")
-    moment = results.time("states")[number]
-    title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
-    space.set_title(title, fontsize="medium")
-    flat: Axes = space
-    return flat
 
 
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
@@ -329,64 +274,6 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Tractions (n, 3) [MPa] and which points are open (positive gap, no traction)."""
-    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
-    gap = results.series("states", f"joints/{joint}/gap", number)
-    return traction, open_points(gap, traction)
-
-
-def _value(traction: Floats, quantity: Quantity) -> Floats:
-    """Quantity of each point; the ratio is 0 where there is no normal traction."""
-    normal, shear = traction[:, 0].copy(), np.hypot(traction[:, 1], traction[:, 2])
-    if quantity == "ratio":
-        loaded = normal != 0.0
-        ratio: Floats = np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=loaded)
-        return -ratio
-    return normal if quantity == "normal" else shear
-
-
-def _colours(quantity: Quantity) -> Colormap:
-    """Light to dark as the size grows, never near black, which means open."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    shades = colormaps["YlGnBu"](np.linspace(0.05, 0.85, 256))
-    colours = ListedColormap(shades if quantity == "tangential" else shades[::-1])
-    colours.set_bad("black")
-    return colours
-
-
-def _colour_limits(values: Floats) -> tuple[float, float]:
-    closed = values[np.isfinite(values)]
-    low, high = float(closed.min(initial=0.0)), float(closed.max(initial=0.0))
-    return (low, high) if high > low else (-1.0, 0.0)
-
-
-def _shaded(polygons: Floats, colours: list[str], azimuth_deg: float) -> list[Any]:
-    """Colours brightened by a light above the eye's left shoulder, both sides of a facet alike."""
-    from matplotlib.colors import to_rgb
-
-    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    azimuth = np.deg2rad(azimuth_deg - 40.0)
-    light = np.array([0.75 * np.cos(azimuth), 0.75 * np.sin(azimuth), 0.66])
-    brightness = 0.55 + 0.45 * np.abs(normals @ light)
-    return [
-        tuple(b * np.array(to_rgb(colour))) for b, colour in zip(brightness, colours, strict=True)
-    ]
-
-
-def _round_scale(nodes: Floats, displacement: Floats) -> float:
-    """1, 2 or 5 times a power of ten, by which the largest displacement becomes visible."""
-    largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
-    if largest == 0.0:
-        return 1.0
-    wanted = 0.06 * float(np.linalg.norm(np.ptp(nodes, axis=0))) / largest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
-
-
 def runs(
     results: Results, reference: Results | None, labels: tuple[str, str]
 ) -> list[tuple[Results, dict[str, Any]]]:
@@ -399,7 +286,7 @@ def runs(
 
 def _history(results: Results, point: int | str, component: Component) -> tuple[Floats, Floats]:
     """Times [s] and one displacement component [m] of a monitor point."""
-    _check(component, "component", ("x", "y", "z"))
+    check_name(component, "component", ("x", "y", "z"))
     column = ("x", "y", "z").index(component)
     displacement = results.series("histories", "displacement")
     return results.time("histories"), displacement[:, results.point_index(point), column]
@@ -408,21 +295,6 @@ def _history(results: Results, point: int | str, component: Component) -> tuple[
 def point_name(results: Results, point: int | str) -> str:
     """Name of a monitor point given by its name or number."""
     return results.point_names[results.point_index(point)]
-
-
-def _record(results: Results, time: float | None, index: int) -> int:
-    """Number of a record of the states, from 0."""
-    if time is not None:
-        return results.nearest("states", time)
-    rows = results.rows("states")
-    if not -rows <= index < rows:
-        raise ValueError(f"index must be that of one of {rows} recorded states, got {index}.")
-    return index % rows
-
-
-def _check(value: str, name: str, allowed: Any) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {value!r}.")
 
 
 def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:

@@ -44,9 +44,13 @@ LEVELS = {
     "orientation": 0.2,
     "splitting": 1.0,
     "msh": 1.1,
+    "rendering": 0.1,
+    "pictures": 0.2,
     "measures": 1.0,
+    "joint_values": 1.05,
     "plots": 1.1,
     "response_plots": 1.2,
+    "views": 1.1,
     "gathering": 1.2,
     "mesh": 2.0,
     "jointpoints": 2.1,
@@ -99,8 +103,12 @@ LIGHT = [
     "results_writer",
     "envelopes",
     "measures",
+    "joint_values",
+    "rendering",
+    "pictures",
     "plots",
     "response_plots",
+    "views",
 ]
 
 
@@ -191,7 +199,14 @@ def test_matplotlib_is_imported_for_plots_only():
             for name in _imported(node)
         )
     ]
-    assert set(users) <= {"plots", "response_plots", "joint_surface"}
+    assert set(users) <= {
+        "plots",
+        "joint_surface",
+        "joint_values",
+        "pictures",
+        "response_plots",
+        "views",
+    }
 
 
 def _imported(node: ast.AST) -> list[str]:

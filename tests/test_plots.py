@@ -211,7 +211,6 @@ def test_a_joint_that_was_never_loaded_is_drawn(tmp_path: Path) -> None:
     results = Results(tmp_path / "r.h5")
     ax = plots.joint_traction(results, "joint_1", "ratio")
     assert ax.get_legend().get_texts()[0].get_text() == "open, 0% of the area"  # a closed gap of 0
-    assert "x 1" in plots.deformed(results).get_title()
 
 
 def test_profile_runs_up_one_column_of_points(results: Results) -> None:
@@ -240,25 +239,6 @@ def test_profile_of_the_ratio_is_one_where_open(results: Results) -> None:
     assert opened.get_color() == "black"
     np.testing.assert_allclose(np.asarray(opened.get_ydata()), height[height > 6.0])
     assert ax.get_xlabel() == "ratio [-], 1: open"
-
-
-def test_deformed_surface_opens_the_joint(results: Results) -> None:
-    ax = plots.deformed(results, time=2.0, scale=100.0)
-    assert ax.get_title() == "deformed shape at t = 2.000 s, displacements x 100"
-    faces = ax.collections[0]
-    assert len(faces.get_facecolor()) == 2 * (2 + 4 * ROWS)
-    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()) == ("x [m]", "y [m]", "z [m]")
-    assert ax.get_ylim() == pytest.approx((-5.2, 5.2))  # 5 m + 100 x 2 mm
-    assert abs(ax.azim) < 90.0  # the eye is downstream
-    red = [colour for colour in faces.get_facecolor() if colour[0] > 2.0 * colour[1]]
-    assert len(red) == 2 * ROWS  # both sides of the joint
-
-
-def test_deformed_chooses_a_round_scale(results: Results) -> None:
-    # 6 % of the diagonal sqrt(2^2 + 10^2 + 8^2) = 12.96 m over 2 mm is 389: 200 is below it.
-    assert plots.deformed(results).get_title().endswith("displacements x 200")
-    with pytest.raises(ValueError, match="projection='3d'"):
-        plots.deformed(results, ax=plots.new_axes())
 
 
 def test_energies_have_a_unit_that_fits(results: Results) -> None:
@@ -315,7 +295,7 @@ def test_wrong_requests_are_refused(results: Results) -> None:
     with pytest.raises(ValueError, match="quantity must be one of normal, tangential, ratio"):
         plots.joint_traction(results, "joint_1", "shear")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="one of 2 recorded states, got 2"):
-        plots.deformed(results, index=2)
+        plots.joint_traction(results, "joint_1", index=2)
     with pytest.raises(ValueError, match="position must lie within 0 to 1, got 1.5"):
         plots.traction_profile(results, "joint_1", position=1.5)
     with pytest.raises(ResultsError, match="joints/joint_9/points"):

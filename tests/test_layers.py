@@ -39,6 +39,7 @@ LEVELS = {
     "memory_use": 0.1,
     "results_writer": 0.2,
     "joint_surface": 0.2,
+    "envelopes": 0.3,
     "spectra": 0.2,
     "study_table": 0.2,
     "study_case": 0.3,
@@ -47,7 +48,9 @@ LEVELS = {
     "orientation": 0.2,
     "splitting": 1.0,
     "msh": 1.1,
+    "measures": 1.0,
     "plots": 1.1,
+    "response_plots": 1.2,
     "gathering": 1.2,
     "mesh": 2.0,
     "jointpoints": 2.1,
@@ -76,6 +79,8 @@ LEVELS = {
     "stepping": 6.1,
     "stages": 6.2,
     "simulation": 7.0,
+    "probes": 6.0,
+    "stresses": 6.1,
     "monitors": 8.0,
 }
 
@@ -100,7 +105,10 @@ LIGHT = [
     "study_table",
     "study_case",
     "study",
+    "envelopes",
+    "measures",
     "plots",
+    "response_plots",
 ]
 
 

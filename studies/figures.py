@@ -27,8 +27,8 @@ def shown_joint(results: Results) -> str:
 def body_figures(joints: Results, out: Path) -> list[Path]:
     """Figure 3, the mesh with its joints, and 4, its shape when the mid-crest is farthest out."""
     return [
-        views.save(views.mesh(joints), out / "figure_03.png"),
-        views.save(views.deformed(joints, time=largest_time(joints)), out / "figure_04.png"),
+        plots.save(views.mesh(joints), out / "figure_03.png"),
+        plots.save(views.deformed(joints, time=largest_time(joints)), out / "figure_04.png"),
     ]
 
 
@@ -80,7 +80,7 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
     """The same quantities with both runs in one picture, energies and states of the joints."""
     moment, name = largest_time(joints), shown_joint(joints)
-    written = [views.save(views.deformed(joints, time=moment), out / "deformed.png")]
+    written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]
     for quantity in ("normal", "tangential", "ratio"):
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))

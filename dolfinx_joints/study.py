@@ -199,7 +199,7 @@ class Study:
                 while waiting and len(running) < workers:
                     name = waiting.pop(0)
                     running[name] = self._start(name, lock)
-                    bar.set_postfix_str(", ".join(running))
+                    bar.set_postfix_str(", ".join(running), refresh=False)
                 ended = [name for name, process in running.items() if process.poll() is not None]
                 for name in ended:
                     self._finish(name, running.pop(name))

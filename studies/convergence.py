@@ -164,7 +164,11 @@ def draw(table: Table, base: Case, path: Path) -> Path:
         ax.set_title("cell size refined" if refined == "size" else "time step refined")
         ax.set_xlabel("run time [s]")
         ax.grid(which="both", linewidth=0.3)
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="x-small")
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("")
+        ax.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="x-small", handlelength=4
+        )
     panels["size"].set_ylabel("error [%]")
     return plots.save(figure, path)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints import Results, measures, plots, views
+from dolfinx_joints import Results, measures, plots
 from studies.tables import POINT
 
 
@@ -26,6 +26,8 @@ def shown_joint(results: Results) -> str:
 
 def body_figures(joints: Results, out: Path) -> list[Path]:
     """Figure 3, the mesh with its joints, and 4, its shape when the mid-crest is farthest out."""
+    from dolfinx_joints import views
+
     return [
         plots.save(views.mesh(joints), out / "figure_03.png"),
         plots.save(views.deformed(joints, time=largest_time(joints)), out / "figure_04.png"),
@@ -79,6 +81,8 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
 def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
     """The same quantities with both runs in one picture, energies and states of the joints."""
+    from dolfinx_joints import views
+
     moment, name = largest_time(joints), shown_joint(joints)
     written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]
     for quantity in ("normal", "tangential", "ratio"):

@@ -56,14 +56,17 @@ def response_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
     The two figures of a component have the same axes, so that they can be compared.
     """
-    written = []
+    written, names = [], ("linear", "with joints")
     for start, draw in ((8, plots.history), (14, plots.fourier)):
         for k, component in enumerate(measures.COMPONENTS):
-            axes = [draw(run, POINT, component) for run in (linear, joints)]
+            axes = [
+                draw(run, POINT, component, labels=(name, ""))
+                for run, name in zip((linear, joints), names, strict=True)
+            ]
             low, high = np.array([ax.get_ylim() for ax in axes]).T
-            for j, (ax, title) in enumerate(zip(axes, ("linear", "with joints"), strict=True)):
+            for j, (ax, name) in enumerate(zip(axes, names, strict=True)):
                 ax.set_ylim(low.min(), high.max())
-                ax.set_title(f"{ax.get_title(loc='left')}, {title}", loc="left")
+                ax.set_title(f"{ax.get_title(loc='left')}, {name}", loc="left")
                 number = start + 2 * k + j
                 written.append(plots.save(ax.figure, out / f"figure_{number:02d}.png"))
     return written

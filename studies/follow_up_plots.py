@@ -71,6 +71,7 @@ def draw_sweep(table: Table, name: str, path: Path) -> Path:
     """Peaks at the mid-crest over the linear ones, and the joints, against one parameter.
 
     Full lines: joints below the crest arch, as in the paper. Broken: joints up to the crest.
+    An opening holds the initial gap.
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -93,13 +94,15 @@ def draw_sweep(table: Table, name: str, path: Path) -> Path:
     left.axhline(1.0, color="#8c8c8c", linewidth=0.8)
     left.set_ylabel("peak at the mid-crest / linear [-]")
     right.set_ylabel("largest of all joints [mm]")
+    left.set_yscale("log")
+    left.yaxis.set_major_formatter("{x:g}")
+    right.set_ylim(bottom=0.0)
     for ax in (left, right):
         if logarithmic:
             ax.set_xscale("log")
         ax.set_xlabel(label)
-        ax.set_ylim(bottom=0.0)
         ax.grid(linewidth=0.3)
-        ax.legend(fontsize="x-small")
+        ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return plots.save(figure, path)
 
 
@@ -121,6 +124,8 @@ def draw_cases(table: Table, names: dict[str, str], path: Path) -> Path:
         left.barh(places + 0.26 * (k - 1), values, height=0.24, color=colour, label=component)
     left.axvline(1.0, color="#8c8c8c", linewidth=0.8)
     left.set_xlabel("peak at the mid-crest / linear [-]")
+    left.set_xscale("log")
+    left.xaxis.set_major_formatter("{x:g}")
     for k, (column, colour, what) in enumerate(
         (("joints/opening_max", BLACK, "opening"), ("joints/slip_max", RED, "slip"))
     ):
@@ -137,7 +142,7 @@ def draw_cases(table: Table, names: dict[str, str], path: Path) -> Path:
 def _finish_bars(ax: Axes) -> None:
     ax.grid(axis="x", linewidth=0.3)
     ax.set_axisbelow(True)
-    ax.legend(fontsize="x-small", loc="lower right")
+    ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
 
 def question_names() -> dict[str, str]:

@@ -10,7 +10,8 @@ The paper asks three questions. *Joints up to the crest*: all joints are cut thr
 height. *No crest arch*: the uncut band above the joints is taken away, so that the body ends at
 0.75 of the height and its joints reach its top; response is compared with that of the linear body
 of the same shape, and at the crown at 0.75 of the height with the full dam. *Initial gaps*: every
-joint is open by so much before self weight acts. Then come joints, motion and records.
+joint is open by so much before self weight acts; openings in the table hold that gap. Then come
+friction, stiffness and number of the joints, the size of the motion, and other records.
 
 Of the records in the folder and its subfolders the paper's, if there (its name holds TMZ), is the
 one that all other sweeps use. Each other is turned so that its largest horizontal peak lies on the

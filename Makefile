@@ -13,6 +13,8 @@ MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
 MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
 
 DEMO_ARGS ?=
+PAPER_ARGS ?=
+STUDY_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
 
@@ -37,7 +39,7 @@ define install_tool
 	mv -T "$$new/whole" "$(TOOLS)/$(1)-$(2)" || [ -d "$(TOOLS)/$(1)-$(2)" ]; }
 endef
 
-.PHONY: help demo test verify bench lint clean
+.PHONY: help demo paper studies test verify bench lint clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -48,6 +50,13 @@ demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the da
 	$(PYTHON) demos/01_impact.py
 	$(PYTHON) demos/02_sliding_block.py
 	$(PYTHON) demos/03_ambiesta.py $(DEMO_ARGS)
+
+paper: ## The 1992 paper's runs, figures and report; PAPER_ARGS="--record DIRECTORY"
+	$(PYTHON) -m studies.paper $(PAPER_ARGS)
+
+studies: ## What the paper leaves open, and errors of mesh and step; STUDY_ARGS="--records DIRECTORY"
+	$(PYTHON) -m studies.follow_ups $(STUDY_ARGS)
+	$(PYTHON) -m studies.convergence $(subst --records,--record,$(STUDY_ARGS))
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
 	$(PYTHON) -m pytest -q -m "not slow" tests

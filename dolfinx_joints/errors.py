@@ -22,6 +22,10 @@ class ResultsError(JointsError, ValueError):
     """A results file, or a request made to one, that cannot be used."""
 
 
+class StudyError(JointsError, ValueError):
+    """A study, a row or a table of one that cannot be used."""
+
+
 class ConvergenceError(JointsError, RuntimeError):
     """A solve that did not converge.
 

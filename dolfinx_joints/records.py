@@ -388,8 +388,17 @@ def _values(path: Path, lines: Sequence[str]) -> Iterator[float]:
             yield _number(word, f"{path}, line {number}")
 
 
-def _find_record(directory: Path, name: str | None) -> tuple[str, dict[int, Path]]:
-    """Name of the record and its files by direction."""
+def record_names(directory: str | Path) -> list[str]:
+    """Names of the records whose AT2 files are in a directory, subdirectories left out.
+
+    Raises:
+        RecordError: there is no such directory.
+    """
+    return list(_records_in(Path(directory)))
+
+
+def _records_in(directory: Path) -> dict[str, dict[int, Path]]:
+    """Files of each record by direction."""
     if not directory.is_dir():
         raise RecordError(f"There is no directory {directory}.")
     records: dict[str, dict[int, Path]] = {}
@@ -399,6 +408,12 @@ def _find_record(directory: Path, name: str | None) -> tuple[str, dict[int, Path
             direction = _direction(match[2] or match[3])
             if direction is not None:
                 records.setdefault(match[1], {})[direction] = path
+    return records
+
+
+def _find_record(directory: Path, name: str | None) -> tuple[str, dict[int, Path]]:
+    """Name of the record and its files by direction."""
+    records = _records_in(directory)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     if not chosen:
         known = ", ".join(records) or "none"

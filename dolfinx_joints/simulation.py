@@ -22,6 +22,7 @@ from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.linear import STATIC
 from dolfinx_joints.loads import BaseMotion, Load
+from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
@@ -395,7 +396,8 @@ class _Run:
             status = "failed" if isinstance(error, Exception) else "stopped"
             self._finish(status, {"error": f"{type(error).__name__}: {error}"})
             raise
-        self._finish("complete", {})
+        peak = self.simulation.model.jointed.mesh.comm.allreduce(peak_mb())
+        self._finish("complete", {"peak_mb": peak})
 
     def _finish(self, status: str, extra: dict[str, Any]) -> None:
         outcome = self.outcome()

@@ -78,6 +78,23 @@ class ArchDam:
                 f"base_half_chord ({self.base_half_chord!r})."
             )
 
+    @classmethod
+    def of_crest(cls, length: float, **others: float) -> ArchDam:
+        """Return the dam whose crest, along its upstream edge, has this length.
+
+        Args:
+            length: of the crest [m].
+            others: parameters but ``crest_half_chord``, by name.
+        """
+        positive("The length of the crest", length)
+        angle = np.radians(others.get("crest_half_angle", cls.crest_half_angle))
+        return cls(crest_half_chord=float(length * np.sin(angle) / (2 * angle)), **others)
+
+    @property
+    def crest_length(self) -> float:
+        """The length of the crest along its upstream edge [m]."""
+        return float(2 * self.half_angle(1.0) * self.radius(1.0))
+
     def half_angle(self, zeta: ArrayLike) -> FloatArray:
         """Return phi [radians]."""
         z = np.asarray(zeta)

@@ -1,0 +1,169 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rows of a study, one small file each, and the table gathered from them (HDF5, CSV).
+
+A file is written beside its place and renamed, so whoever reads it finds it whole or not at all,
+whenever the writer was killed.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.errors import StudyError
+
+FORMAT = "dolfinx_joints study table"
+TABLE = "table.h5"
+OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
+
+Row = dict[str, Any]
+Table = dict[str, NDArray[Any]]
+
+
+def write_row(path: Path, row: Mapping[str, Any]) -> None:
+    """Put a row in its place: the keys of `OWN_COLUMNS`, ``parameters`` and ``values``."""
+    _replace(path, json.dumps(row, indent=1).encode())
+
+
+def read_row(path: Path) -> Row | None:
+    """A row, None if there is none yet.
+
+    Raises:
+        StudyError: The file is not a row.
+    """
+    if not path.exists():
+        return None
+    try:
+        row = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise StudyError(f"{path} is not a row of a study: {error}.") from None
+    if not isinstance(row, dict) or not {*OWN_COLUMNS, "parameters", "values"} <= row.keys():
+        raise StudyError(f"{path} is not a row of a study.")
+    return row
+
+
+def plain_values(values: Any, parameters: Iterable[str]) -> dict[str, float | str]:
+    """What a case returned as numbers and texts.
+
+    Args:
+        values: What the function of the study returned.
+        parameters: Names that are taken.
+
+    Raises:
+        StudyError: It is no mapping of names to numbers or texts, or a name is taken.
+    """
+    if not isinstance(values, Mapping):
+        raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
+    taken = {*OWN_COLUMNS, *parameters}
+    plain: dict[str, float | str] = {}
+    for name, value in values.items():
+        if name in taken:
+            raise StudyError(f"The value {name!r} has the name of a parameter or of the study.")
+        if not isinstance(value, Real | str | np.bool_):
+            raise StudyError(f"The value {name!r} must be a number or a text, not {value!r:.80}.")
+        plain[str(name)] = value if isinstance(value, str) else float(value)
+    return plain
+
+
+def gather(rows: Sequence[Row]) -> Table:
+    """Columns of rows: own ones, parameters, values, in the order in which they first appear.
+
+    A column whose entries are all numbers is of floats, NaN where a row has none; any other is of
+    texts, empty where a row has none.
+    """
+    flat = [
+        {
+            **{key: row[key] for key in OWN_COLUMNS},
+            **row["parameters"],
+            **row["values"],
+        }
+        for row in rows
+    ]
+    names = dict.fromkeys(OWN_COLUMNS)
+    for part in ("parameters", "values"):
+        for row in rows:
+            names.update(dict.fromkeys(row[part]))
+    return {name: _column([row.get(name) for row in flat]) for name in names}
+
+
+def _column(entries: list[Any]) -> NDArray[Any]:
+    given = [entry for entry in entries if entry is not None]
+    if given and all(isinstance(entry, Real) for entry in given):
+        return np.array([np.nan if entry is None else float(entry) for entry in entries])
+    texts = ["" if entry is None else _text(entry) for entry in entries]
+    return np.array(texts, dtype=object)
+
+
+def _text(entry: Any) -> str:
+    return entry if isinstance(entry, str) else json.dumps(entry)
+
+
+def write_table(path: Path, table: Table) -> None:
+    """Write a table as HDF5, one dataset per column."""
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    with h5py.File(fresh, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["columns"] = json.dumps(list(table))
+        group = file.create_group("columns", track_order=True)
+        for name, column in table.items():
+            kind = h5py.string_dtype() if column.dtype == object else column.dtype
+            group.create_dataset(name.replace("/", "|"), data=column, dtype=kind)
+    fresh.replace(path)
+
+
+def read_table(path: str | Path) -> Table:
+    """The table of a study, one row per finished or failed case, in the order of the cases.
+
+    Args:
+        path: Folder of the study, or the table itself.
+
+    Returns:
+        Arrays of shape (rows,) by column: ``case``, ``status`` ("complete" or "failed"),
+        ``reason`` of a failure, ``wall_s`` [s], ``peak_mb`` [MiB], the parameters, the values.
+
+    Raises:
+        StudyError: There is no such table.
+    """
+    place = Path(path)
+    place = place / TABLE if place.is_dir() else place
+    if not place.is_file():
+        raise StudyError(f"There is no table {place}; run the study first.")
+    if not h5py.is_hdf5(place):
+        raise StudyError(f"{place} is not an HDF5 file.")
+    with h5py.File(place, "r") as file:
+        if file.attrs.get("format") != FORMAT:
+            raise StudyError(f"{place} is not a table of a study.")
+        table: Table = {}
+        for name in json.loads(file.attrs["columns"]):
+            dataset = file["columns"][name.replace("/", "|")]
+            text = h5py.check_string_dtype(dataset.dtype) is not None
+            values = dataset.asstr()[()] if text else dataset[()]
+            table[name] = np.array(values, dtype=object) if text else values
+    return table
+
+
+def write_csv(table: Table, path: str | Path) -> Path:
+    """Write a table as CSV: a line of names, then a line per row, numbers in full."""
+    place = Path(path)
+    with place.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(table)
+        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    return place
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file so that it is whole or not there."""
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    fresh.write_bytes(content)
+    fresh.replace(path)

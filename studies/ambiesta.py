@@ -1,0 +1,321 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The arch dam of the 1992 paper as a case: numbers in, a results file out.
+
+The dam stands on a rigid base, its basin is empty. Self weight acts first, with the joints active;
+then the ground shakes in three directions. Damping is a constant matrix, 2 % at 5 Hz. Another dam
+is made by other numbers::
+
+    run(Case(height=100.0, crest_length=300.0, joints=20, size=12.0, steps=410), "joints", folder)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints import measures
+from dolfinx_joints.checks import check_count, check_kind_of, check_number
+from dolfinx_joints.parallel import on_root
+from dolfinx_joints.stages import Outcome
+from dolfinx_joints.states import Scheme
+from geometry.ambiesta import ambiesta
+from geometry.arch import ArchDam
+
+Which = Literal["linear", "joints"]
+
+TIME_STEP = 0.00488
+ALL_STEPS = 2288
+STATE_INTERVAL = 5
+LOAD_STEPS = 4
+CONCRETE = dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0)
+DAMPING = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
+SUPPORTS = (dj.Fixed(group="base"), dj.Fixed(group="abutments"))
+SCHEMES: dict[str, Scheme] = {"ec": dj.EnergyConsistent(), "newmark": dj.Newmark()}
+TAPER = 0.25  # s, at both ends of a record
+RECORD_TURN = 25.0  # degrees: puts the largest peak of the Tolmezzo record on the stream axis
+
+# Share of the height at which bodies with and without a crest arch are compared.
+COMPARED_LEVEL = 0.75
+
+_POSITIVE = ("height", "crest_length", "base_width", "base_thickness", "crest_thickness", "size")
+_CHOICES = {"order": (1, 2), "cell": ("hex", "tet"), "scheme": tuple(SCHEMES)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A dam, its mesh, its joints, its motion and how time goes on; the defaults are the paper's.
+
+    Args:
+        height: Of the dam [m].
+        crest_length: Along the upstream edge [m].
+        base_width: Chord of the arch at the base [m].
+        base_thickness: At the crown [m].
+        crest_thickness: At the crown [m].
+        crest_half_angle: Of the arch at the crest [degrees].
+        crest_arch: Whether the body goes on, uncut, above the active height. If not, it ends there.
+        joints: Number of vertical joints, radial at the crest.
+        active_height: Share of the height up to which the joints are cut; 1.0 is the crest.
+        size: Of the cells, in elevation [m].
+        order: Of the cells and of the displacement, 1 or 2.
+        cell: ``hex`` or ``tet``.
+        layers: Cells through the thickness.
+        friction_angle_deg: Of the joints [degrees].
+        normal_stiffness: k_n of the joints [Pa/m].
+        shear_ratio: k_s/k_n.
+        gap: Of all joints, before self weight acts [m]: where it stays open afterwards, the first
+            state of the results file says.
+        scheme: ``ec``, energy-consistent, or ``newmark``, average acceleration.
+        time_step: [s].
+        steps: Number of time steps.
+        record_folder: Where the AT2 files of a record are; None for the built-in synthetic motion.
+        record_name: Part of their names, where the folder holds several records.
+        rotate: Turn of the horizontal axes [degrees]; 25 for a record and 0 otherwise unless given.
+        scale: Factor on the motion.
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+
+    height: float = 57.0
+    crest_length: float = 144.6
+    base_width: float = 24.0
+    base_thickness: float = 9.0
+    crest_thickness: float = 2.0
+    crest_half_angle: float = 50.0
+    crest_arch: bool = True
+    joints: int = 11
+    active_height: float = 0.75
+    size: float = 5.5
+    order: int = 2
+    cell: str = "hex"
+    layers: int = 1
+    friction_angle_deg: float = 30.0
+    normal_stiffness: float = 1e11
+    shear_ratio: float = 0.4
+    gap: float = 0.0
+    scheme: str = "ec"
+    time_step: float = TIME_STEP
+    steps: int = ALL_STEPS
+    record_folder: str | None = None
+    record_name: str | None = None
+    rotate: float | None = None
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check what nothing behind checks in the same words."""
+        for name in _POSITIVE:
+            check_number(name, getattr(self, name), lambda v: v > 0, "positive", unit="m")
+        for name, choices in _CHOICES.items():
+            value = getattr(self, name)
+            allowed = " or ".join(repr(choice) for choice in choices)
+            check_kind_of(name, value, value in choices, allowed)
+        check_number("time_step", self.time_step, lambda v: v > 0, "positive", unit="s")
+        check_number("active_height", self.active_height, lambda v: 0 < v <= 1, "in (0, 1]")
+        check_number("shear_ratio", self.shear_ratio, lambda v: v >= 0, "zero or more")
+        check_number("gap", self.gap, lambda v: v >= 0, "zero or more", unit="m")
+        check_number("scale", self.scale, lambda _: True, "a number")
+        for name, least in (("joints", 1), ("layers", 1), ("steps", 1)):
+            check_count(name, getattr(self, name), least, f"it must be at least {least}")
+        check_kind_of("crest_arch", self.crest_arch, isinstance(self.crest_arch, bool), "a truth")
+        named = self.record_folder is not None or self.record_name is None
+        check_kind_of("record_name", self.record_name, named, "given with a record_folder")
+        self.law()
+        self.dam()
+
+    def dam(self) -> ArchDam:
+        """The shape."""
+        return ArchDam.of_crest(
+            self.crest_length,
+            height=self.height,
+            base_half_chord=0.5 * self.base_width,
+            base_thickness=self.base_thickness,
+            crest_thickness=self.crest_thickness,
+            crest_half_angle=self.crest_half_angle,
+        )
+
+    def law(self) -> dj.FrictionNoTension:
+        """The law of all joints."""
+        return dj.FrictionNoTension(
+            normal_stiffness=self.normal_stiffness,
+            shear_stiffness=self.shear_ratio * self.normal_stiffness,
+            friction_angle_deg=self.friction_angle_deg,
+        )
+
+    @property
+    def turn(self) -> float:
+        """Turn of the horizontal axes [degrees]."""
+        if self.rotate is not None:
+            return self.rotate
+        return 0.0 if self.record_folder is None else RECORD_TURN
+
+    @property
+    def top(self) -> float:
+        """Share of the height at which the body ends."""
+        return 1.0 if self.crest_arch else self.active_height
+
+    def points(self) -> dict[str, tuple[float, float, float]]:
+        """Points on the upstream edge of the top, and one at a level that all bodies have [m].
+
+        Left and right as seen by somebody who looks downstream; y grows to the left.
+        """
+        dam, places = self.dam(), {"mid-crest": (0.0, self.top)}
+        places |= {"left-quarter": (0.5, self.top), "right-quarter": (-0.5, self.top)}
+        places["crown-75"] = (0.0, min(COMPARED_LEVEL, self.top))
+        found = {}
+        for name, (s, zeta) in places.items():
+            x, y, z = dam.point(s, 0.0, zeta)
+            found[name] = (float(x), float(y), float(z))
+        return found
+
+
+NAMES = tuple(field.name for field in fields(Case))
+
+
+def make_motion(case: Case) -> dj.Motion:
+    """The ground motion in the axes of the dam at the time step of the analysis.
+
+    A record is detrended, tapered, turned to the dam's axes (x downstream, y across the valley,
+    z up) and resampled.
+    """
+    if case.record_folder is None:
+        motion = dj.synthetic_motion()
+    else:
+        motion = dj.read_record(case.record_folder, name=case.record_name)
+        motion = motion.detrended().tapered(seconds=TAPER)
+    return motion.rotated(case.turn).resampled(case.time_step).scaled(case.scale)
+
+
+def make_mesh(case: Case, folder: str | Path, comm: Any = MPI.COMM_WORLD) -> Path:
+    """Write the mesh into a folder, which is made where missing (collective)."""
+    place = Path(folder)
+
+    def make() -> Path:
+        place.mkdir(parents=True, exist_ok=True)
+        return ambiesta(
+            place / "dam.msh",
+            size=case.size,
+            order=case.order,
+            cell=case.cell,
+            joints=case.joints,
+            active_height=case.active_height,
+            crest_arch=case.crest_arch,
+            layers=case.layers,
+            parameters=case.dam(),
+        )
+
+    return on_root(comm, make)
+
+
+def build(case: Case, which: Which, mesh: Path, comm: Any = MPI.COMM_WORLD) -> dj.Model:
+    """The dam as a monolith ("linear") or cut at its joints ("joints") (collective)."""
+    check_kind_of("which", which, which in get_args(Which), " or ".join(get_args(Which)))
+    cut = which == "joints"
+    jointed = dj.read_msh(mesh, comm, joints=None if cut else [])
+    return dj.Model(
+        jointed,
+        material=CONCRETE,
+        joints=case.law() if cut else None,
+        supports=list(SUPPORTS),
+        loads=[dj.Gravity()],
+        damping=DAMPING,
+        initial_gaps=dict.fromkeys(jointed.joint_names, case.gap) if case.gap else None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """A run that has reached its end.
+
+    Attributes:
+        results: The results file.
+        outcome: How it ended.
+        report: Closing lines.
+    """
+
+    results: Path
+    outcome: Outcome
+    report: str
+
+
+def simulate(
+    case: Case,
+    which: Which,
+    model: dj.Model,
+    folder: str | Path,
+    *,
+    solver: str = "auto",
+    envelopes: bool = False,
+    monitors: Sequence[Any] = (),
+) -> Finished:
+    """Self weight in four load steps with the joints active, then the earthquake (collective).
+
+    Args:
+        case: The case.
+        which: What the results file is called, ``linear.h5`` or ``joints.h5``; replaced.
+        model: What `build` gave.
+        folder: Where to write.
+        solver: Of the time steps.
+        envelopes: Whether to record envelopes of stresses.
+        monitors: Further monitors.
+    """
+    comm = model.jointed.mesh.comm
+    motion = on_root(comm, lambda: make_motion(case))
+    cells = model.jointed.mesh.topology.index_map(model.jointed.mesh.topology.dim).size_global
+    facts = {"case": "ambiesta", "run": which, **asdict(case), "rotate": case.turn}
+    results = Path(folder) / f"{which}.h5"
+    recorded = dj.ResultsMonitor(
+        results,
+        points=case.points(),
+        every=STATE_INTERVAL,
+        metadata={**facts, "record": motion.name, "cells": cells},
+        overwrite=True,
+        envelopes=envelopes,
+    )
+    simulation = dj.Simulation(model, monitors=[recorded, *monitors], solver=solver)
+    simulation.statics(steps=LOAD_STEPS)
+    outcome = simulation.dynamics(
+        dt=case.time_step, steps=case.steps, motion=motion, scheme=SCHEMES[case.scheme]
+    )
+    return Finished(results=results, outcome=outcome, report=simulation.report(outcome))
+
+
+def run(case: Case, which: Which, folder: str | Path, *, envelopes: bool = False) -> Path:
+    """Mesh, model and simulation; the path of the results file (collective)."""
+    model = build(case, which, make_mesh(case, folder))
+    finished = simulate(case, which, model, folder, envelopes=envelopes)
+    if MPI.COMM_WORLD.rank == 0:
+        print(finished.report, flush=True)
+    return finished.results
+
+
+def study_row(
+    folder: Path, *, run_as: Which, envelopes: bool = False, keep: bool = True, **numbers: Any
+) -> dict[str, Any]:
+    """A case of a study: runs it, and measures the response.
+
+    Args:
+        folder: Where to write.
+        run_as: ``linear`` or ``joints``.
+        envelopes: Whether to record envelopes of stresses.
+        keep: Whether the results file stays.
+        numbers: Those of `Case`.
+    """
+    case = Case(**numbers)
+    path = run(case, run_as, folder, envelopes=envelopes)
+    with dj.Results(path) as results:
+        measured = measures.summary_row(results)
+        facts = {name: results.metadata[name] for name in ("dofs", "cells", "joint_points")}
+    if not keep:
+        path.unlink()
+    return {name: v for name, v in {**facts, **measured}.items() if name not in numbers}
+
+
+def parameters(case: Case, which: Which, **options: Any) -> dict[str, Any]:
+    """What a study passes to `study_row`."""
+    return {"run_as": which, **options, **asdict(case)}

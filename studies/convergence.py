@@ -1,0 +1,206 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""How far mesh and time step can be trusted: mid-crest peaks and the largest opening.
+
+    ./with-dolfinx python3 -m studies.convergence --record DIRECTORY
+    ./with-dolfinx python3 -m studies.convergence --quick
+
+Each mesh is run at the paper's step, each step on the default mesh, without and with joints. Meshes
+are refined in elevation; one layer of quadratic cells stays through the thickness.
+Where three successive values approach a limit at a steady rate, the limit is extrapolated
+(Richardson) and the observed order printed; where they do not, their scatter is the error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints import JointsError, plots
+from dolfinx_joints.study import Study, Table
+from studies.ambiesta import ALL_STEPS, TIME_STEP, Case, Which, parameters, study_row
+
+RATIO = 2.0**0.5  # of successive cell sizes; steps are halved
+COARSENINGS = (2, 1, 0, -1, -2)
+HALVINGS = (-1, 0, 1, 2)
+QUANTITIES = {
+    "mid-crest/x/peak_strong": "largest mid-crest displacement x [mm]",
+    "mid-crest/y/peak_strong": "largest mid-crest displacement y [mm]",
+    "joints/opening_max": "largest opening [mm]",
+}
+ORDERS = (0.5, 6.0)  # observed orders outside are no convergence at a steady rate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """What a sequence of ever finer runs tells.
+
+    Attributes:
+        limit: Extrapolated value, or the finest one.
+        order: Observed order, NaN where the sequence is not in the asymptotic range.
+        error: Of each value: distance from the limit; without one, from the finest value, but at
+            least the scatter, the range of the last three.
+    """
+
+    limit: float
+    order: float
+    error: NDArray[np.float64]
+
+
+def extrapolated(values: NDArray[np.float64], ratio: float) -> Estimate:
+    """Richardson's extrapolation from the last three of a sequence, or the scatter.
+
+    Args:
+        values: Coarsest first, shape (n,), n >= 3.
+        ratio: Of successive cell sizes or steps, above 1.
+
+    Raises:
+        ValueError: There are fewer than three values.
+    """
+    if len(values) < 3:
+        raise ValueError(f"Extrapolation takes three values or more, got {len(values)}.")
+    first, second = np.diff(values[-3:])
+    rate = first / second if second else np.nan
+    order = float(np.log(rate) / np.log(ratio)) if rate > 0.0 else np.nan
+    if ORDERS[0] <= order <= ORDERS[1]:
+        limit = float(values[-1] + second / (ratio**order - 1.0))
+        return Estimate(limit=limit, order=order, error=np.abs(values - limit))
+    error = np.maximum(np.abs(values - values[-1]), float(np.ptp(values[-3:])))
+    return Estimate(limit=float(values[-1]), order=np.nan, error=error)
+
+
+def grid(base: Case) -> dict[str, tuple[Case, Which]]:
+    """Cases by name: meshes at the base's step, steps on the base's mesh."""
+    cases = [replace(base, size=round(base.size * RATIO**k, 3)) for k in COARSENINGS]
+    for k in HALVINGS:
+        steps, step = round(base.steps * 2.0**k), base.time_step / 2.0**k
+        cases.append(replace(base, time_step=step, steps=steps))
+    kinds: tuple[Which, ...] = ("linear", "joints")
+    return {
+        f"size={case.size:g}m_step={1e3 * case.time_step:.4g}ms_{kind}": (case, kind)
+        for kind in kinds
+        for case in cases
+    }
+
+
+def sequence(table: Table, base: Case, refined: str, kind: str) -> NDArray[np.int64]:
+    """Rows that differ in cell size or time step alone, coarsest first."""
+    other = {"size": "time_step", "time_step": "size"}[refined]
+    chosen = (table["run_as"] == kind) & np.isclose(table[other], getattr(base, other))
+    rows = np.flatnonzero(chosen)
+    return rows[np.argsort(-table[refined][rows])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A sequence of runs and what it tells of a quantity."""
+
+    refined: str
+    kind: str
+    quantity: str
+    rows: NDArray[np.int64]
+    estimate: Estimate
+
+
+def lines(table: Table, base: Case) -> list[Line]:
+    """All that the table holds."""
+    return [
+        Line(
+            refined=refined,
+            kind=kind,
+            quantity=name,
+            rows=(rows := sequence(table, base, refined, kind)),
+            estimate=extrapolated(table[name][rows], ratio),
+        )
+        for refined, ratio in (("size", RATIO), ("time_step", 2.0))
+        for kind in ("linear", "joints")
+        for name in QUANTITIES
+        if kind == "joints" or not name.startswith("joints/")
+    ]
+
+
+def print_lines(table: Table, base: Case) -> None:
+    """Values, limits, orders and errors."""
+    for line in lines(table, base):
+        unit, factor = ("m", 1.0) if line.refined == "size" else ("ms", 1e3)
+        pairs = zip(table[line.quantity][line.rows], table[line.refined][line.rows], strict=True)
+        values = ", ".join(f"{1e3 * v:.4f} at {factor * h:.4g} {unit}" for v, h in pairs)
+        found = line.estimate
+        how = f"limit {1e3 * found.limit:.4f}, order {found.order:.2f}, error of the finest"
+        if np.isnan(found.order):
+            how = "no steady order, scatter of the last three"
+        share = 100 * found.error[-1] / abs(found.limit)
+        print(f"{QUANTITIES[line.quantity]}, {line.kind}: {values}; {how} {share:.2g} %")
+
+
+def draw(table: Table, base: Case, path: Path) -> Path:
+    """Error against run time, one panel for meshes and one for steps; hollow marks: scatter."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.4, 4.4), layout="constrained")
+    panels = dict(zip(("size", "time_step"), figure.subplots(1, 2, sharey=True), strict=True))
+    hues = dict(zip(QUANTITIES, ("#08519c", "#41ab5d", "#b2182b"), strict=True))
+    for line in lines(table, base):
+        found, hue = line.estimate, hues[line.quantity]
+        scatter = np.isnan(found.order)
+        label = f"{QUANTITIES[line.quantity].split(' [')[0]}, {line.kind}"
+        panels[line.refined].loglog(
+            table["seconds"][line.rows],
+            100.0 * found.error / abs(found.limit),
+            marker="o",
+            linestyle="-" if line.kind == "joints" else "--",
+            color=hue,
+            markerfacecolor="white" if scatter else hue,
+            linewidth=1.0,
+            label=f"{label} ({'scatter' if scatter else f'order {found.order:.1f}'})",
+        )
+    for refined, ax in panels.items():
+        ax.set_title("cell size refined" if refined == "size" else "time step refined")
+        ax.set_xlabel("run time [s]")
+        ax.grid(which="both", linewidth=0.3)
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_formatter("")
+        ax.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="x-small", handlelength=4
+        )
+    panels["size"].set_ylabel("error [%]")
+    return plots.save(figure, path)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run, extrapolate, draw."""
+    parser = argparse.ArgumentParser(description="Errors of mesh and time step.")
+    parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
+    parser.add_argument(
+        "--out", type=Path, default=Path("output/convergence"), help="where to write"
+    )
+    parser.add_argument("--quick", action="store_true", help="coarse meshes and two seconds")
+    parser.add_argument("--workers", type=int, default=2, help="runs at once (default 2)")
+    options = parser.parse_args(arguments)
+    size, steps = (11.0, 410) if options.quick else (5.5, ALL_STEPS)
+    base = Case(size=size, steps=steps, time_step=TIME_STEP, record_folder=options.record)
+    cases: dict[str, dict[str, Any]] = {
+        name: parameters(case, kind, keep=False) for name, (case, kind) in grid(base).items()
+    }
+    study = Study(options.out, study_row, cases)
+    tally = study.run(workers=options.workers, retry_failed=True)
+    print(tally)
+    if tally.failed:
+        raise JointsError(f"Runs in {study.path} have failed; errors need all of them.")
+    table = study.table()
+    print_lines(table, base)
+    print(f"figure: {draw(table, base, options.out / 'error_against_time.png')}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (JointsError, ValueError) as error:
+        print(f"studies.convergence: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

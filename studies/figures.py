@@ -1,0 +1,104 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The figures of the 1992 paper, 3 to 19, from the results of a run without and one with joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dolfinx_joints import Results, measures, plots
+from studies.tables import POINT
+
+
+def largest_time(results: Results) -> float:
+    """Time at which the mid-crest is farthest from its place in the static state [s]."""
+    u = np.stack([measures.displacement_history(results, POINT, c)[1] for c in measures.COMPONENTS])
+    return float(results.time("histories")[np.argmax(np.linalg.norm(u, axis=0))])
+
+
+def shown_joint(results: Results) -> str:
+    """The joint nearest to the middle of the dam."""
+    across = {j: abs(results.static(f"joints/{j}/points")[:, 1].mean()) for j in results.joints}
+    return min(across, key=lambda name: across[name])
+
+
+def body_figures(joints: Results, out: Path) -> list[Path]:
+    """Figure 3, the mesh with its joints, and 4, its shape when the mid-crest is farthest out."""
+    from dolfinx_joints import views
+
+    return [
+        plots.save(views.mesh(joints), out / "figure_03.png"),
+        plots.save(views.deformed(joints, time=largest_time(joints)), out / "figure_04.png"),
+    ]
+
+
+def joint_figures(joints: Results, out: Path) -> list[Path]:
+    """Figures 5 to 7: tractions on the middle joint at the time of figure 4, and their ratio.
+
+    The paper's figure 5 shows normal and tangential traction side by side; here they are two files.
+    """
+    moment, name = largest_time(joints), shown_joint(joints)
+    maps = (("normal", "05_normal"), ("tangential", "05_tangential"))
+    written = []
+    for quantity, number in maps:
+        ax = plots.joint_traction(joints, name, quantity, time=moment)
+        written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
+    for quantity, number in (("tractions", "06"), ("ratio", "07")):
+        ax = plots.traction_profile(joints, name, quantity, time=moment)
+        written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
+    return written
+
+
+def response_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
+    """Figures 8 to 13, histories, and 14 to 19, Fourier amplitudes: x, y, z, each linear first.
+
+    The two figures of a component have the same axes, so that they can be compared.
+    """
+    written, names = [], ("linear", "with joints")
+    for start, draw in ((8, plots.history), (14, plots.fourier)):
+        for k, component in enumerate(measures.COMPONENTS):
+            axes = [
+                draw(run, POINT, component, labels=(name, ""))
+                for run, name in zip((linear, joints), names, strict=True)
+            ]
+            low, high = np.array([ax.get_ylim() for ax in axes]).T
+            for j, (ax, name) in enumerate(zip(axes, names, strict=True)):
+                ax.set_ylim(low.min(), high.max())
+                ax.set_title(f"{ax.get_title(loc='left')}, {name}", loc="left")
+                number = start + 2 * k + j
+                written.append(plots.save(ax.figure, out / f"figure_{number:02d}.png"))
+    return written
+
+
+def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
+    """All of them, ``figure_03.png`` to ``figure_19.png``."""
+    out.mkdir(parents=True, exist_ok=True)
+    return [
+        *body_figures(joints, out),
+        *joint_figures(joints, out),
+        *response_figures(linear, joints, out),
+    ]
+
+
+def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
+    """The same quantities with both runs in one picture, energies and states of the joints."""
+    from dolfinx_joints import views
+
+    moment, name = largest_time(joints), shown_joint(joints)
+    written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]
+    for quantity in ("normal", "tangential", "ratio"):
+        ax = plots.joint_traction(joints, name, quantity, time=moment)
+        written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))
+    for quantity in ("tractions", "ratio"):
+        ax = plots.traction_profile(joints, name, quantity, time=moment)
+        written.append(plots.save(ax.figure, out / f"profile_{quantity}.png"))
+    for component in measures.COMPONENTS:
+        ax = plots.history(joints, POINT, component, reference=linear)
+        written.append(plots.save(ax.figure, out / f"history_{component}.png"))
+        ax = plots.fourier(joints, POINT, component, reference=linear)
+        written.append(plots.save(ax.figure, out / f"fourier_{component}.png"))
+    written.append(plots.save(plots.energies(joints).figure, out / "energies.png"))
+    written.append(plots.save(plots.joint_states(joints).figure, out / "joint_states.png"))
+    return written

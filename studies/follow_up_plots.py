@@ -1,0 +1,179 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Plots of the table of `follow_ups`: what each parameter does to response and joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dolfinx_joints import plots
+from dolfinx_joints.study import Table
+
+Rows = NDArray[np.int64]
+
+# Label of the axis, factor to its unit, whether it is logarithmic.
+SWEPT = {
+    "gap": ("initial gap [mm]", 1e3, False),
+    "friction_angle_deg": ("friction angle [degrees]", 1.0, False),
+    "normal_stiffness": ("normal stiffness of the joints [Pa/m]", 1.0, True),
+    "shear_ratio": ("$k_s/k_n$ [-]", 1.0, False),
+    "joints": ("number of joints", 1.0, False),
+    "scale": ("factor on the motion", 1.0, False),
+}
+PEAK = "mid-crest/{}/peak_strong"
+COLOURS = dict(zip("xyz", ("#08519c", "#41ab5d", "#fd8d3c"), strict=True))
+BLACK, RED = "black", "#b2182b"
+
+
+def row_of(table: Table, name: str) -> int | None:
+    """Number of a complete case, None where there is none."""
+    found = np.flatnonzero((table["case"] == name) & (table["status"] == "complete"))
+    return int(found[0]) if len(found) else None
+
+
+def sweep(table: Table, name: str, prefix: str = "") -> Rows:
+    """Rows of one parameter's cases and of the one they differ from, in rising order."""
+    start = f"{prefix}{name}="
+    base = prefix.rstrip("_") or "paper"
+    rows = [
+        row
+        for row, case in enumerate(table["case"])
+        if (case.startswith(start) or case == base) and table["status"][row] == "complete"
+    ]
+    return np.array(sorted(rows, key=lambda row: table[name][row]), dtype=np.int64)
+
+
+def ratios(table: Table, rows: Rows, column: str) -> NDArray[np.float64]:
+    """A column over that of the linear run of the same motion and body; NaN where there is none."""
+    return np.array([_ratio(table, int(row), column) for row in rows])
+
+
+def _ratio(table: Table, row: int, column: str) -> float:
+    name = table["case"][row]
+    if "record=" in name:
+        reference = f"record={name.split('record=')[1]}_linear"
+    else:
+        reference = "no_crest_arch_linear" if name == "no_crest_arch" else "paper_linear"
+    linear = row_of(table, reference)
+    if linear is None:
+        return float("nan")
+    # The linear response is proportional to the motion.
+    factor = table["scale"][row] / table["scale"][linear]
+    return float(table[column][row] / (factor * table[column][linear]))
+
+
+def draw_sweep(table: Table, name: str, path: Path) -> Path:
+    """Peaks at the mid-crest over the linear ones, and the joints, against one parameter.
+
+    Full lines: joints below the crest arch, as in the paper. Broken: joints up to the crest.
+    An opening holds the initial gap.
+    """
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    label, factor, logarithmic = SWEPT[name]
+    for prefix, line in (("", "-"), ("crest_joints_", "--")):
+        rows = sweep(table, name, prefix)
+        if len(rows) < 2:
+            continue
+        x = factor * table[name][rows]
+        note = "" if not prefix else ", joints to the crest"
+        for component, colour in COLOURS.items():
+            y = ratios(table, rows, PEAK.format(component))
+            left.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{component}{note}")
+        for column, colour, what in (
+            ("joints/opening_max", BLACK, "opening"),
+            ("joints/slip_max", RED, "slip"),
+        ):
+            y = 1e3 * table[column][rows]
+            right.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{what}{note}")
+    left.axhline(1.0, color="#8c8c8c", linewidth=0.8)
+    left.set_ylabel("peak at the mid-crest / linear [-]")
+    right.set_ylabel("largest of all joints [mm]")
+    left.set_yscale("log")
+    left.yaxis.set_major_formatter("{x:g}")
+    right.set_ylim(bottom=0.0)
+    for ax in (left, right):
+        if logarithmic:
+            ax.set_xscale("log")
+        ax.set_xlabel(label)
+        ax.grid(linewidth=0.3)
+        ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return plots.save(figure, path)
+
+
+def draw_cases(table: Table, names: dict[str, str], path: Path) -> Path:
+    """The same as bars, one group for each case.
+
+    Args:
+        table: The table.
+        names: What to call each case in the picture.
+        path: The file.
+    """
+    known = [name for name in names if row_of(table, name) is not None]
+    rows = np.array([row_of(table, name) for name in known], dtype=np.int64)
+    figure = Figure(figsize=(7.4, 0.9 + 0.55 * len(known)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    places = np.arange(len(known), dtype=float)
+    for k, (component, colour) in enumerate(COLOURS.items()):
+        values = ratios(table, rows, PEAK.format(component))
+        left.barh(places + 0.26 * (k - 1), values, height=0.24, color=colour, label=component)
+    left.axvline(1.0, color="#8c8c8c", linewidth=0.8)
+    left.set_xlabel("peak at the mid-crest / linear [-]")
+    left.set_xscale("log")
+    left.xaxis.set_major_formatter("{x:g}")
+    for k, (column, colour, what) in enumerate(
+        (("joints/opening_max", BLACK, "opening"), ("joints/slip_max", RED, "slip"))
+    ):
+        values = 1e3 * table[column][rows]
+        right.barh(places + 0.36 * (k - 0.5), values, height=0.34, color=colour, label=what)
+    right.set_xlabel("largest of all joints [mm]")
+    left.set_yticks(places, [names[name] for name in known])
+    left.invert_yaxis()
+    for ax in (left, right):
+        _finish_bars(ax)
+    return plots.save(figure, path)
+
+
+def _finish_bars(ax: Axes) -> None:
+    ax.grid(axis="x", linewidth=0.3)
+    ax.set_axisbelow(True)
+    ax.legend(fontsize="x-small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+def question_names() -> dict[str, str]:
+    """The paper's questions, and what to call the cases that answer them."""
+    return {
+        "paper": "paper: joints to 0.75 H",
+        "crest_joints": "joints to the crest",
+        "no_crest_arch": "no crest arch",
+        "gap=0.005": "gap 5 mm, to 0.75 H",
+        "crest_joints_gap=0.005": "gap 5 mm, to the crest",
+    }
+
+
+def record_cases(table: Table) -> dict[str, str]:
+    """Cases of all motions, and what to call them."""
+    found = {"paper": "paper", "crest_joints": "paper, to the crest"}
+    for name in table["case"]:
+        if "record=" in name and not name.endswith("_linear"):
+            place = ", to the crest" if name.startswith("crest_joints") else ""
+            found[name] = name.split("record=")[1].replace("_", " ") + place
+    return found
+
+
+def draw_all(table: Table, out: Path) -> list[Path]:
+    """Every plot that the table has at least two cases for."""
+    written = [
+        draw_sweep(table, name, out / f"sweep_{name}.png")
+        for name in SWEPT
+        if len(sweep(table, name)) > 1
+    ]
+    for stem, names in (("questions", question_names()), ("records", record_cases(table))):
+        if sum(row_of(table, name) is not None for name in names) > 1:
+            written.append(draw_cases(table, names, out / f"{stem}.png"))
+    return written

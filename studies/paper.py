@@ -1,0 +1,110 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The analysis of the 1992 paper in one command: runs, figures 3 to 19, report.
+
+    ./with-dolfinx python3 -m studies.paper --record DIRECTORY   # three AT2 files of one record
+    ./with-dolfinx python3 -m studies.paper --quick              # a coarse mesh, two seconds
+
+The linear and the jointed dam are run on the paper's step with the energy-consistent scheme and
+with Newmark's, the paper's kind; and again on a finer mesh and at half the step, which tells how
+far the figures can be trusted. What is in the folder already, with the same numbers, is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time as clock
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dolfinx_joints import JointsError, Results
+from dolfinx_joints.study import Study, Table
+from studies.ambiesta import Case, Which, parameters, study_row
+from studies.figures import paper_figures
+from studies.tables import print_tables
+
+FINER = np.sqrt(0.5)
+QUICK = {"size": 8.0, "steps": 410}
+
+
+def grid(base: Case) -> dict[str, tuple[Case, Which]]:
+    """Cases by name: the paper's, in both schemes, on a finer mesh, at half the step."""
+    variants = {
+        "paper": base,
+        "newmark": replace(base, scheme="newmark"),
+        "finer_mesh": replace(base, size=round(float(FINER * base.size), 2)),
+        "half_step": replace(base, time_step=base.time_step / 2, steps=2 * base.steps),
+    }
+    kinds: tuple[Which, ...] = ("joints", "linear")
+    return {f"{name}_{kind}": (case, kind) for name, case in variants.items() for kind in kinds}
+
+
+def make_study(base: Case, out: Path) -> Study:
+    """The runs as a study in a folder."""
+    cases = {name: parameters(c, kind, envelopes=True) for name, (c, kind) in grid(base).items()}
+    return Study(out / "runs", study_row, cases)
+
+
+def result(study: Study, name: str) -> Path:
+    """The results file of a case."""
+    return study.folder(name) / f"{name.rsplit('_', 1)[1]}.h5"
+
+
+def print_costs(table: Table) -> None:
+    """Dofs, energy error, iterations, seconds and memory of each run."""
+    print("run                   dofs   energy error   iterations/step   run [s]   peak [MB]")
+    for row in zip(
+        *(table[n] for n in ("case", "dofs", "energy_error", "iterations", "steps")),
+        *(table[n] for n in ("seconds", "peak_mb")),
+        strict=True,
+    ):
+        name, dofs, error, iterations, steps, seconds, peak = row
+        each = iterations / steps
+        print(f"{name:<18} {dofs:7.0f} {error:14.1e} {each:17.2f} {seconds:9.1f} {peak:11.0f}")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run, draw, report."""
+    parser = argparse.ArgumentParser(description="The analysis of the 1992 paper.")
+    parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
+    parser.add_argument("--out", type=Path, default=Path("output/paper"), help="where to write")
+    parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
+    parser.add_argument("--workers", type=int, default=2, help="runs at once (default 2)")
+    parser.add_argument(
+        "--again", action="store_true", help="run again what was run with other numbers"
+    )
+    options = parser.parse_args(arguments)
+    began = clock.perf_counter()
+    base = Case(record_folder=options.record, **(QUICK if options.quick else {}))
+    study = make_study(base, options.out)
+    tally = study.run(workers=options.workers, retry_failed=True, rerun_changed=options.again)
+    if tally.skipped:
+        print(f"in {study.path} already, not run again: {', '.join(tally.skipped)}")
+    if tally.failed:
+        raise JointsError(f"Runs in {study.path} have failed: {tally}")
+    print_costs(study.table())
+    print()
+    with (
+        Results(result(study, "paper_linear")) as linear,
+        Results(result(study, "paper_joints")) as joints,
+    ):
+        print_tables(linear, joints)
+        figures = paper_figures(linear, joints, options.out)
+    print(f"\n{len(figures)} figures in {options.out}")
+    from dolfinx_joints import report
+
+    written = report.write(
+        [result(study, name) for name in study.cases], options.out / "report.html"
+    )
+    print(f"report: {written}\n{clock.perf_counter() - began:.0f} s in all")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (JointsError, ValueError) as error:
+        print(f"studies.paper: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

@@ -1,0 +1,61 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The printed comparison of a run with joints and a run without."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dolfinx_joints import Results, measures
+
+POINT = "mid-crest"
+
+Numbers = dict[str, list[float]]
+
+
+def comparison(linear: Results, joints: Results) -> Numbers:
+    """What the two runs have in common: name, then linear, with joints, and their ratio.
+
+    Peaks are displacements from the self-weight state relative to the base [mm]; the strong phase
+    lasts until 95 % of the Arias intensity has arrived.
+    """
+    until = measures.strong_motion_end(linear)
+    found: Numbers = {}
+    for axis in measures.COMPONENTS:
+        values = [_of_run(run, axis, until) for run in (linear, joints)]
+        for name in values[0]:
+            pair = [run[name] for run in values]
+            found[f"{name} {axis}"] = [*pair, pair[1] / pair[0] if pair[0] else float("nan")]
+    return found
+
+
+def _of_run(run: Results, axis: measures.Component, until: float) -> dict[str, float]:
+    largest = measures.peaks(run, POINT, strong_until=until)[axis]
+    spectrum = measures.fourier_peaks(run, POINT, axis)
+    return {
+        "peak in the strong phase [mm]": 1e3 * largest["strong"],
+        "peak after it [mm]": 1e3 * largest["later"],
+        "Fourier peak at [Hz]": spectrum.frequency,
+        "Fourier peak [mm s]": 1e3 * spectrum.amplitude,
+    }
+
+
+def joint_rows(joints: Results) -> Numbers:
+    """Largest opening [mm], slip [mm] and pressure [MPa] of each joint."""
+    return {
+        name: [1e3 * m["opening_max"], 1e3 * m["slip_max"], 1e-6 * m["pressure_max"]]
+        for name, m in measures.joint_measures(joints).items()
+    }
+
+
+def print_tables(linear: Results, joints: Results) -> dict[str, Any]:
+    """Print both tables and give their numbers."""
+    rows, each = comparison(linear, joints), joint_rows(joints)
+    until = measures.strong_motion_end(linear)
+    print(f"mid-crest, strong phase until {until:.2f} s     linear   with joints   ratio")
+    for name, (one, other, ratio) in rows.items():
+        print(f"{name:<40} {one:8.3f}     {other:8.3f}  {ratio:6.2f}")
+    print("joint      largest opening [mm]   largest slip [mm]   largest pressure [MPa]")
+    for name, (opening, slip, pressure) in each.items():
+        print(f"{name:<10} {opening:20.3f} {slip:19.3f} {pressure:24.3f}")
+    return {**rows, **each}

@@ -1,0 +1,219 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Studies: rows that survive what ends the runner, refusals, the table.
+
+Expected: arithmetic of the functions below, and a run that nothing has disturbed.
+"""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("h5py")
+
+from dolfinx_joints.errors import StudyError
+from dolfinx_joints.study import Study, read_table, write_csv
+
+TIMES = ("wall_s", "peak_mb")
+
+
+def square(folder, *, x, wait=0.0, label="none"):
+    """A case: a file, a number, a text."""
+    (folder / "x.txt").write_text(str(x))
+    time.sleep(wait)
+    return {"square": x * x, "third": x / 3.0, "said": label}
+
+
+def picky(folder, *, x):
+    """Fails at 2, dies at 3."""
+    if x == 2:
+        raise ValueError("two is\nnot allowed.")
+    if x == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if (folder.parents[1] / "cured").exists():
+        return {"y": 10.0 * x}
+    if x == 4:
+        sys.exit("no more")
+    return {"y": float(x)}
+
+
+def vector(folder, *, x):
+    """Returns what a row cannot hold."""
+    return {"y": np.zeros(3)}
+
+
+def without_times(table):
+    return {name: column.tolist() for name, column in table.items() if name not in TIMES}
+
+
+def squares(path, number=4, wait=0.0):
+    return Study(path, square, {f"x={k}": {"x": k, "wait": wait} for k in range(number)})
+
+
+def test_rows_are_in_the_order_of_the_cases(tmp_path):
+    # The first case ends last.
+    cases = {"slow": {"x": 1, "wait": 0.8}, "fast": {"x": 2}, "text": {"x": 3, "label": "a b"}}
+    tally = Study(tmp_path / "s", square, cases).run(workers=3, progress=False)
+    assert tally.done == ["slow", "fast", "text"]
+    assert (tally.failed, tally.skipped) == ({}, [])
+    table = read_table(tmp_path / "s")
+    assert table["case"].tolist() == ["slow", "fast", "text"]
+    assert table["square"].tolist() == [1.0, 4.0, 9.0]
+    assert table["third"].tolist() == [1 / 3, 2 / 3, 1.0]  # every digit
+    assert table["said"].tolist() == ["none", "none", "a b"]
+    np.testing.assert_array_equal(table["wait"], [0.8, np.nan, np.nan])  # not given
+    assert table["wall_s"][0] >= 0.8
+    assert (table["peak_mb"] > 5.0).all()
+    assert (tmp_path / "s" / "cases" / "fast" / "x.txt").read_text() == "2"
+
+
+def test_finished_cases_are_skipped(tmp_path):
+    study = squares(tmp_path / "s", 2)
+    study.run(progress=False)
+    before = without_times(study.table()), study.table()["wall_s"].tolist()
+    tally = squares(tmp_path / "s", 3).run(progress=False)
+    assert (tally.done, tally.skipped) == (["x=2"], ["x=0", "x=1"])
+    assert study.table()["wall_s"].tolist() == before[1]
+    assert len(read_table(tmp_path / "s")["case"]) == 3
+
+
+def test_only_some(tmp_path):
+    study = squares(tmp_path / "s")
+    assert study.run(only=["x=2", "x=1"], progress=False).done == ["x=1", "x=2"]
+    assert read_table(tmp_path / "s")["x"].tolist() == [1.0, 2.0]
+    with pytest.raises(ValueError, match="There is no case 'x=9'; there are x=0, x=1, x=2, x=3."):
+        study.run(only=["x=9"])
+
+
+RUNNER = """
+import sys
+sys.path.insert(0, {tests!r})
+from test_study import squares
+squares({path!r}, 6, wait=0.5).run(workers=2, progress=False)
+"""
+
+
+def living_cases(path):
+    """Processes that hold the lock of a study."""
+    descriptor = os.open(path / "lock", os.O_RDWR | os.O_CREAT)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def test_killed_half_way_and_resumed(tmp_path):
+    squares(tmp_path / "whole", 6, wait=0.5).run(workers=2, progress=False)
+    path = tmp_path / "killed"
+    code = RUNNER.format(tests=str(Path(__file__).parent), path=str(path))
+    runner = subprocess.Popen([sys.executable, "-c", code])
+    while len(list(path.glob("rows/*.json"))) < 2:
+        assert runner.poll() is None
+        time.sleep(0.02)
+    runner.kill()  # signal 9
+    runner.wait()
+    study = squares(path, 6, wait=0.5)
+    tally = study.run(workers=2, progress=False)
+    assert not living_cases(path)
+    assert len(tally.skipped) >= 2
+    assert len(tally.done) >= 2  # two were under way
+    assert len(tally.done) + len(tally.skipped) == 6
+    assert without_times(read_table(path)) == without_times(read_table(tmp_path / "whole"))
+
+
+def test_cases_end_with_their_runner(tmp_path):
+    path = tmp_path / "s"
+    code = RUNNER.format(tests=str(Path(__file__).parent), path=str(path)).replace("0.5", "600.0")
+    runner = subprocess.Popen([sys.executable, "-c", code])
+    while len(list(path.glob("cases/*/x.txt"))) < 2:
+        assert runner.poll() is None
+        time.sleep(0.02)
+    runner.kill()
+    runner.wait()
+    squares(path, 1).run(progress=False)  # has to wait for the lock that the cases held
+    assert read_table(path)["square"].tolist() == [0.0]
+
+
+def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
+    study = Study(tmp_path / "s", picky, {f"x={k}": {"x": k} for k in range(1, 6)})
+    tally = study.run(workers=2, progress=False)
+    assert tally.done == ["x=1", "x=5"]
+    assert tally.failed == {
+        "x=2": "ValueError: two is not allowed.",
+        "x=3": "ended by signal 9 (SIGKILL)",
+        "x=4": "ended by exit code 1: no more",
+    }
+    assert "2 cases run, 0 were there already, 3 failed\n  x=2: ValueError: two" in str(tally)
+    table = read_table(tmp_path / "s")
+    assert table["status"].tolist() == ["complete", "failed", "failed", "failed", "complete"]
+    np.testing.assert_array_equal(table["y"], [1.0, np.nan, np.nan, np.nan, 5.0])
+    assert "Traceback" in (tmp_path / "s" / "cases" / "x=2" / "log.txt").read_text()
+
+    (tmp_path / "s" / "cured").touch()
+    assert study.run(progress=False).done == []  # failed ones only if asked
+    again = study.run(progress=False, retry_failed=True)
+    assert again.done == ["x=4"]
+    assert list(again.failed) == ["x=2", "x=3"]
+    np.testing.assert_array_equal(study.table()["y"], [1.0, np.nan, np.nan, 40.0, 5.0])
+
+
+def test_a_value_that_no_row_can_hold(tmp_path):
+    tally = Study(tmp_path / "s", vector, {"a": {"x": 1}}).run(progress=False)
+    assert "The value 'y' must be a number or a text, not array([0., 0., 0.])" in tally.failed["a"]
+
+
+def test_changed_parameters_are_refused_or_run_again(tmp_path):
+    Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 2}}).run(progress=False)
+    changed = Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 3, "label": "new"}})
+    with pytest.raises(StudyError, match=r"'b' .* was run with other parameters \(x: 2, now 3; la"):
+        changed.run(progress=False)
+    tally = changed.run(progress=False, rerun_changed=True)
+    assert (tally.done, tally.skipped) == (["b"], ["a"])
+    assert read_table(tmp_path / "s")["square"].tolist() == [1.0, 9.0]
+
+
+def test_two_runners_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("dolfinx_joints.study.LOCK_SECONDS", 0.1)
+    study = squares(tmp_path / "s")
+    with study._locked(), pytest.raises(StudyError, match="Another runner is at work in "):
+        study.run(progress=False)
+    assert len(study.run(progress=False).done) == 4
+
+
+def test_refusals(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match="'a' do not fit: got an unexpected keyword argument 'z'"):
+        Study(tmp_path, square, {"a": {"x": 1, "z": 2}})
+    with pytest.raises(ValueError, match="'a' do not fit: missing a required .*argument: 'x'"):
+        Study(tmp_path, square, {"a": {}})
+    with pytest.raises(ValueError, match="of the case 'a' cannot be kept: Object of type ndarray"):
+        Study(tmp_path, square, {"a": {"x": np.zeros(2)}})
+    with pytest.raises(ValueError, match="The case 'a/b' must have a name of letters"):
+        Study(tmp_path, square, {"a/b": {"x": 1}})
+    with pytest.raises(ValueError, match="must be at the top level of a module"):
+        Study(tmp_path, lambda folder: {}, {})
+    with pytest.raises(ValueError, match="workers is 0; one or more cases may run at once"):
+        squares(tmp_path).run(workers=0)
+    with pytest.raises(StudyError, match="There is no table .*: run|run the study first"):
+        read_table(tmp_path / "nothing")
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    with pytest.raises(StudyError, match="run it without mpirun"):
+        squares(tmp_path).run()
+
+
+def test_csv(tmp_path):
+    study = Study(tmp_path / "s", square, {"a": {"x": 1, "label": "p,q"}, "b": {"x": 2}})
+    study.run(progress=False)
+    lines = write_csv(study.table(), tmp_path / "t.csv").read_text().splitlines()
+    assert lines[0] == "case,status,reason,wall_s,peak_mb,x,label,square,third,said"
+    assert lines[1].startswith("a,complete,,")
+    assert lines[1].endswith(f',1.0,"p,q",1.0,{1 / 3!r},"p,q"')

@@ -375,8 +375,14 @@ def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
     assert [line.partition("==")[0] for line in pip[pip.index("--target") + 2 :]] == [
         "numba",
         "llvmlite",
+        "vtk",
+        "pyvista",
+        "scooby",
+        "plotly",
+        "narwhals",
     ]
 
 
-def test_numba_is_importable_in_the_environment() -> None:
-    assert run("python3", "-c", "import numba").returncode == 0
+@pytest.mark.parametrize("module", ["numba", "pyvista", "plotly"])
+def test_packages_are_importable_in_the_environment(module: str) -> None:
+    assert run("python3", "-c", f"import {module}").returncode == 0

@@ -104,4 +104,9 @@ def _literal(name: str) -> str:
 
 
 def _axis() -> dict[str, Any]:
-    return {"gridcolor": "#e3e3e3", "zerolinecolor": "#999", "linecolor": "#999", "ticks": "outside"}
+    return {
+        "gridcolor": "#e3e3e3",
+        "zerolinecolor": "#999",
+        "linecolor": "#999",
+        "ticks": "outside",
+    }

@@ -54,14 +54,19 @@ class Drawings:
     plots: dict[str, dict[str, Any]] = field(default_factory=dict)
     scene: list[dict[str, Any]] = field(default_factory=list)
 
-    def plot(self, name: str, spec: dict[str, Any], caption: str, png: Path | None = None) -> Html:
-        """An interactive plot, with a link to a picture of the same."""
+    def plot(
+        self, name: str, spec: dict[str, Any], caption: str, pictures: Sequence[Path] = ()
+    ) -> Html:
+        """An interactive plot, with links to pictures of the same."""
         self.plots[name] = spec
         height = spec["layout"]["height"]
-        link = "" if png is None else Html(f' <a href="{text(self._link(png))}">PNG</a>')
+        links = [
+            f'<a href="{text(f"{self.folder.name}/{p.name}")}">{text(p.name)}</a>' for p in pictures
+        ]
+        note = f" Pictures: {', '.join(links)}." if links else ""
         return Html(
             f'<figure><div class="plot" id="{text(name)}" style="height:{height}px" role="img" '
-            f'aria-label="{text(caption)}"></div><figcaption>{text(caption)}{link}</figcaption>'
+            f'aria-label="{text(caption)}"></div><figcaption>{text(caption)}{note}</figcaption>'
             "</figure>"
         )
 
@@ -69,9 +74,6 @@ class Drawings:
         """A picture, held in the page itself."""
         data = base64.b64encode(png.read_bytes()).decode()
         return Html(f'<img src="data:image/png;base64,{data}" alt="{text(alt)}"/>')
-
-    def _link(self, png: Path) -> str:
-        return f"{self.folder.name}/{png.name}"
 
 
 def text(value: Cell) -> Html:
@@ -156,9 +158,7 @@ def integers(values: ArrayLike) -> dict[str, str]:
     return {"i4": base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()}
 
 
-def page(
-    title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings
-) -> str:
+def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings) -> str:
     """The whole page.
 
     Args:
@@ -178,9 +178,7 @@ def page(
         f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
         f"script-src {' '.join(hashes)}"
     )
-    contents = "".join(
-        f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections
-    )
+    contents = "".join(f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections)
     body = "".join(
         f'<section id="{text(s.name)}"><h2>{text(s.title)}</h2>{"".join(s.pieces)}</section>\n'
         for s in sections

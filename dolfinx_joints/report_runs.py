@@ -154,7 +154,11 @@ def _names(paths: Sequence[Path]) -> list[str]:
     for path in paths:
         others: list[Any] = [other for other in paths if other != path]
         parts = next(
-            (n for n in range(1, len(path.parts)) if end(path, n) not in {end(o, n) for o in others}),
+            (
+                n
+                for n in range(1, len(path.parts))
+                if end(path, n) not in {end(o, n) for o in others}
+            ),
             len(path.parts),
         )
         names.append(end(path, parts))

@@ -89,9 +89,7 @@ def _opening(results: Results, joint: str, number: int) -> Floats:
     return largest
 
 
-def _joint_faces(
-    results: Results, surface: Integers
-) -> tuple[dict[str, dict[str, str]], Integers]:
+def _joint_faces(results: Results, surface: Integers) -> tuple[dict[str, dict[str, str]], Integers]:
     """Triangles of the joints' faces, and the number of the joint facet of each triangle."""
     facets: list[Integers] = []
     cells: list[Integers] = []

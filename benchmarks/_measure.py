@@ -144,7 +144,7 @@ class StepWatch:
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the crest and start the clock."""
-        from dolfinx_joints.monitors import NodeGather, PointProbe
+        from dolfinx_joints.probes import NodeGather, PointProbe
 
         self._probe = PointProbe(model, [self._scene.crest], NodeGather(model))
         self._static = self._probe.read(first.displacement)[0]

@@ -293,7 +293,9 @@ class _Stream:
         self._time[start:] = times
 
 
-def declare_histories(writer: ResultsWriter, points: ArrayLike) -> None:
+def declare_histories(
+    writer: ResultsWriter, points: ArrayLike, *, accelerations: bool = False
+) -> None:
     """Declare the stream ``histories``, one record per step.
 
     The names of the points belong in the metadata as ``point_names``.
@@ -301,10 +303,16 @@ def declare_histories(writer: ResultsWriter, points: ArrayLike) -> None:
     Args:
         writer: a writer not started yet.
         points: monitor points, shape (num_points, 3), [m].
+        accelerations: Declare ``acceleration`` of the points and ``ground_acceleration`` as well.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     writer.static("histories/points", points, "m", "monitor points")
     writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
+    if accelerations:
+        text = "acceleration of monitor points relative to the ground, mean of the step ending here"
+        writer.series("histories", "acceleration", points.shape, "m/s^2", text)
+        text = "acceleration of the ground at the time of the record"
+        writer.series("histories", "ground_acceleration", (3,), "m/s^2", text)
     for state in ("open", "stick", "slip"):
         text = f"share of the joint points that {state if state != 'open' else 'are open'}"
         writer.series("histories", f"joint_{state}", (), "-", text)
@@ -337,6 +345,8 @@ def declare_states(
     nodes: ArrayLike,
     surface: ArrayLike,
     joints: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    status: bool = False,
 ) -> None:
     """Declare the stream ``states``, recorded at chosen times.
 
@@ -347,6 +357,7 @@ def declare_states(
             sides of the joints belong to them.
         joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
             s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+        status: Declare the ``status`` of the joint points as well.
     """
     nodes = np.asarray(nodes, dtype=np.float64)
     writer.static("mesh/nodes", nodes, "m", "nodes")
@@ -362,6 +373,9 @@ def declare_states(
         writer.series("states", f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
         text = "traction (n, s1, s2), compression if n < 0"
         writer.series("states", f"{where}/traction", shape, "Pa", text)
+        if status:
+            text = "0 open, 1 sticking, 2 sliding, in the step ending here"
+            writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)
 
 
 def _create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:

@@ -197,7 +197,7 @@ class Simulation:
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
             state = self._first_state(solver, velocity, start)
-            run = _Run(self, scheme, solver, control, state, steps)
+            run = _Run(self, scheme, solver, control, state, steps, motion)
         with run.watched():
             run.start()
             for step in range(1, steps + 1):
@@ -320,8 +320,10 @@ class _Run:
         control: StepControl,
         state: DynamicState,
         steps: int,
+        motion: Callable[[float], Any] | None,
     ) -> None:
         self.simulation, self.state, self.steps = simulation, state, steps
+        self._motion = motion
         self.solver, self._conserves = solver.name, scheme.conserves(solver.system)
         self.ledger = EnergyLedger(solver.system)
         self.ledger.start(state)
@@ -371,8 +373,10 @@ class _Run:
             step=step,
             time=self.state.time,
             displacement=self.state.displacement,
+            velocity=self.state.velocity,
             reaction=self.state.reaction,
             joints=self.state.joints,
+            motion=self._motion,
             solve=solve,
             energy=row,
             halvings=halvings,

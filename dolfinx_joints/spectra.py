@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Fourier amplitude, response spectra and Arias intensity: pure functions of arrays.
+"""Fourier amplitude, spectrogram, response spectra, Arias intensity: pure functions of arrays.
 
 Signals run along the first axis; further axes (components) are kept.
 """
@@ -28,6 +28,130 @@ class ResponseSpectrum(NamedTuple):
     displacement: Floats
     pseudo_velocity: Floats
     pseudo_acceleration: Floats
+
+
+class Spectrogram(NamedTuple):
+    """Amplitude of a signal's frequencies in a window that moves along it.
+
+    Attributes:
+        times: Middles of the windows, shape (windows,), counted from the first sample [s].
+        frequencies: Shape (frequencies,), [Hz].
+        amplitude: Shape (windows, frequencies); a sine of amplitude A shows A at its frequency.
+    """
+
+    times: Floats
+    frequencies: Floats
+    amplitude: Floats
+
+
+def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
+    """Values at equal steps, interpolated to the shortest one where the steps differ.
+
+    Args:
+        time: rising, shape (n,), n at least 2, [s].
+        values: shape (n, ...).
+
+    Returns:
+        The step [s] and the values, those given where the steps are equal already.
+    """
+    t, v = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if t.ndim != 1 or len(t) < 2 or len(v) != len(t):
+        raise ValueError(f"At least 2 records with a time each are needed, got {len(t)}.")
+    steps = np.diff(t)
+    count = round((t[-1] - t[0]) / steps.min())
+    dt = float((t[-1] - t[0]) / count)
+    if np.allclose(steps, dt, rtol=1e-6, atol=0.0):
+        return dt, v
+    equal = np.linspace(t[0], t[-1], count + 1)
+    flat = v.reshape(len(v), -1)
+    columns = [np.interp(equal, t, column) for column in flat.T]
+    return dt, np.stack(columns, axis=1).reshape(count + 1, *v.shape[1:])
+
+
+def windows(signal: ArrayLike, dt: float, window: float, hop: float) -> tuple[Floats, Floats]:
+    """Cut a signal into overlapping windows, all of them whole.
+
+    Args:
+        signal: shape (n,).
+        dt: time between samples [s].
+        window: length of a window [s], at least 8 samples and at most the signal.
+        hop: time between the middles of two windows [s]; a sample where it is shorter.
+
+    Returns:
+        Middles of the windows from the first sample on, shape (windows,), [s], and the samples,
+        shape (windows, samples of a window).
+    """
+    values = _signal(signal, dt)
+    size = round(window / dt)
+    if not 8 <= size <= len(values):
+        raise ValueError(
+            f"window must be from 8 samples, {8 * dt:.4g} s, to the whole signal, "
+            f"{len(values) * dt:.4g} s, got {window} s."
+        )
+    stride = max(1, round(hop / dt))
+    parts: Floats = np.lib.stride_tricks.sliding_window_view(values, size)[::stride]
+    return (0.5 * (size - 1) + stride * np.arange(len(parts))) * dt, parts
+
+
+def spectrogram(
+    signal: ArrayLike, dt: float, window: float, *, hop: float | None = None
+) -> Spectrogram:
+    """Amplitude against time and frequency, by Fourier transforms of Hann windows.
+
+    The mean of each window is taken off, and it is padded with zeros to 8 times its length, which
+    draws its spectrum finely but separates nothing closer than about 2 / window.
+
+    Args:
+        signal: shape (n,).
+        dt: time between samples [s].
+        window: length of a window [s].
+        hop: time between windows [s], an eighth of one unless given.
+    """
+    middles, parts = windows(signal, dt, window, window / 8.0 if hop is None else hop)
+    size = parts.shape[1]
+    weights = np.hanning(size + 1)[:-1]  # periodic: sines of whole periods do not leak into it
+    centred = parts - (parts @ weights / weights.sum())[:, None]
+    amplitude = 2.0 * np.abs(np.fft.rfft(weights * centred, 8 * size, axis=1)) / weights.sum()
+    return Spectrogram(middles, np.fft.rfftfreq(8 * size, dt), amplitude)
+
+
+def running_frequency(
+    signal: ArrayLike, dt: float, window: float, *, band: tuple[float, float] | None = None
+) -> tuple[Floats, Floats, Floats]:
+    """Main frequency and damping ratio of a signal in a window that moves along it.
+
+    The frequency is that of the largest amplitude of :func:`spectrogram`, between its bins by a
+    parabola through the logarithms. The damping ratio is the logarithmic decrement at that
+    frequency from the first half of the window to the second. Of a freely decaying oscillation both
+    are right within 1 % where half a window holds 4 periods or more. While the ground moves they
+    tell of the ground as well: the damping is apparent, and negative where the motion grows.
+
+    Args:
+        signal: shape (n,).
+        dt: time between samples [s].
+        window: length of the window [s].
+        band: lowest and highest frequency looked at [Hz]; from two periods in a window up to
+            Nyquist's unless given.
+
+    Returns:
+        Middles of the windows from the first sample on [s], frequencies [Hz] and damping ratios,
+        all of shape (windows,); NaN where nothing moves.
+    """
+    drawn = spectrogram(signal, dt, window)
+    low, high = (2.0 / window, 0.5 / dt) if band is None else band
+    inner = slice(1, -1)
+    allowed = (drawn.frequencies[inner] >= low) & (drawn.frequencies[inner] <= high)
+    if not allowed.any():
+        raise ValueError(f"band must hold frequencies, got {low:.4g} to {high:.4g} Hz.")
+    top = 1 + np.argmax(np.where(allowed, drawn.amplitude[:, inner], -1.0), axis=1)
+    moves = drawn.amplitude[np.arange(len(top)), top] > 1e-12 * np.abs(signal).max()
+    frequency = np.where(moves, _between_bins(drawn, top), np.nan)
+    _, parts = windows(signal, dt, window, window / 8.0)
+    size = parts.shape[1] // 2
+    first = _amplitude_at(parts[:, :size], dt, frequency)
+    second = _amplitude_at(parts[:, size : 2 * size], dt, frequency)
+    decrement = np.log(first / second) / (2.0 * np.pi * frequency * size * dt)
+    return drawn.times, frequency, decrement / np.sqrt(1.0 + decrement**2)
 
 
 def fourier_amplitude(signal: ArrayLike, dt: float) -> tuple[Floats, Floats]:
@@ -125,6 +249,26 @@ def significant_duration(
         raise ValueError("A motion that is zero throughout has no significant duration.")
     shares = total / total[-1]
     return _first_reached(shares, lower) * dt, _first_reached(shares, upper) * dt
+
+
+def _between_bins(drawn: Spectrogram, top: NDArray[np.integer[Any]]) -> Floats:
+    """Frequency at the top of the parabola through the logarithms of a bin and its neighbours."""
+    rows, tiny = np.arange(len(top)), np.finfo(np.float64).tiny
+    left, middle, right = (np.log(drawn.amplitude[rows, top + k] + tiny) for k in (-1, 0, 1))
+    curvature = left - 2.0 * middle + right
+    offset = np.zeros_like(middle)
+    np.divide(0.5 * (left - right), curvature, out=offset, where=curvature < 0.0)
+    found: Floats = drawn.frequencies[top] + np.clip(offset, -0.5, 0.5) * drawn.frequencies[1]
+    return found
+
+
+def _amplitude_at(parts: Floats, dt: float, frequency: Floats) -> Floats:
+    """Modulus of the transform of each Hann window, at a frequency of its own."""
+    weights = np.hanning(parts.shape[1] + 1)[:-1]
+    centred = parts - (parts @ weights / weights.sum())[:, None]
+    phase = np.exp(-2j * np.pi * frequency[:, None] * dt * np.arange(parts.shape[1]))
+    amplitude: Floats = np.abs((weights * centred * phase).sum(axis=1))
+    return amplitude
 
 
 def _first_reached(shares: Floats, share: float) -> float:

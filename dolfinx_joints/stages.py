@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.energy import EnergyRow
@@ -26,8 +29,10 @@ class Record:
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
         displacement: u [m].
+        velocity: v [m/s].
         reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
         joints: Response of the joints, None without joints.
+        motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
         halvings: Pieces that this step was cut into, less one.
@@ -37,11 +42,22 @@ class Record:
     step: int
     time: float
     displacement: PETSc.Vec
+    velocity: PETSc.Vec
     reaction: PETSc.Vec
     joints: Response | None
+    motion: Callable[[float], Any] | None
     solve: SolveReport | None
     energy: EnergyRow
     halvings: int
+
+    @property
+    def ground_acceleration(self) -> NDArray[np.float64]:
+        """Acceleration of the ground at the time of the record, shape (3,), [m/s^2]."""
+        ground = np.zeros(3)
+        if self.motion is not None:
+            known = np.asarray(self.motion(self.time), dtype=np.float64)[:3]
+            ground[: len(known)] = known
+        return ground
 
 
 class Monitor(Protocol):

@@ -38,12 +38,15 @@ LEVELS = {
     "exact": 0.1,
     "results_writer": 0.2,
     "joint_surface": 0.2,
+    "envelopes": 0.3,
     "spectra": 0.2,
     "cells": 0.1,
     "orientation": 0.2,
     "splitting": 1.0,
     "msh": 1.1,
+    "measures": 1.0,
     "plots": 1.1,
+    "response_plots": 1.2,
     "gathering": 1.2,
     "mesh": 2.0,
     "jointpoints": 2.1,
@@ -72,6 +75,8 @@ LEVELS = {
     "stepping": 6.1,
     "stages": 6.2,
     "simulation": 7.0,
+    "probes": 6.0,
+    "stresses": 6.1,
     "monitors": 8.0,
 }
 
@@ -92,7 +97,10 @@ LIGHT = [
     "spectra",
     "results",
     "results_writer",
+    "envelopes",
+    "measures",
     "plots",
+    "response_plots",
 ]
 
 

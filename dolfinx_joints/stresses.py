@@ -1,0 +1,186 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Stresses at the vertices of the boundary from displacements, and their envelopes over a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.envelopes import Envelopes, face_directions
+from dolfinx_joints.model import Model
+from dolfinx_joints.parallel import lasting
+from dolfinx_joints.probes import NodeGather, boundary_facets
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
+_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+
+class SurfaceStress:
+    """Stresses at the vertices of all exterior facets, one product with a matrix.
+
+    The stress at a vertex is the mean of those that the cells around it have there. As the nodes on
+    a joint are double, cells beyond the joint do not count.
+
+    Args:
+        model: The model, in space.
+        nodes: Numbers the nodes.
+
+    Attributes:
+        nodes: Numbers of the vertices, rising, the same on every rank, shape (n,).
+        own: Positions in ``nodes`` of those of this rank, shape (own,).
+
+    Raises:
+        ValueError: The model is plane.
+    """
+
+    def __init__(self, model: Model, nodes: NodeGather) -> None:
+        """Assemble the matrix (collective)."""
+        if model.gdim != 3:
+            raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
+        self._comm = model.jointed.mesh.comm
+        self.nodes: Ints = np.unique(boundary_facets(model, nodes))
+        owned = model.V.dofmap.index_map.size_local
+        self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
+        parts = self._comm.allgather(self.own)
+        self._order = np.argsort(np.concatenate(parts), kind="stable")
+        vertices = basix_vertices(model).shape[0]
+        num_cells = model.jointed.mesh.topology.index_map(3).size_local
+        corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
+        place = np.searchsorted(self.nodes, corners)
+        met = self.nodes[np.minimum(place, len(self.nodes) - 1)] == corners
+        count = np.bincount(place[met], minlength=len(self.nodes))
+        count = np.sum(self._comm.allgather(count), axis=0)
+        self._matrix = self._assemble(model, np.where(met, place, -1), count)
+        self._stress = self._matrix.createVecLeft()
+
+    def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
+        """Rows of the own vertices, six each; ``place`` is -1 off the boundary."""
+        from scipy.sparse import coo_matrix
+
+        dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
+        evaluate = _evaluator(model)
+        cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
+        local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
+        summed = coo_matrix((6 * len(self.nodes), local)).tocsr()
+        for start in range(0, len(cells), _CHUNK):
+            chunk = cells[start : start + _CHUNK]
+            dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
+            cell, vertex = np.nonzero(place[chunk] >= 0)
+            at = place[chunk][cell, vertex]
+            values = evaluate(chunk)[cell, vertex] / count[at][:, None, None]
+            i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
+            j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
+            summed += coo_matrix((values.ravel(), (i.ravel(), j.ravel())), summed.shape).tocsr()
+        entries = summed.tocoo()
+        rows = np.empty(len(self.nodes), dtype=np.int64)
+        rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
+        node = np.arange(local // 3, dtype=np.int32)
+        block = dofmap.index_map.local_to_global(node).astype(np.int64)
+        i = 6 * rows[entries.row // 6] + entries.row % 6
+        j = 3 * block[entries.col // 3] + entries.col % 3
+        matrix = PETSc.Mat().create(comm=lasting(self._comm))
+        matrix.setSizes(((6 * len(self.own), 6 * len(self.nodes)), columns))
+        matrix.setType("aij")
+        matrix.setPreallocationCOO(i.astype(PETSc.IntType), j.astype(PETSc.IntType))
+        matrix.setValuesCOO(entries.data)
+        return matrix
+
+    def __call__(self, u: PETSc.Vec) -> Floats:
+        """Stresses (xx, yy, zz, xy, yz, xz) at the own vertices, shape (own, 6), [Pa] (collective).
+
+        Args:
+            u: Displacement [m].
+        """
+        self._matrix.mult(u, self._stress)
+        stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
+        return stress
+
+    def gather(self, values: Floats) -> Floats | None:
+        """Rows of all vertices in the order of ``nodes`` on rank 0, None elsewhere (collective)."""
+        parts = self._comm.gather(values, root=0)
+        return None if parts is None else np.concatenate(parts)[self._order]
+
+
+def basix_vertices(model: Model) -> Floats:
+    """Vertices of the reference cell, shape (vertices, 3)."""
+    import basix
+
+    corners: Floats = basix.geometry(model.jointed.shape.type)
+    return corners
+
+
+def _evaluator(model: Model) -> Any:
+    """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
+    from dolfinx import fem
+
+    stress = model.body.stress(ufl.TrialFunction(model.V))
+    points = basix_vertices(model)
+    mesh = model.jointed.mesh
+    six = ufl.as_vector([stress[i, j] for i, j in _COMPONENTS])
+    expression = fem.Expression(six, points, comm=mesh.comm)
+
+    def evaluate(cells: NDArray[np.int32]) -> Floats:
+        values = np.asarray(expression.eval(mesh, cells))
+        return values.reshape(len(cells), len(points), 6, -1)
+
+    return evaluate
+
+
+class StressEnvelopes:
+    """Envelopes of the stresses at the vertices of the boundary over a run.
+
+    The directions are those of the free faces: facets of joints and supports do not count.
+
+    Args:
+        model: The model, in space.
+        nodes: Numbers the nodes.
+
+    Attributes:
+        nodes: Numbers of the vertices, shape (n,).
+        arch: Arch directions on rank 0, shape (n, 3); None elsewhere.
+        cantilever: Cantilever directions likewise.
+    """
+
+    def __init__(self, model: Model, nodes: NodeGather) -> None:
+        """Assemble what the recovery needs (collective)."""
+        self._stress = SurfaceStress(model, nodes)
+        self.nodes = self._stress.nodes
+        free = free_facets(model, nodes)
+        comm = model.jointed.mesh.comm
+        both = None
+        if comm.rank == 0:
+            both = np.stack(face_directions(nodes.positions, free))[:, self.nodes]
+        both = comm.bcast(both)
+        self.arch, self.cantilever = both
+        own = self._stress.own
+        self._seen = Envelopes(self.arch[own], self.cantilever[own])
+
+    def see(self, u: PETSc.Vec) -> None:
+        """Take in the stresses of a displacement [m] (collective)."""
+        self._seen.see(self._stress(u))
+
+    def gather(self) -> Floats | None:
+        """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""
+        return self._stress.gather(self._seen.columns)
+
+
+def free_facets(model: Model, nodes: NodeGather) -> Ints:
+    """Vertices of the exterior facets of no joint and no support, on every rank (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+    """
+    jointed = model.jointed
+    sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
+    taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]
+    without = np.unique(np.concatenate(taken)) if taken else np.empty(0, dtype=np.int32)
+    return boundary_facets(model, nodes, without=without)

@@ -107,14 +107,14 @@ class Scene {
     const bar = (text) => ({ title: { text, side: "right" }, thickness: 14, len: 0.75 });
     const body = {
       type: "mesh3d", x, y, z, i: run.triangles.i, j: run.triangles.j, k: run.triangles.k,
-      intensity: size, cmin: 0, cmax: run.largest, colorscale: "Cividis",
+      intensity: size, cmin: 0, cmax: run.largest, colorscale: [[0, "#efece4"], [0.5, "#6baed6"], [1, "#08306b"]],
       showscale: !through, colorbar: bar("displacement [mm]"), opacity: through ? 0.12 : 1,
       flatshading: true, hovertemplate: "%{intensity:.4g} mm<extra></extra>",
       lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05 },
     };
     const edges = {
       type: "scatter3d", mode: "lines", x: ex, y: ey, z: ez, hoverinfo: "skip",
-      line: { color: "#333", width: 1 }, opacity: through ? 0.25 : 0.6, showlegend: false,
+      line: { color: "#333", width: 1 }, opacity: through ? 0.3 : 1, showlegend: false,
     };
     const joints = {
       type: "mesh3d", x, y, z, i: run.joints.i, j: run.joints.j, k: run.joints.k,
@@ -133,7 +133,7 @@ class Scene {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "kept", paper_bgcolor: "#fff",
       scene: {
         xaxis: axis("x [m]"), yaxis: axis("y [m]"), zaxis: axis("z [m]"), aspectmode: "data",
-        camera: { eye: { x: 1.55, y: -0.8, z: 0.8 } },
+        camera: { eye: { x: 1.7, y: -0.9, z: 0.8 }, center: { x: 0, y: 0, z: -0.1 } },
       },
     };
     return Plotly.newPlot(this.plot, this.traces(), layout, CONFIG);

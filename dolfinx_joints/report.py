@@ -55,8 +55,7 @@ def write(
     with opened(results) as runs, _written(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         found = pairs(runs, paper_statements.CASE)
-        folder = target.with_name(f"{target.stem}_files")
-        content = Content(runs, Drawings(folder), found[0] if found else None)
+        content = Content(runs, Drawings(picture_folder(target)), found[0] if found else None)
         sections = [make(content) for make in SECTIONS]
         if with_3d:
             sections.append(report_body.space(content))
@@ -72,6 +71,11 @@ def write(
         partial.write_text(html, encoding="utf-8")
         partial.replace(target)
     return target
+
+
+def picture_folder(out: Path) -> Path:
+    """Where the pictures of a report are."""
+    return out.with_name(f"{out.stem}_files")
 
 
 def _title(runs: Sequence[Run]) -> str:

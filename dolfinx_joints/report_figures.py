@@ -12,9 +12,17 @@ from numpy.typing import ArrayLike
 
 from dolfinx_joints.report_page import floats
 
-# Colours that colour-blind readers can tell apart, and dashes for print without colour.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#7b3294", "#8c6d00", "#56b4e9", "#a6006b", "#444444")
-_DASHES = ("solid", "dash", "dot", "dashdot")
+# The first runs differ in darkness and width as well, for print and colour-blind readers.
+_LINES: tuple[dict[str, Any], ...] = (
+    {"color": "#e69f00", "width": 2.2},
+    {"color": "#08306b", "width": 1.2},
+    {"color": "#009e73", "width": 1.4, "dash": "dash"},
+    {"color": "#b2182b", "width": 1.4, "dash": "dot"},
+    {"color": "#7b3294", "width": 1.4, "dash": "dashdot"},
+    {"color": "#56b4e9", "width": 1.4},
+    {"color": "#8c6d00", "width": 1.4, "dash": "dash"},
+    {"color": "#444444", "width": 1.4, "dash": "dot"},
+)
 _SHOWN = 2  # runs beyond these start hidden
 
 Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
@@ -77,11 +85,6 @@ def panels(
 def _trace(
     name: str, x: ArrayLike, y: ArrayLike, place: int, axis: str, *, first: bool, shown: int
 ) -> dict[str, Any]:
-    line = {
-        "color": _COLOURS[place % len(_COLOURS)],
-        "dash": _DASHES[place % len(_DASHES)],
-        "width": 1.4,
-    }
     return {
         "type": "scatter",
         "mode": "lines",
@@ -93,7 +96,7 @@ def _trace(
         "y": floats(np.asarray(y)),
         "xaxis": "x",
         "yaxis": axis,
-        "line": line,
+        "line": _LINES[place % len(_LINES)],
         "hovertemplate": "%{y:.4g}",
     }
 
@@ -109,4 +112,5 @@ def _axis() -> dict[str, Any]:
         "zerolinecolor": "#999",
         "linecolor": "#999",
         "ticks": "outside",
+        "exponentformat": "power",
     }

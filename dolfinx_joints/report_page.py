@@ -94,7 +94,7 @@ def plain(value: Cell) -> str:
     if isinstance(value, float | np.floating):
         if not np.isfinite(value):
             return "–" if np.isnan(value) else str(float(value))
-        return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+        return f"{value:.4g}".replace("e+", "e").replace("-", "\N{MINUS SIGN}")
     if isinstance(value, list | tuple):
         return ", ".join(plain(item) for item in value)
     return str(value)

@@ -89,7 +89,7 @@ class Content:
 def parameters(content: Content) -> Section:
     """Parameters and mesh numbers as the files tell them."""
     facts = [run.results.metadata for run in content.runs]
-    hidden = {"point_names", *_MESH}
+    hidden = {"point_names", "units", *_MESH}
     keys = [key for key in dict.fromkeys(k for f in facts for k in f) if key not in hidden]
     rows = [[_PARAMETERS.get(key, key), *(_fact(f, key) for f in facts)] for key in keys]
     mesh = [[text, *(f.get(key) for f in facts)] for key, text in _MESH.items()]
@@ -172,9 +172,12 @@ def convergence(content: Content) -> Section:
         time = run.results.time("histories")
         panels[0].append((run.label, time, run.results.series("histories", "iterations")))
         for panel, name in zip(panels[1:], names, strict=True):
+            if not run.results.joints:
+                continue
             panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
     titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
-    spec = report_figures.panels(panels, titles, "time [s]")
+    drawn = [(panel, title) for panel, title in zip(panels, titles, strict=True) if panel]
+    spec = report_figures.panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
     pictures = []
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))

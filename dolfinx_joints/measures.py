@@ -140,7 +140,7 @@ def peaks(
     Returns:
         By component, ``"strong"``, up to that time, and ``"later"``, after it, NaN without records.
     """
-    found = {}
+    found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
         time, u = displacement_history(results, point, component)
         strong = time <= strong_until
@@ -159,10 +159,9 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
         ValueError: The share is out of its range, or the ground does not move.
     """
     if isinstance(source, Motion):
-        dt, ground = source.dt, source.acceleration
-    else:
-        values = source.series("histories", "ground_acceleration")
-        dt, ground = equally_spaced(source.time("histories"), values)
+        return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
+    values = source.series("histories", "ground_acceleration")
+    dt, ground = equally_spaced(source.time("histories"), values)
     return significant_duration(ground, dt, lower=0.0, upper=share)[1]
 
 
@@ -339,7 +338,7 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
             acceleration = acceleration_history(results, point, component)[1]
             row[f"{where}/acceleration"] = _largest(acceleration)
             row[f"{where}/frequency"], row[f"{where}/amplitude"] = spectrum[:2]
-    row |= {f"joints/{name}": value for name, value in _all_joints(results).items()}
+    row |= {f"joints/{name}": value for name, value in all_joints(results).items()}
     row |= {f"stress/{name}": value for name, value in stress_extremes(results).items()}
     summary = results.summary
     for name in ("energy_error", "iterations", "steps"):
@@ -348,8 +347,11 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
     return row
 
 
-def _all_joints(results: Results) -> dict[str, float]:
-    """Measures of all joints together: the largest, of shares the mean over the area."""
+def all_joints(results: Results) -> dict[str, float]:
+    """Measures of all joints together: the largest, of shares the mean over the area.
+
+    By the names of ``JOINT_MEASURES`` but those of times; zero without joints.
+    """
     names = [name for name in JOINT_MEASURES if not name.endswith("_time")]
     each = joint_measures(results)
     if not each:
@@ -366,7 +368,7 @@ def _all_joints(results: Results) -> dict[str, float]:
 def _column(component: str) -> int:
     if component not in COMPONENTS:
         raise ValueError(f"component must be one of x, y, z, got {component!r}.")
-    return COMPONENTS.index(component)  # type: ignore[arg-type]
+    return COMPONENTS.index(component)
 
 
 def _largest(values: Floats) -> float:

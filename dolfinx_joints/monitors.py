@@ -33,7 +33,7 @@ from dolfinx_joints.results_writer import (
 from dolfinx_joints.stages import Record
 from dolfinx_joints.stresses import StressEnvelopes
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 
 class ResultsMonitor:
@@ -81,6 +81,7 @@ class ResultsMonitor:
         self._supports = model.constraints.groups
         self._envelopes = StressEnvelopes(model, self._nodes) if self._with_envelopes else None
         self._before: tuple[float, Floats] | None = None
+        self._time = first.time
         surface = boundary_facets(model, self._nodes)
         joints = joint_statics(model)
         metadata = {

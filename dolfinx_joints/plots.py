@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.joint_surface import JointSurface
+from dolfinx_joints.measures import Component, displacement_history, open_points
 from dolfinx_joints.results import ENERGY_TERMS, Results
-from dolfinx_joints.spectra import fourier_amplitude
+from dolfinx_joints.spectra import equally_spaced, fourier_amplitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure, SubFigure
 
-Component = Literal["x", "y", "z"]
 Quantity = Literal["normal", "tangential", "ratio"]
 Floats = NDArray[np.floating[Any]]
 
-_BLUE, _RED, _GREY = "#08519c", "#b2182b", "#8c8c8c"
+BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
 _CONCRETE, _JOINT = "#d9d5cc", "#b2182b"
 _LABELS = {
     "normal": r"normal traction $t_n$ [MPa], compression $< 0$",
@@ -83,14 +83,14 @@ def history(
         labels: what to call the run and the reference.
     """
     ax = new_axes() if ax is None else ax
-    for run, style in _runs(results, reference, labels):
+    for run, style in runs(results, reference, labels):
         time, displacement = _history(run, point, component)
         ax.plot(time, 1e3 * displacement, **style)
-    _decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
-    ax.set_title(f"{_point_name(results, point)}: displacement {component}", loc="left")
+    decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
+    ax.set_title(f"{point_name(results, point)}: displacement {component}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
-        _legend(ax, "above")
+        legend(ax, "above")
     return ax
 
 
@@ -120,22 +120,19 @@ def fourier(
         max_frequency: end of the frequency axis [Hz].
     """
     ax = new_axes() if ax is None else ax
-    for run, style in _runs(results, reference, labels):
-        time, displacement = _history(run, point, component)
-        dt = float(np.diff(time).min())
-        equal = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / dt) + 1)
-        values = np.interp(equal, time, displacement - displacement[0])
-        frequency, amplitude = fourier_amplitude(values, float(equal[1] - equal[0]))
+    for run, style in runs(results, reference, labels):
+        dt, values = equally_spaced(*displacement_history(run, point, component))
+        frequency, amplitude = fourier_amplitude(values, dt)
         shown = frequency <= max_frequency
         frequency, amplitude = frequency[shown], amplitude[shown]
         style["label"] = f"{style['label']}, peak at {frequency[np.argmax(amplitude)]:.2f} Hz"
         ax.plot(frequency, 1e3 * amplitude, **style)
-    _decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
-    name = _point_name(results, point)
+    decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
+    name = point_name(results, point)
     ax.set_title(f"{name}: Fourier amplitude of displacement {component}", loc="left")
     ax.set_xlim(0.0, max_frequency)
     ax.set_ylim(bottom=0.0)
-    _legend(ax)
+    legend(ax)
     return ax
 
 
@@ -173,10 +170,10 @@ def joint_traction(
     patches.set(edgecolor="face", linewidth=0.3)
     patches.set_clim(*_colour_limits(values))
     ax.add_collection(patches)
-    ax.add_collection(LineCollection(list(surface.outlines()), colors=_GREY, linewidths=0.3))
+    ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
     ax.set_aspect("equal")
     ax.autoscale_view()
-    _decorate(ax, *surface.labels, grid=False)
+    decorate(ax, *surface.labels, grid=False)
     ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(_LABELS[quantity])
@@ -218,9 +215,9 @@ def traction_profile(
     chosen = surface.points_along(position)
     height = surface.points[chosen, 1]
     traction, is_open = (array[chosen] for array in _tractions(results, joint, number))
-    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", _BLUE, "o"),)
+    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
     if quantity == "tractions":
-        curves = (("normal", _BLUE, "o"), ("tangential", _RED, "s"))
+        curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
     for name, colour, marker in curves:
         values = _value(traction, name)
         values[is_open] = 1.0 if name == "ratio" else 0.0
@@ -228,11 +225,11 @@ def traction_profile(
         ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
         ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
     ax.plot([], [], "o", color="black", markersize=4.5, label="open")
-    ax.axvline(0.0, color=_GREY, linewidth=0.8)
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
     unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
-    _decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
+    decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
     ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
-    _legend(ax, "below")
+    legend(ax, "below")
     return ax
 
 
@@ -304,16 +301,16 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     )
     factor, unit = next(((f, u) for f, u in ((1e6, "MJ"), (1e3, "kJ")) if largest >= f), (1.0, "J"))
     styles = ("-", "-", "-", "-", "--", "--", "-.", ":")
-    hues = ("#4292c6", _BLUE, "#41ab5d", "black", "#fd8d3c", _RED, "#807dba", _GREY)
+    hues = ("#4292c6", BLUE, "#41ab5d", "black", "#fd8d3c", RED, "#807dba", GREY)
     for (term, values), style, colour in zip(terms.items(), styles, hues, strict=True):
         label = term
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
-    _decorate(ax, "time [s]", f"energy [{unit}]")
+    decorate(ax, "time [s]", f"energy [{unit}]")
     ax.set_title("energy balance", loc="left")
     ax.margins(x=0.0)
-    _legend(ax, "below")
+    legend(ax, "below")
     return ax
 
 
@@ -321,14 +318,14 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     """Shares of the joint points that are open and that slide, against time [%]."""
     ax = new_axes() if ax is None else ax
     time = results.time("histories")
-    for state, colour, label in (("open", "black", "open"), ("slip", _RED, "sliding")):
+    for state, colour, label in (("open", "black", "open"), ("slip", RED, "sliding")):
         share = 100.0 * results.series("histories", f"joint_{state}")
         ax.plot(time, share, color=colour, linewidth=1.0, label=label)
-    _decorate(ax, "time [s]", "share of joint points [%]")
+    decorate(ax, "time [s]", "share of joint points [%]")
     ax.set_title("state of the joints", loc="left")
     ax.set_ylim(bottom=0.0)
     ax.margins(x=0.0)
-    _legend(ax, "above")
+    legend(ax, "above")
     return ax
 
 
@@ -336,9 +333,7 @@ def _tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArr
     """Tractions (n, 3) [MPa] and which points are open (positive gap, no traction)."""
     traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
     gap = results.series("states", f"joints/{joint}/gap", number)
-    # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
-    negligible = 1e-12 * np.abs(traction).max(initial=0.0)
-    return traction, (gap[:, 0] > 0.0) & (np.abs(traction[:, 0]) <= negligible)
+    return traction, open_points(gap, traction)
 
 
 def _value(traction: Floats, quantity: Quantity) -> Floats:
@@ -392,11 +387,11 @@ def _round_scale(nodes: Floats, displacement: Floats) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
 
 
-def _runs(
+def runs(
     results: Results, reference: Results | None, labels: tuple[str, str]
 ) -> list[tuple[Results, dict[str, Any]]]:
     """Runs in drawing order, each with the style of its line."""
-    own = (results, {"color": _BLUE, "linewidth": 0.9, "label": labels[0]})
+    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
         return [own]
     return [(reference, {"color": "#f4a261", "linewidth": 1.3, "label": labels[1]}), own]
@@ -410,7 +405,8 @@ def _history(results: Results, point: int | str, component: Component) -> tuple[
     return results.time("histories"), displacement[:, results.point_index(point), column]
 
 
-def _point_name(results: Results, point: int | str) -> str:
+def point_name(results: Results, point: int | str) -> str:
+    """Name of a monitor point given by its name or number."""
     return results.point_names[results.point_index(point)]
 
 
@@ -429,7 +425,8 @@ def _check(value: str, name: str, allowed: Any) -> None:
         raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {value!r}.")
 
 
-def _decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
+def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
+    """Label the axes and give them the look of all figures here."""
     ax.set(xlabel=xlabel, ylabel=ylabel)
     ax.title.set_fontsize("medium")
     for side in ("top", "right"):
@@ -439,7 +436,7 @@ def _decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
         ax.set_axisbelow(True)
 
 
-def _legend(ax: Axes, where: str = "inside") -> None:
+def legend(ax: Axes, where: str = "inside") -> None:
     """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
     places: dict[str, dict[str, Any]] = {
         "inside": {"framealpha": 0.85, "edgecolor": "none"},

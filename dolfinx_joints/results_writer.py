@@ -374,7 +374,7 @@ def declare_states(
         text = "traction (n, s1, s2), compression if n < 0"
         writer.series("states", f"{where}/traction", shape, "Pa", text)
         if status:
-            text = "0 open, 1 sticking, 2 sliding, in the step ending here"
+            text = "0 open, 1 sticking, 2 sliding in the step ending here"
             writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)
 
 

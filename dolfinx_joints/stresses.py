@@ -13,10 +13,10 @@ from petsc4py import PETSc
 
 from dolfinx_joints.envelopes import Envelopes, face_directions
 from dolfinx_joints.model import Model
-from dolfinx_joints.parallel import lasting
+from dolfinx_joints.parallel import lasting, on_root
 from dolfinx_joints.probes import NodeGather, boundary_facets
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 
 _CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
@@ -51,7 +51,7 @@ class SurfaceStress:
         self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
         parts = self._comm.allgather(self.own)
         self._order = np.argsort(np.concatenate(parts), kind="stable")
-        vertices = basix_vertices(model).shape[0]
+        vertices = _reference_vertices(model).shape[0]
         num_cells = model.jointed.mesh.topology.index_map(3).size_local
         corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
         place = np.searchsorted(self.nodes, corners)
@@ -79,18 +79,20 @@ class SurfaceStress:
             i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
             j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
             summed += coo_matrix((values.ravel(), (i.ravel(), j.ravel())), summed.shape).tocsr()
-        entries = summed.tocoo()
+        block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
         rows = np.empty(len(self.nodes), dtype=np.int64)
         rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
-        node = np.arange(local // 3, dtype=np.int32)
-        block = dofmap.index_map.local_to_global(node).astype(np.int64)
-        i = 6 * rows[entries.row // 6] + entries.row % 6
-        j = 3 * block[entries.col // 3] + entries.col % 3
+        rows = (6 * rows[:, None] + np.arange(6)).ravel()
+        filled = np.flatnonzero(np.diff(summed.indptr))
+        summed = summed[filled]
+        indices = 3 * block.astype(np.int64)[summed.indices // 3] + summed.indices % 3
         matrix = PETSc.Mat().create(comm=lasting(self._comm))
         matrix.setSizes(((6 * len(self.own), 6 * len(self.nodes)), columns))
         matrix.setType("aij")
-        matrix.setPreallocationCOO(i.astype(PETSc.IntType), j.astype(PETSc.IntType))
-        matrix.setValuesCOO(entries.data)
+        matrix.setUp()
+        csr = (array.astype(PETSc.IntType) for array in (summed.indptr, indices))
+        matrix.setValuesIJV(*csr, summed.data, addv=True, rowmap=rows[filled].astype(PETSc.IntType))
+        matrix.assemble()
         return matrix
 
     def __call__(self, u: PETSc.Vec) -> Floats:
@@ -109,7 +111,7 @@ class SurfaceStress:
         return None if parts is None else np.concatenate(parts)[self._order]
 
 
-def basix_vertices(model: Model) -> Floats:
+def _reference_vertices(model: Model) -> Floats:
     """Vertices of the reference cell, shape (vertices, 3)."""
     import basix
 
@@ -122,7 +124,7 @@ def _evaluator(model: Model) -> Any:
     from dolfinx import fem
 
     stress = model.body.stress(ufl.TrialFunction(model.V))
-    points = basix_vertices(model)
+    points = _reference_vertices(model)
     mesh = model.jointed.mesh
     six = ufl.as_vector([stress[i, j] for i, j in _COMPONENTS])
     expression = fem.Expression(six, points, comm=mesh.comm)
@@ -145,7 +147,7 @@ class StressEnvelopes:
 
     Attributes:
         nodes: Numbers of the vertices, shape (n,).
-        arch: Arch directions on rank 0, shape (n, 3); None elsewhere.
+        arch: Arch directions, shape (n, 3), NaN where there are none.
         cantilever: Cantilever directions likewise.
     """
 
@@ -155,11 +157,9 @@ class StressEnvelopes:
         self.nodes = self._stress.nodes
         free = free_facets(model, nodes)
         comm = model.jointed.mesh.comm
-        both = None
-        if comm.rank == 0:
-            both = np.stack(face_directions(nodes.positions, free))[:, self.nodes]
-        both = comm.bcast(both)
-        self.arch, self.cantilever = both
+        self.arch, self.cantilever = on_root(
+            comm, lambda: [d[self.nodes] for d in face_directions(nodes.positions, free)]
+        )
         own = self._stress.own
         self._seen = Envelopes(self.arch[own], self.cantilever[own])
 

@@ -191,7 +191,7 @@ def test_matplotlib_is_imported_for_plots_only():
             for name in _imported(node)
         )
     ]
-    assert set(users) <= {"plots", "joint_surface"}
+    assert set(users) <= {"plots", "response_plots", "joint_surface"}
 
 
 def _imported(node: ast.AST) -> list[str]:
@@ -247,7 +247,7 @@ sys.meta_path.insert(0, Refuse())
 
 @pytest.mark.parametrize("module", LIGHT)
 def test_light_modules_need_no_dolfinx(module):
-    if module == "plots":
+    if module in ("plots", "response_plots"):
         pytest.importorskip("matplotlib")
     run(f"{BLOCKED}\nimportlib.import_module('dolfinx_joints.{module}')")
 

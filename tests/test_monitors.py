@@ -37,6 +37,7 @@ pytestmark = pytest.mark.mpi
 
 CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+MU = np.tan(np.deg2rad(30.0))
 POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
 STEPS, DT = 6, 4e-3
 
@@ -138,6 +139,58 @@ def test_results_of_a_run(comm, wall_file, read, new_path):
             gap = results.series("states", "joints/joint_2/gap")[..., 0]
             t = results.series("states", "joints/joint_2/traction")[..., 0]
             np.testing.assert_allclose(t, 1e11 * np.minimum(gap, 0), rtol=1e-12, atol=1e-6)
+
+    on_root(comm, look)
+
+
+def test_accelerations_are_those_of_the_steps(comm, wall_file, read, new_path):
+    # The midpoint rule has v1 = 2 (u1 - u0) / dt - v0 from rest, so the displacements tell the
+    # velocities, and these the mean acceleration of each step.
+    path = new_path("moving.h5")
+    points = {"base": (10.0, 0.0, 0.0), **POINTS}
+    shake(wall(read(wall_file())), [ResultsMonitor(path, points=points)])
+
+    def look():
+        with Results(path) as results:
+            u = results.series("histories", "displacement")
+            found = results.series("histories", "acceleration")
+            ground = results.series("histories", "ground_acceleration")
+            np.testing.assert_array_equal(ground, [shaking(t) for t in results.time("histories")])
+        velocity, expected = np.zeros_like(u[0]), [np.zeros_like(u[0])]
+        for step in np.diff(u, axis=0):
+            after = 2.0 * step / DT - velocity
+            expected.append((after - velocity) / DT)
+            velocity = after
+        size = np.abs(expected).max()
+        assert size > 1.0
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * size)
+        assert np.all(found[:, 0] == 0.0)  # the base moves with the ground
+
+    on_root(comm, look)
+
+
+def test_status_of_the_joint_points(comm, wall_file, read, new_path):
+    # At the end of a step open points carry nothing, and sliding ones are at the limit of friction.
+    # Histories count points once, states once for each facet around them: none is none in both.
+    path = new_path("status.h5")
+    monitor = ResultsMonitor(path, points=POINTS, every=1)
+    shake(wall(read(wall_file())), [monitor], scheme=Newmark())
+
+    def look():
+        with Results(path) as results:
+            share = results.series("histories", "joint_slip")
+            slid = np.zeros(STEPS + 1)
+            for joint in results.joints:
+                status = results.series("states", f"joints/{joint}/status")
+                traction = results.series("states", f"joints/{joint}/traction")
+                assert status.shape == traction.shape[:2]
+                assert np.all(traction[status == 0] == 0.0)
+                shear, limit = np.hypot(*traction.T[1:]).T, -MU * traction[..., 0]
+                np.testing.assert_allclose(shear[status == 2], limit[status == 2], rtol=1e-9)
+                assert np.all(shear[status == 1] <= limit[status == 1])
+                slid += (status == 2).sum(axis=1)
+            np.testing.assert_array_equal(slid > 0, share > 0)
+            assert slid.any()
 
     on_root(comm, look)
 

@@ -150,7 +150,11 @@ async function drawReport() {
   if (wanted) {
     await unpackPlotly();
     for (const [id, plot] of Object.entries(data.plots)) {
-      await drawPlot(document.getElementById(id), plot);
+      const element = document.getElementById(id);
+      const closed = element.closest("details:not([open])");
+      const draw = () => drawPlot(element, plot);
+      if (closed) closed.addEventListener("toggle", draw, { once: true });
+      else await draw();
     }
     if (data.scene.length) {
       await new Scene(document.getElementById("scene"), data.scene).choose();

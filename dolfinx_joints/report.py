@@ -55,7 +55,9 @@ def write(
     with opened(results) as runs, _written(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         found = pairs(runs, paper_statements.CASE)
-        content = Content(runs, Drawings(picture_folder(target)), found[0] if found else None)
+        first = list(found[0]) if found else []
+        ordered = [*first, *(run for run in runs if run not in first)]
+        content = Content(ordered, Drawings(picture_folder(target)), found[0] if found else None)
         sections = [make(content) for make in SECTIONS]
         if with_3d:
             sections.append(report_body.space(content))
@@ -94,12 +96,12 @@ def _alerts(runs: Sequence[Run]) -> list[Html]:
 
 
 def _summary(content: Content, comparison: Sequence[Any]) -> list[Html]:
-    """Five lines."""
-    runs = content.runs
-    names = ", ".join(run.label for run in runs)
-    spans = [f"{run.label} {plain(run.end)} s" for run in runs]
+    """Five lines, on the runs that are compared where there are such."""
+    runs = list(content.pair) if content.pair else content.runs
+    others = len(content.runs) - len(runs)
+    further = f"; {others} further run{'s' if others > 1 else ''}" if others else ""
     lines = [
-        f"{len(runs)} run{'s' if len(runs) > 1 else ''} ({names}), duration: {', '.join(spans)}.",
+        f"Duration: {_each(runs, lambda run: f'{plain(run.end)} s')}{further}.",
         f"Largest displacement from the static state: {_each(runs, largest_displacement)}.",
         f"Largest energy error, as a share of the largest energy: {_each(runs, _energy_error)}.",
         f"Widest joint: {_each(runs, widest_opening)}.",

@@ -124,15 +124,20 @@ def figure(pictures: Sequence[Html], caption: str) -> Html:
     )
 
 
-def details(title: str, pieces: Sequence[Html]) -> Html:
-    """Something to be opened."""
-    return Html(f"<details><summary>{text(title)}</summary>{''.join(pieces)}</details>")
+def details(title: str, pieces: Sequence[Html], *, opened: bool = False) -> Html:
+    """Something to be opened; plots within are drawn then."""
+    state = ' open=""' if opened else ""
+    return Html(f"<details{state}><summary>{text(title)}</summary>{''.join(pieces)}</details>")
 
 
 def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> Html:
-    """A table whose first column names its rows; columns of numbers are set to the right."""
+    """A table whose first column names its rows; columns of numbers are set to the right.
+
+    A row of one cell is the heading of those that follow.
+    """
+    whole = [row for row in rows if len(row) > 1]
     numeric = [
-        all(row[i] is None or _is_number(row[i]) for row in rows) and bool(rows)
+        all(row[i] is None or _is_number(row[i]) for row in whole) and bool(whole)
         for i in range(len(head))
     ]
     kinds = ["number" if flag else "" for flag in numeric]
@@ -199,6 +204,9 @@ def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings:
 
 
 def _row(row: Sequence[Cell], kinds: Sequence[str]) -> str:
+    if len(row) == 1:
+        span = f'scope="colgroup" class="group" colspan="{len(kinds)}"'
+        return f"<tr><th {span}>{text(row[0])}</th></tr>"
     cells = "".join(
         f"<td{_class(kind or 'text')}>{text(cell)}</td>"
         for cell, kind in zip(row[1:], kinds[1:], strict=True)

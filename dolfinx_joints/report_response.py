@@ -23,7 +23,7 @@ from dolfinx_joints.report_page import (
 )
 from dolfinx_joints.report_runs import Run
 from dolfinx_joints.report_sections import Content, nothing
-from dolfinx_joints.spectra import equally_spaced, fourier_amplitude, response_spectrum
+from dolfinx_joints.spectra import Floats, equally_spaced, fourier_amplitude, response_spectrum
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)
@@ -64,11 +64,12 @@ def displacements(content: Content) -> Section:
     ]
     for number, name in enumerate(_points(runs)):
         having = [run for run in runs if name in run.results.point_names]
-        pieces.append(heading(name))
+        plotted = []
         for kind, draw in (("history", _histories), ("fourier", _spectra)):
             spec, caption = draw(having, name)
             pictures = _pictures(content, kind, name, number)
-            pieces.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
+            plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
+        pieces.append(details(f"Plots of {name}", plotted, opened=number == 0))
     return Section("displacements", "Displacements", pieces)
 
 
@@ -82,25 +83,28 @@ def response_spectra(content: Content) -> Section:
         return nothing("accelerations", title, "accelerations")
     rows: list[list[Any]] = []
     pieces: list[Html] = []
+    ground = _ground_spectrum(runs[0])
     for number, name in enumerate(_points(runs)):
         having = [run for run in runs if name in run.results.point_names]
         rows += [_acceleration_row(run, name) for run in having]
-        panels = []
-        for component in having[0].components:
-            panel = [(run.label, *_point_spectrum(run, name, component)) for run in having]
-            panels.append([*panel, ("ground", *_ground_spectrum(having[0], component))])
+        spectra = {run.label: _point_spectrum(run, name) for run in having}
+        spectra["ground"] = ground
+        panels = [
+            [(label, PERIODS, values[:, column]) for label, values in spectra.items()]
+            for column in range(len(having[0].components))
+        ]
         spec = report_figures.panels(
             panels,
             [f"{component} [m/s²]" for component in having[0].components],
             "period [s]",
             logarithmic=True,
-            shown=3,
         )
         caption = (
             f"Pseudo-acceleration of oscillators with {SPECTRUM_DAMPING:.0%} damping on "
-            f"{name}, and on the ground of {having[0].label}."
+            f"{name}, and on the ground of {runs[0].label} (hidden at first)."
         )
-        pieces.append(content.drawings.plot(f"response-{number + 1}", spec, caption))
+        plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
+        pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in runs[0].components)]
     pieces.insert(0, table("Largest absolute accelerations", head, rows))
     return Section("accelerations", title, pieces)
@@ -310,13 +314,19 @@ def _acceleration_row(run: Run, name: str) -> list[Any]:
     return [f"{name}, {run.label}", *largest]
 
 
-def _point_spectrum(run: Run, name: str, component: str) -> tuple[Any, Any]:
-    time, a = measures.acceleration_history(run.results, name, component)  # type: ignore[arg-type]
-    dt, values = equally_spaced(time, a)
-    return PERIODS, response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration
+def _point_spectrum(run: Run, name: str) -> Floats:
+    """Pseudo-accelerations of all components, shape (periods, components), [m/s^2]."""
+    histories = [
+        measures.acceleration_history(run.results, name, component)  # type: ignore[arg-type]
+        for component in run.components
+    ]
+    time = histories[0][0]
+    dt, values = equally_spaced(time, np.stack([a for _, a in histories], axis=1))
+    return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration
 
 
-def _ground_spectrum(run: Run, component: str) -> tuple[Any, Any]:
-    ground = run.results.series("histories", "ground_acceleration")[:, "xyz".index(component)]
+def _ground_spectrum(run: Run) -> Floats:
+    """Likewise of the ground."""
+    ground = run.results.series("histories", "ground_acceleration")[:, : len(run.components)]
     dt, values = equally_spaced(run.results.time("histories"), ground)
-    return PERIODS, response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration
+    return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration

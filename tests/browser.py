@@ -36,12 +36,12 @@ class Browser:
     """One page in a browser of its own, and what it said and asked for.
 
     Attributes:
-        messages: warnings and errors of the console, and exceptions.
+        errors: of the console, and exceptions.
         requests: addresses that the page asked for, its own first.
     """
 
     def __init__(self) -> None:
-        self.messages: list[str] = []
+        self.errors: list[str] = []
         self.requests: list[str] = []
         self._home = tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True)
         to_browser, self._out = os.pipe()
@@ -150,10 +150,10 @@ class Browser:
     def _note(self, event: dict[str, Any]) -> None:
         method, content = event.get("method"), event.get("params", {})
         if method == "Runtime.exceptionThrown":
-            self.messages.append(json.dumps(content["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and content["type"] in ("error", "warning"):
-            self.messages.append(json.dumps(content["args"]))
-        elif method == "Log.entryAdded" and content["entry"]["level"] in ("error", "warning"):
-            self.messages.append(content["entry"]["text"])
+            self.errors.append(json.dumps(content["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled" and content["type"] == "error":
+            self.errors.append(json.dumps(content["args"]))
+        elif method == "Log.entryAdded" and content["entry"]["level"] == "error":
+            self.errors.append(content["entry"]["text"])
         elif method == "Network.requestWillBeSent":
             self.requests.append(content["request"]["url"])

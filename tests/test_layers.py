@@ -42,6 +42,17 @@ LEVELS = {
     "spectra": 0.2,
     "cells": 0.1,
     "orientation": 0.2,
+    "report_page": 0.1,
+    "report_runs": 0.2,
+    "report_figures": 0.2,
+    "report_scene": 0.3,
+    "report_sections": 1.2,
+    "report_response": 1.3,
+    "report_body": 1.4,
+    "paper_statements": 1.4,
+    "report": 1.5,
+    "cli": 1.6,
+    "__main__": 1.7,
     "splitting": 1.0,
     "msh": 1.1,
     "measures": 1.0,
@@ -101,6 +112,9 @@ LIGHT = [
     "measures",
     "plots",
     "response_plots",
+    "report_runs",
+    "report",
+    "cli",
 ]
 
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from browser import Browser, chromium
+
 from dolfinx_joints import paper_statements, report, report_runs
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results

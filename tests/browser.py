@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 OPTIONS = (
-    "--headless=new",
+    "--headless",
     "--no-sandbox",
     "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
@@ -29,7 +29,8 @@ OPTIONS = (
 
 def chromium() -> str | None:
     """Path of the browser, None where there is none."""
-    return shutil.which("chromium") or shutil.which("chromium-browser")
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+    return next((path for name in names if (path := shutil.which(name))), None)
 
 
 class Browser:

@@ -32,6 +32,7 @@ SLIDING = 2  # `laws.Status.SLIP`, as files hold it
 JOINT_MEASURES = (
     "opening_max",
     "opening_time",
+    "opening_static",
     "opening_residual",
     "slip_max",
     "slip_time",
@@ -200,6 +201,7 @@ def effective_period(
     window: float = 2.0,
     *,
     band: tuple[float, float] | None = None,
+    hop: float | None = None,
 ) -> EffectivePeriod:
     """Period and damping ratio of a point's displacement in a window that moves along it.
 
@@ -212,10 +214,11 @@ def effective_period(
         window: Length of the window [s].
         band: Lowest and highest frequency looked at [Hz]; from two periods in a window up to
             Nyquist's unless given.
+        hop: Time between windows [s], an eighth of one unless given.
     """
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
-    times, frequency, damping = running_frequency(values, dt, window, band=band)
+    times, frequency, damping = running_frequency(values, dt, window, band=band, hop=hop)
     return EffectivePeriod(times + time[0], 1.0 / frequency, damping)
 
 
@@ -260,8 +263,10 @@ def joint_measures(results: Results, *, tail: float = 1.0) -> dict[str, dict[str
 
     - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
       time, with their times ``opening_time``, ``slip_time`` and ``pressure_time`` [s];
-    - ``opening_residual`` and ``slip_residual`` [m]: the mean over the last ``tail`` seconds at
-      each point, of the slip as a vector, and then the largest of the points;
+    - ``opening_static`` [m], the largest of the static state;
+    - ``opening_residual`` and ``slip_residual`` [m]: what has been added to the static state, the
+      mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
+      largest of the points. While the body still moves a mean is what it moves about;
     - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points concerned
       over the joint's, averaged over the records. Sliding is NaN where a file holds no ``status``.
 
@@ -283,7 +288,8 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     late = time >= time[-1] - tail
     drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
     found = {
-        "opening_residual": float(opening[late].mean(axis=0).max()),
+        "opening_static": float(opening[0].max()),
+        "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
         "share_open": float((open_points(gap, traction) @ shares).mean()),
         "share_sliding": np.nan,

@@ -151,7 +151,7 @@ class ResultsMonitor:
         mean of the step, which every scheme knows, however many pieces the step was cut into.
         """
         velocity = self._probe.read(record.velocity)
-        acceleration = np.zeros_like(velocity)
+        acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before
             acceleration = (velocity - before) / (record.time - time)

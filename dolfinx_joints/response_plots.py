@@ -102,7 +102,7 @@ def displacement_spectrogram(
     ax = new_axes(height=3.6) if ax is None else ax
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
-    drawn = spectrogram(values, dt, window)
+    drawn = spectrogram(values, dt, window, hop=window / 40.0)
     shown = drawn.frequencies <= max_frequency
     amplitude = 1e3 * drawn.amplitude[:, shown].T
     picture = ax.pcolormesh(
@@ -113,7 +113,7 @@ def displacement_spectrogram(
         shading="nearest",
         rasterized=True,
     )
-    followed = effective_period(results, point, component, window)
+    followed = effective_period(results, point, component, window, hop=window / 40.0)
     frequency = np.where(
         amplitude.max(axis=0) > 0.05 * amplitude.max(), 1 / followed.periods, np.nan
     )
@@ -158,16 +158,15 @@ def effective_frequency(
         raise ValueError(f"quantity must be frequency or damping, got {quantity!r}.")
     ax = new_axes() if ax is None else ax
     for run, style in runs(results, reference, labels):
-        found = effective_period(run, point, component, window, band=band)
+        found = effective_period(run, point, component, window, band=band, hop=window / 40.0)
         damping = 100.0 * found.damping_ratios
         ax.plot(found.times, 1.0 / found.periods if quantity == "frequency" else damping, **style)
     what, unit = ("effective frequency", "Hz")
     if quantity == "damping":
-        what, unit = ("apparent damping ratio", "%")
+        what, unit = ("apparent damping", "%")
         ax.axhline(0.0, color=GREY, linewidth=0.8)
-    decorate(ax, "time, middle of the window [s]", f"{what} [{unit}]")
-    name = point_name(results, point)
-    ax.set_title(f"{name}: {what} of {component}, window {window:g} s", loc="left")
+    decorate(ax, f"time, middle of a window of {window:g} s [s]", f"{what} [{unit}]")
+    ax.set_title(f"{point_name(results, point)}: {what}, {component}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
         legend(ax, "above")

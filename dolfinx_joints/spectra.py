@@ -68,14 +68,16 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
     return dt, np.stack(columns, axis=1).reshape(count + 1, *v.shape[1:])
 
 
-def windows(signal: ArrayLike, dt: float, window: float, hop: float) -> tuple[Floats, Floats]:
+def windows(
+    signal: ArrayLike, dt: float, window: float, hop: float | None
+) -> tuple[Floats, Floats]:
     """Cut a signal into overlapping windows, all of them whole.
 
     Args:
         signal: shape (n,).
         dt: time between samples [s].
         window: length of a window [s], at least 8 samples and at most the signal.
-        hop: time between the middles of two windows [s]; a sample where it is shorter.
+        hop: time between windows [s], at least a sample; an eighth of a window unless given.
 
     Returns:
         Middles of the windows from the first sample on, shape (windows,), [s], and the samples,
@@ -88,7 +90,7 @@ def windows(signal: ArrayLike, dt: float, window: float, hop: float) -> tuple[Fl
             f"window must be from 8 samples, {8 * dt:.4g} s, to the whole signal, "
             f"{len(values) * dt:.4g} s, got {window} s."
         )
-    stride = max(1, round(hop / dt))
+    stride = max(1, round((window / 8.0 if hop is None else hop) / dt))
     parts: Floats = np.lib.stride_tricks.sliding_window_view(values, size)[::stride]
     return (0.5 * (size - 1) + stride * np.arange(len(parts))) * dt, parts
 
@@ -107,7 +109,7 @@ def spectrogram(
         window: length of a window [s].
         hop: time between windows [s], an eighth of one unless given.
     """
-    middles, parts = windows(signal, dt, window, window / 8.0 if hop is None else hop)
+    middles, parts = windows(signal, dt, window, hop)
     size = parts.shape[1]
     weights = np.hanning(size + 1)[:-1]  # periodic: sines of whole periods do not leak into it
     centred = parts - (parts @ weights / weights.sum())[:, None]
@@ -116,7 +118,12 @@ def spectrogram(
 
 
 def running_frequency(
-    signal: ArrayLike, dt: float, window: float, *, band: tuple[float, float] | None = None
+    signal: ArrayLike,
+    dt: float,
+    window: float,
+    *,
+    band: tuple[float, float] | None = None,
+    hop: float | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Main frequency and damping ratio of a signal in a window that moves along it.
 
@@ -132,12 +139,13 @@ def running_frequency(
         window: length of the window [s].
         band: lowest and highest frequency looked at [Hz]; from two periods in a window up to
             Nyquist's unless given.
+        hop: time between windows [s], an eighth of one unless given.
 
     Returns:
         Middles of the windows from the first sample on [s], frequencies [Hz] and damping ratios,
         all of shape (windows,); NaN where nothing moves.
     """
-    drawn = spectrogram(signal, dt, window)
+    drawn = spectrogram(signal, dt, window, hop=hop)
     low, high = (2.0 / window, 0.5 / dt) if band is None else band
     inner = slice(1, -1)
     allowed = (drawn.frequencies[inner] >= low) & (drawn.frequencies[inner] <= high)
@@ -146,7 +154,7 @@ def running_frequency(
     top = 1 + np.argmax(np.where(allowed, drawn.amplitude[:, inner], -1.0), axis=1)
     moves = drawn.amplitude[np.arange(len(top)), top] > 1e-12 * np.abs(signal).max()
     frequency = np.where(moves, _between_bins(drawn, top), np.nan)
-    _, parts = windows(signal, dt, window, window / 8.0)
+    _, parts = windows(signal, dt, window, hop)
     size = parts.shape[1] // 2
     first = _amplitude_at(parts[:, :size], dt, frequency)
     second = _amplitude_at(parts[:, size : 2 * size], dt, frequency)

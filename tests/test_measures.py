@@ -171,7 +171,7 @@ CLOSED = -2e6 * np.array([[1, 1, 1], [0, 1, 4], [0, 0, 1], [0, 1, 1], [0, 1, 1]]
 STATUS = np.array([[1, 1, 1], [0, 2, 1], [0, 0, 2], [0, 1, 1], [0, 2, 1]])
 
 
-def write_joint(path: Path, *, status: bool = True) -> Results:
+def write_joint(path: Path, *, status: bool = True, ajar: float = 0.0) -> Results:
     """A run of joint_1 as above, and of joint_2 of twice the area, which never moves."""
     points = np.array([[0.0, 0.0, z] for z in (1.0, 2.0, 3.0)])
     arrays = {"points": points, "frames": np.tile(np.eye(3), (3, 1, 1)), "facet": np.zeros(3)}
@@ -181,7 +181,7 @@ def write_joint(path: Path, *, status: bool = True) -> Results:
         writer.start()
         for row in range(5):
             gap, traction = np.zeros((3, 3)), np.zeros((3, 3))
-            gap[:, 0], gap[:, 2] = OPENING[row], -SLIP[row]
+            gap[:, 0], gap[:, 2] = OPENING[row] + ajar, -SLIP[row]
             traction[:, 0] = CLOSED[row]
             values = {"displacement": np.zeros((4, 3))}
             values |= {"joints/joint_1/gap": gap, "joints/joint_1/traction": traction}
@@ -202,6 +202,7 @@ def test_joint_measures(tmp_path: Path) -> None:
         {
             "opening_max": 3e-3,
             "opening_time": 2.0,
+            "opening_static": 0.0,
             "opening_residual": 1e-3,
             "slip_max": 5e-3,
             "slip_time": 2.0,
@@ -216,6 +217,14 @@ def test_joint_measures(tmp_path: Path) -> None:
     assert found["joint_2"]["share_open"] == found["joint_2"]["share_sliding"] == 0.0
     last = measures.joint_measures(write_joint(tmp_path / "last.h5"), tail=0.0)
     assert last["joint_1"]["slip_residual"] == pytest.approx(1e-3)
+
+
+def test_what_was_open_in_the_static_state_is_no_residual(tmp_path: Path) -> None:
+    # Own weight opens the joint by 0.5 mm everywhere, the motion by as much more as before.
+    found = measures.joint_measures(write_joint(tmp_path / "r.h5", ajar=5e-4))["joint_1"]
+    assert found["opening_static"] == pytest.approx(5e-4)
+    assert found["opening_max"] == pytest.approx(3.5e-3)
+    assert found["opening_residual"] == pytest.approx(1e-3)
 
 
 def test_sliding_is_unknown_without_status(tmp_path: Path) -> None:

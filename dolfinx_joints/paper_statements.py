@@ -176,7 +176,7 @@ def departures() -> Section:
 
 
 _HEAD = (
-    "the paper says: measured",
+    "the paper says; measured",
     "we find",
     "error estimate",
     "agrees where",

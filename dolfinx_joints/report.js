@@ -104,7 +104,9 @@ class Scene {
     const [x, y, z] = axes;
     const [ex, ey, ez] = this.edges(axes);
     const through = this.controls.through.checked;
-    const bar = (text) => ({ title: { text, side: "right" }, thickness: 14, len: 0.75 });
+    const bar = (text) => ({
+      title: { text }, thickness: 12, len: 0.7, orientation: "h", y: -0.02, yanchor: "top",
+    });
     const body = {
       type: "mesh3d", x, y, z, i: run.triangles.i, j: run.triangles.j, k: run.triangles.k,
       intensity: size, cmin: 0, cmax: run.largest, colorscale: [[0, "#efece4"], [0.5, "#6baed6"], [1, "#08306b"]],
@@ -128,12 +130,14 @@ class Scene {
   }
 
   draw() {
+    const far = this.plot.clientWidth < 520 ? 1.8 : 1;
+    const center = { x: 0, y: 0, z: -0.1 };
     const axis = (text) => ({ title: { text }, showbackground: false, gridcolor: "#ddd" });
     const layout = {
-      margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "kept", paper_bgcolor: "#fff",
+      margin: { l: 0, r: 0, t: 0, b: 70 }, uirevision: "kept", paper_bgcolor: "#fff",
       scene: {
         xaxis: axis("x [m]"), yaxis: axis("y [m]"), zaxis: axis("z [m]"), aspectmode: "data",
-        camera: { eye: { x: 1.7, y: -0.9, z: 0.8 }, center: { x: 0, y: 0, z: -0.1 } },
+        camera: { eye: { x: 1.7 * far, y: -0.9 * far, z: 0.8 * far }, center },
       },
     };
     return Plotly.newPlot(this.plot, this.traces(), layout, CONFIG);

@@ -84,7 +84,7 @@ def _pictures(content: Content) -> list[Html]:
 
 
 def _picture(content: Content, name: str, drawn: Any, caption: str) -> Html:
-    path = content.save(name, drawn)
+    path = content.save(name, drawn, dpi=100)
     return figure([content.drawings.picture(path, caption)], caption)
 
 

@@ -52,7 +52,8 @@ def panels(
     height = 1.0 / count
     layout: dict[str, Any] = {
         "height": 90 + 220 * count,
-        "margin": {"l": 70, "r": 15, "t": 40, "b": 55},
+        "margin": {"l": 70, "r": 45, "t": 40, "b": 55},
+        "modebar": {"orientation": "v"},
         "paper_bgcolor": "#fff",
         "plot_bgcolor": "#fff",
         "hovermode": "x",

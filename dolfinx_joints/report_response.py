@@ -100,7 +100,7 @@ def response_spectra(content: Content) -> Section:
             logarithmic=True,
         )
         caption = (
-            f"Pseudo-acceleration of oscillators with {SPECTRUM_DAMPING:.0%} damping on "
+            f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
             f"{name}, and on the ground of {runs[0].label} (hidden at first)."
         )
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
@@ -266,7 +266,7 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
     for component in components:
         panel = []
         for run in runs:
-            time, u = measures.displacement_history(run.results, name, component)  # type: ignore[arg-type]
+            time, u = measures.displacement_history(run.results, name, component)
             panel.append((run.label, time, 1e3 * u))
         curves.append(panel)
     titles = [f"{component} [mm]" for component in components]
@@ -280,7 +280,7 @@ def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
     for component in components:
         panel = []
         for run in runs:
-            time, u = measures.displacement_history(run.results, name, component)  # type: ignore[arg-type]
+            time, u = measures.displacement_history(run.results, name, component)
             dt, values = equally_spaced(time, u)
             frequency, amplitude = fourier_amplitude(values, dt)
             shown = frequency <= FREQUENCIES
@@ -296,7 +296,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
     main, reference = content.main, content.reference
     if not main.has("histories", "displacement") or name not in main.results.point_names:
         return []
-    draw: Callable[..., Any] = {"history": plots.history, "fourier": plots.fourier}[kind]
+    draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
     options: dict[str, Any] = {}
     if reference is not None and name in reference.results.point_names:
         options = {"reference": reference.results, "labels": (main.label, reference.label)}
@@ -309,7 +309,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
 def _acceleration_row(run: Run, name: str) -> list[Any]:
     largest = []
     for component in run.components:
-        _, a = measures.acceleration_history(run.results, name, component)  # type: ignore[arg-type]
+        _, a = measures.acceleration_history(run.results, name, component)
         largest.append(float(np.abs(a).max()))
     return [f"{name}, {run.label}", *largest]
 
@@ -317,8 +317,7 @@ def _acceleration_row(run: Run, name: str) -> list[Any]:
 def _point_spectrum(run: Run, name: str) -> Floats:
     """Pseudo-accelerations of all components, shape (periods, components), [m/s^2]."""
     histories = [
-        measures.acceleration_history(run.results, name, component)  # type: ignore[arg-type]
-        for component in run.components
+        measures.acceleration_history(run.results, name, component) for component in run.components
     ]
     time = histories[0][0]
     dt, values = equally_spaced(time, np.stack([a for _, a in histories], axis=1))

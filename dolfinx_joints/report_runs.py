@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.measures import Component
 from dolfinx_joints.results import Results
 
 # What a run computes on, not what it computes: runs that differ only in these estimate the error.
@@ -55,7 +56,7 @@ class Run:
         return None if value is None else float(value)
 
     @property
-    def components(self) -> list[str]:
+    def components(self) -> list[Component]:
         """Components of the displacement: z is left out of plane models."""
         return ["x", "y"] if self.plane else ["x", "y", "z"]
 

@@ -25,6 +25,7 @@ from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
+from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import NewtonOptions, SolveReport, StepSolver
@@ -36,12 +37,6 @@ from dolfinx_joints.system import MatrixSystem
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
-
-# The paper's energy error stayed below 4 % with joints.
-LARGE_ENERGY_ERROR = 0.05
-
-# Of the largest displacement, estimated for a single step.
-LARGE_LOCAL_ERROR = 0.05
 
 
 class Simulation:

@@ -46,6 +46,17 @@ LEVELS = {
     "study": 0.3,
     "cells": 0.1,
     "orientation": 0.2,
+    "report_page": 0.1,
+    "report_runs": 1.1,
+    "report_figures": 0.2,
+    "report_scene": 1.2,
+    "report_sections": 1.3,
+    "report_response": 1.4,
+    "report_body": 1.5,
+    "paper_statements": 1.5,
+    "report": 1.6,
+    "cli": 1.7,
+    "__main__": 1.8,
     "splitting": 1.0,
     "msh": 1.1,
     "rendering": 0.1,
@@ -117,6 +128,9 @@ LIGHT = [
     "plots",
     "response_plots",
     "views",
+    "report_runs",
+    "report",
+    "cli",
 ]
 
 

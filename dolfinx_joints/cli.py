@@ -1,0 +1,72 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The command ``dolfinx-joints``, also ``python -m dolfinx_joints``: what results files hold."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from dolfinx_joints import __version__
+from dolfinx_joints.errors import JointsError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        arguments: those of the command line, without the program's name.
+
+    Returns:
+        0, or 2 where a file cannot be used; wrong usage ends the program with 2.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        if options.command == "info":
+            _info(options.file)
+        else:
+            _report(options.results, options.out, with_3d=not options.no_3d)
+    except JointsError as error:
+        print(f"dolfinx-joints: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="dolfinx-joints", description="Look at the results files of runs with joints."
+    )
+    parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    report = commands.add_parser(
+        "report",
+        help="write a report on one or several runs",
+        description="Write one HTML file, which needs no net, and a folder of pictures beside it.",
+    )
+    report.add_argument("results", nargs="+", type=Path, metavar="RESULTS", help="results files")
+    report.add_argument(
+        "--out", type=Path, default=Path("report.html"), help="HTML file (default %(default)s)"
+    )
+    report.add_argument(
+        "--no-3d", action="store_true", help="leave out the view in space and pictures of the body"
+    )
+    info = commands.add_parser(
+        "info", help="say what a results file holds", description="Print what a file holds."
+    )
+    info.add_argument("file", type=Path, metavar="FILE", help="results file")
+    return parser
+
+
+def _info(file: Path) -> None:
+    from dolfinx_joints.results import describe
+
+    print(describe(file))
+
+
+def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:
+    from dolfinx_joints import report
+
+    path = report.write(results, out, with_3d=with_3d)
+    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB, pictures in {report.picture_folder(path)}")

@@ -72,7 +72,8 @@ def _pictures(content: Content) -> list[Html]:
         "mesh": (views.mesh(run.results), f"Finite-element mesh of {run.label}."),
         "deformed": (
             views.deformed(run.results, time=time),
-            f"Deformed shape of {run.label} at its largest displacement, t = {time:.3f} s.",
+            f"Deformed shape of {run.label} at t = {time:.3f} s, the largest displacement of "
+            f"{run.results.point_names[0]} from the static state.",
         ),
     }
     if run.results.joints:

@@ -120,7 +120,7 @@ def joints(content: Content) -> Section:
         rows = [
             [
                 name,
-                *(1e3 * m[key] for key in ("opening_max", "opening_residual")),
+                *(1e3 * m[key] for key in ("opening_static", "opening_max", "opening_residual")),
                 m["opening_time"],
                 *(1e3 * m[key] for key in ("slip_max", "slip_residual")),
                 m["slip_time"],
@@ -134,7 +134,8 @@ def joints(content: Content) -> Section:
         paragraph(
             "Opening is the positive part of the normal gap. Slip is the tangential displacement "
             "of the two sides against each other from the static state, whether they touch or "
-            "not. Residual values are means over the last second. Shares are of area and time.",
+            "not. Residual values are what the last second's mean adds to the static state. "
+            "Shares are of area and time.",
             "note",
         )
     )
@@ -145,6 +146,7 @@ def joints(content: Content) -> Section:
 
 _JOINT_HEAD = (
     "joint",
+    "static opening [mm]",
     "largest opening [mm]",
     "residual opening [mm]",
     "widest at [s]",

@@ -184,9 +184,9 @@ def test_joint_table_shows_what_the_gaps_are(tmp_path):
     # 3 mm at the end; half of the area is open in two of three states.
     page, _ = page_of([write_run(tmp_path / "run.h5")], tmp_path)
     row = page.cells.index("joint_1")
-    assert page.cells[row + 1] == "3"
-    assert page.cells[row + 3] == "1"
-    assert page.cells[row + 7] == "33.33"
+    assert page.cells[row + 1 : row + 3] == ["0", "3"]
+    assert page.cells[row + 4] == "1"
+    assert page.cells[row + 8] == "33.33"
 
 
 def test_same_input_same_page(tmp_path):
@@ -225,6 +225,24 @@ def test_file_without_anything_known_is_reported_as_it_is(tmp_path):
     page, html = page_of([tmp_path / "other.h5"], tmp_path)
     assert "else" in page.cells
     assert "The files hold no histories." in html
+
+
+def test_plane_model_has_no_view_in_space(tmp_path):
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    with ResultsWriter(tmp_path / "plane.h5", {"point_names": ["tip"]}) as writer:
+        declare_histories(writer, nodes[2:])
+        declare_states(writer, nodes, [[0, 1], [1, 2], [2, 0]], {})
+        writer.start()
+        for row in range(4):
+            record = {"displacement": [[0.0, 1e-3 * row, 0.0]], "iterations": 1}
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            writer.append("histories", 0.1 * row, record | shares)
+            writer.append("states", 0.1 * row, {"displacement": np.zeros((3, 3))})
+        writer.finish("complete", {})
+    page, html = page_of([tmp_path / "plane.h5"], tmp_path, with_3d=True)
+    assert "The models are plane: no view in space." in html
+    assert "tip, y, plane" in page.cells
+    assert "tip, z, plane" not in page.cells
 
 
 def test_bad_input_is_refused_in_a_sentence(tmp_path):

@@ -102,3 +102,14 @@ def round_down(wanted: float) -> float:
     """Largest of 1, 2 and 5 times powers of ten that is not above a number."""
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
+
+
+def round_scale(nodes: Floats, largest: float) -> float:
+    """A round factor by which the largest displacement becomes some 6 % of the body's size.
+
+    Args:
+        nodes: of the body, shape (n, 3), [m].
+        largest: displacement [m].
+    """
+    size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
+    return 1.0 if largest == 0.0 else round_down(0.06 * size / largest)

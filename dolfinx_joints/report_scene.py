@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.joint_surface import JointSurface
+from dolfinx_joints.pictures import round_scale
 from dolfinx_joints.report_page import floats, integers
 from dolfinx_joints.report_runs import Run
 from dolfinx_joints.results import Results
@@ -48,7 +49,7 @@ def scene(run: Run) -> dict[str, Any]:
         "joints": {**faces, "cells": integers(cells)},
         "frames": [_frame(results, used, int(number)) for number in moments],
         "start": int(np.searchsorted(moments, start)),
-        "scale": _visible(nodes, float(sizes.max())),
+        "scale": round_scale(nodes, float(sizes.max())),
         "largest": 1e3 * float(sizes.max()) or 1.0,
         "widest": 1e3 * float(openings.max()) or 1.0,
         "records": rows,
@@ -115,12 +116,3 @@ def _triangles(facets: Integers, cells: Integers) -> tuple[dict[str, dict[str, s
         {axis: integers(corners[:, n]) for n, axis in enumerate("ijk")},
         np.tile(cells, len(parts)),
     )
-
-
-def _visible(nodes: Floats, largest: float) -> float:
-    """A round factor by which the largest displacement becomes about 6 % of the body's size."""
-    if largest == 0.0:
-        return 1.0
-    wanted = 0.06 * float(np.linalg.norm(np.ptp(nodes, axis=0))) / largest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))

@@ -25,7 +25,7 @@ from dolfinx_joints.joint_values import (
     map_value,
     record_number,
 )
-from dolfinx_joints.pictures import colour_bar, draw, legend, round_down, write
+from dolfinx_joints.pictures import colour_bar, draw, legend, round_scale, write
 from dolfinx_joints.rendering import Camera, Scene
 from dolfinx_joints.results import Results
 
@@ -114,8 +114,9 @@ def deformed(
     number = record_number(results, time, index)
     nodes, surface = _boundary(results)
     displacement = results.series("states", "displacement", number)
-    factor = _round_scale(nodes, displacement) if scale is None else scale
-    moved, size = nodes + factor * displacement, 1e3 * np.linalg.norm(displacement, axis=1)
+    size = 1e3 * np.linalg.norm(displacement, axis=1)
+    factor = round_scale(nodes, 1e-3 * float(size.max(initial=0.0))) if scale is None else scale
+    moved = nodes + factor * displacement
     outer, sides = _outer(results, surface), _sides(results)
     limits = _data_limits(size[outer])
     scene = Scene()
@@ -285,12 +286,6 @@ def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
 def _size(nodes: Floats) -> float:
     """Diagonal of the box around the body [m]."""
     return float(np.linalg.norm(np.ptp(nodes, axis=0)))
-
-
-def _round_scale(nodes: Floats, displacement: Floats) -> float:
-    """1, 2 or 5 times a power of ten, by which the largest displacement becomes visible."""
-    largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
-    return 1.0 if largest == 0.0 else round_down(0.06 * _size(nodes) / largest)
 
 
 def _data_limits(values: Floats) -> tuple[float, float]:

@@ -44,7 +44,12 @@ RECORD_TURN = 25.0  # degrees: puts the largest peak of the Tolmezzo record on t
 COMPARED_LEVEL = 0.75
 
 _POSITIVE = ("height", "crest_length", "base_width", "base_thickness", "crest_thickness", "size")
-_CHOICES = {"order": (1, 2), "cell": ("hex", "tet"), "scheme": tuple(SCHEMES)}
+_CHOICES = {
+    "order": (1, 2),
+    "cell": ("hex", "tet"),
+    "self_weight": ("finished", "grouted"),
+    "scheme": tuple(SCHEMES),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +75,10 @@ class Case:
         shear_ratio: k_s/k_n.
         gap: Of all joints, before self weight acts [m]: where it stays open afterwards, the first
             state of the results file says.
+        self_weight: ``finished``: it acts on the finished dam, and the joints with it. ``grouted``:
+            it has been carried before the joints were grouted, and leaves them closed and free of
+            traction. The body being linear, that is a run without weight: displacements count from
+            the state under it, and stresses are what is added to its own.
         scheme: ``ec``, energy-consistent, or ``newmark``, average acceleration.
         time_step: [s].
         steps: Number of time steps.
@@ -99,6 +108,7 @@ class Case:
     normal_stiffness: float = 1e11
     shear_ratio: float = 0.4
     gap: float = 0.0
+    self_weight: str = "finished"
     scheme: str = "ec"
     time_step: float = TIME_STEP
     steps: int = ALL_STEPS
@@ -222,7 +232,7 @@ def build(case: Case, which: Which, mesh: Path, comm: Any = MPI.COMM_WORLD) -> d
         material=CONCRETE,
         joints=case.law() if cut else None,
         supports=list(SUPPORTS),
-        loads=[dj.Gravity()],
+        loads=[dj.Gravity()] if case.self_weight == "finished" else [],
         damping=DAMPING,
         initial_gaps=dict.fromkeys(jointed.joint_names, case.gap) if case.gap else None,
     )
@@ -278,7 +288,8 @@ def simulate(
         envelopes=envelopes,
     )
     simulation = dj.Simulation(model, monitors=[recorded, *monitors], solver=solver)
-    simulation.statics(steps=LOAD_STEPS)
+    if model.loads:
+        simulation.statics(steps=LOAD_STEPS)
     outcome = simulation.dynamics(
         dt=case.time_step, steps=case.steps, motion=motion, scheme=SCHEMES[case.scheme]
     )

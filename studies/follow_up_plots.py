@@ -18,6 +18,7 @@ Rows = NDArray[np.int64]
 
 # Label of the axis, factor to its unit, whether it is logarithmic.
 SWEPT = {
+    "active_height": ("height up to which the joints are active / H [-]", 1.0, False),
     "gap": ("initial gap [mm]", 1e3, False),
     "friction_angle_deg": ("friction angle [degrees]", 1.0, False),
     "normal_stiffness": ("normal stiffness of the joints [Pa/m]", 1.0, True),
@@ -39,11 +40,13 @@ def row_of(table: Table, name: str) -> int | None:
 def sweep(table: Table, name: str, prefix: str = "") -> Rows:
     """Rows of one parameter's cases and of the one they differ from, in rising order."""
     start = f"{prefix}{name}="
-    base = prefix.rstrip("_") or "paper"
+    bases = {prefix.rstrip("_") or "paper"}
+    if name == "active_height":
+        bases.add("crest_joints")  # active up to 1.0
     rows = [
         row
         for row, case in enumerate(table["case"])
-        if (case.startswith(start) or case == base) and table["status"][row] == "complete"
+        if (case.startswith(start) or case in bases) and table["status"][row] == "complete"
     ]
     return np.array(sorted(rows, key=lambda row: table[name][row]), dtype=np.int64)
 
@@ -149,7 +152,9 @@ def question_names() -> dict[str, str]:
     """The paper's questions, and what to call the cases that answer them."""
     return {
         "paper": "paper: joints to 0.75 H",
+        "grouted": "closed after self weight",
         "crest_joints": "joints to the crest",
+        "grouted_crest_joints": "the same, closed after self weight",
         "no_crest_arch": "no crest arch",
         "gap=0.005": "gap 5 mm, to 0.75 H",
         "crest_joints_gap=0.005": "gap 5 mm, to the crest",

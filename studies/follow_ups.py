@@ -11,7 +11,9 @@ height. *No crest arch*: the uncut band above the joints is taken away, so that 
 0.75 of the height and its joints reach its top; response is compared with that of the linear body
 of the same shape, and at the crown at 0.75 of the height with the full dam. *Initial gaps*: every
 joint is open by so much before self weight acts; openings in the table hold that gap. Then come
-friction, stiffness and number of the joints, the size of the motion, and other records.
+what the paper does not tell: up to which height its joints were active, and whether self weight had
+been carried before they were closed (*grouted*) or opens and closes them; and friction, stiffness
+and number of the joints, the size of the motion, and other records.
 
 Of the records in the folder and its subfolders the paper's, if there (its name holds TMZ), is the
 one that all other sweeps use. Each other is turned so that its largest horizontal peak lies on the
@@ -42,6 +44,7 @@ CREST = {"active_height": 1.0}
 
 # Values of one parameter each; the paper's own value is the case "paper".
 SWEEPS: dict[str, tuple[float, ...]] = {
+    "active_height": (0.3, 0.4, 0.5, 0.6, 0.9),
     "gap": (0.0005, 0.001, 0.002, 0.003, 0.004, 0.005),
     "friction_angle_deg": (20.0, 25.0, 35.0, 40.0, 45.0, 50.0),
     "normal_stiffness": (1e10, 3e10, 3e11, 1e12, 1e13),
@@ -104,6 +107,8 @@ def grid(base: Case, others: dict[str, Path] | None = None) -> dict[str, Entry]:
         "crest_joints": Entry(case=crest, keep=True),
         "no_crest_arch_linear": Entry(case=cut, run_as="linear", keep=True),
         "no_crest_arch": Entry(case=cut, keep=True),
+        "grouted": Entry(case=replace(base, self_weight="grouted")),
+        "grouted_crest_joints": Entry(case=replace(crest, self_weight="grouted")),
         "newmark": Entry(case=replace(base, scheme="newmark")),
     }
     for prefix, start, sweeps in (("", base, SWEEPS), ("crest_joints_", crest, CREST_SWEEPS)):

@@ -42,7 +42,7 @@ def sweep(table: Table, name: str, prefix: str = "") -> Rows:
     start = f"{prefix}{name}="
     bases = {prefix.rstrip("_") or "paper"}
     if name == "active_height":
-        bases.add("crest_joints")  # active up to 1.0
+        bases.add(f"{prefix}crest_joints")  # active up to 1.0
     rows = [
         row
         for row, case in enumerate(table["case"])
@@ -74,17 +74,21 @@ def draw_sweep(table: Table, name: str, path: Path) -> Path:
     """Peaks at the mid-crest over the linear ones, and the joints, against one parameter.
 
     Full lines: joints below the crest arch, as in the paper. Broken: joints up to the crest.
+    Dotted: joints closed after self weight.
     An opening holds the initial gap.
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     label, factor, logarithmic = SWEPT[name]
-    for prefix, line in (("", "-"), ("crest_joints_", "--")):
+    for prefix, line, note in (
+        ("", "-", ""),
+        ("crest_joints_", "--", ", joints to the crest"),
+        ("grouted_", ":", ", closed after weight"),
+    ):
         rows = sweep(table, name, prefix)
         if len(rows) < 2:
             continue
         x = factor * table[name][rows]
-        note = "" if not prefix else ", joints to the crest"
         for component, colour in COLOURS.items():
             y = ratios(table, rows, PEAK.format(component))
             left.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{component}{note}")

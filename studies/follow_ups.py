@@ -44,7 +44,7 @@ CREST = {"active_height": 1.0}
 
 # Values of one parameter each; the paper's own value is the case "paper".
 SWEEPS: dict[str, tuple[float, ...]] = {
-    "active_height": (0.3, 0.4, 0.5, 0.6, 0.9),
+    "active_height": (0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.9),
     "gap": (0.0005, 0.001, 0.002, 0.003, 0.004, 0.005),
     "friction_angle_deg": (20.0, 25.0, 35.0, 40.0, 45.0, 50.0),
     "normal_stiffness": (1e10, 3e10, 3e11, 1e12, 1e13),
@@ -54,6 +54,8 @@ SWEEPS: dict[str, tuple[float, ...]] = {
 }
 # The same with joints up to the crest.
 CREST_SWEEPS: dict[str, tuple[float, ...]] = {"gap": (0.001, 0.002, 0.005), "scale": (0.5, 2.0)}
+# The same with joints grouted after self weight.
+GROUTED_SWEEPS: dict[str, tuple[float, ...]] = {"active_height": (0.4, 0.5, 0.6)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,17 +103,23 @@ def grid(base: Case, others: dict[str, Path] | None = None) -> dict[str, Entry]:
     """
     cut = replace(base, crest_arch=False)
     crest = replace(base, **CREST)
+    grouted = replace(base, self_weight="grouted")
     found = {
         "paper_linear": Entry(case=base, run_as="linear", keep=True),
         "paper": Entry(case=base, keep=True),
         "crest_joints": Entry(case=crest, keep=True),
         "no_crest_arch_linear": Entry(case=cut, run_as="linear", keep=True),
         "no_crest_arch": Entry(case=cut, keep=True),
-        "grouted": Entry(case=replace(base, self_weight="grouted")),
+        "grouted": Entry(case=grouted),
         "grouted_crest_joints": Entry(case=replace(crest, self_weight="grouted")),
         "newmark": Entry(case=replace(base, scheme="newmark")),
     }
-    for prefix, start, sweeps in (("", base, SWEEPS), ("crest_joints_", crest, CREST_SWEEPS)):
+    swept = (
+        ("", base, SWEEPS),
+        ("crest_joints_", crest, CREST_SWEEPS),
+        ("grouted_", grouted, GROUTED_SWEEPS),
+    )
+    for prefix, start, sweeps in swept:
         for name, values in sweeps.items():
             for value in values:
                 found[f"{prefix}{name}={value:g}"] = Entry(case=replace(start, **{name: value}))

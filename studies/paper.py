@@ -24,7 +24,7 @@ from dolfinx_joints import JointsError, Results
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import Case, Which, parameters, study_row
 from studies.figures import paper_figures
-from studies.tables import print_tables
+from studies.tables import print_statements, print_tables
 
 FINER = np.sqrt(0.5)
 QUICK = {"size": 8.0, "steps": 410}
@@ -71,6 +71,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="The analysis of the 1992 paper.")
     parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
     parser.add_argument("--out", type=Path, default=Path("output/paper"), help="where to write")
+    parser.add_argument(
+        "--active-height",
+        type=float,
+        default=Case().active_height,
+        help="share of the height up to which the joints are active (default %(default)s)",
+    )
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
     parser.add_argument("--workers", type=int, default=2, help="runs at once (default 2)")
     parser.add_argument(
@@ -78,7 +84,11 @@ def main(arguments: list[str] | None = None) -> None:
     )
     options = parser.parse_args(arguments)
     began = clock.perf_counter()
-    base = Case(record_folder=options.record, **(QUICK if options.quick else {}))
+    base = Case(
+        record_folder=options.record,
+        active_height=options.active_height,
+        **(QUICK if options.quick else {}),
+    )
     study = make_study(base, options.out)
     tally = study.run(workers=options.workers, retry_failed=True, rerun_changed=options.again)
     if tally.skipped:
@@ -92,6 +102,7 @@ def main(arguments: list[str] | None = None) -> None:
         Results(result(study, "paper_joints")) as joints,
     ):
         print_tables(linear, joints)
+        print_statements(linear, joints)
         figures = paper_figures(linear, joints, options.out)
     print(f"\n{len(figures)} figures in {options.out}")
     from dolfinx_joints import report

@@ -1,12 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The printed comparison of a run with joints and a run without."""
+"""The printed comparison of a run with joints and a run without, and with the paper."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from dolfinx_joints import Results, measures
+from dolfinx_joints.paper_statements import count, judged
+from dolfinx_joints.report_runs import Pair, Run
 
 POINT = "mid-crest"
 
@@ -59,3 +61,17 @@ def print_tables(linear: Results, joints: Results) -> dict[str, Any]:
     for name, (opening, slip, pressure) in each.items():
         print(f"{name:<10} {opening:20.3f} {slip:19.3f} {pressure:24.3f}")
     return {**rows, **each}
+
+
+def print_statements(linear: Results, joints: Results) -> None:
+    """The paper's statements, the numbers behind them, and whether they agree."""
+    judgements = judged(Pair(Run(linear, "linear"), Run(joints, "joints")))
+    statement = ""
+    for found in judgements:
+        check = found.check
+        if check.statement != statement:
+            statement = check.statement
+            print(f"\n{statement}")
+        verdict = found.verdict + (f": {found.reason}" if found.reason else "")
+        print(f"  {check.quantity:<76} {found.value:9.3g}   {verdict} ({check.rule})")
+    print(f"\n{count(judgements)}")

@@ -53,7 +53,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
         title = _TITLE.search(text.lines[line - 1])
         if title is None:
             text.fail(line, "a channel must begin here, with '(Format v01.20 with 13 text lines)'.")
-        after = line + int(title[1]) + 1
+        after = line + int(title[1])
         whole, after = _header(text, after)
         real, after = _header(text, after)
         if min(len(whole), len(real)) < 62:
@@ -124,7 +124,9 @@ def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64
         if block[2].lower() == "acceleration" and acceleration is None:
             unit = _BLOCK_UNIT.search(line)
             if unit is not None and int(unit[1]) != code:
-                text.fail(number, f"the unit has the code {unit[1]} here and {code} in the header.")
+                text.fail(
+                    number, f"the unit has the code {int(unit[1])} here and {code} in the header."
+                )
             acceleration = values
         number = last + 1
     if acceleration is None:

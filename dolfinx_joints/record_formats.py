@@ -49,6 +49,7 @@ _AT2_STEM = re.compile(
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
 _SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
+_ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
 _KNET_DIRECTIONS: dict[str, Direction] = {
     **dict.fromkeys(("N-S", "1", "4"), 0.0),
     **dict.fromkeys(("E-W", "2", "5"), 90.0),
@@ -137,7 +138,7 @@ def _read_esm(text: RecordText) -> list[Component]:
             text.values(len(keys) + 1, count, keys["NDATA"][0]),
             dt=dt,
             unit=unit,
-            direction=direction_named(keys["STREAM"][1][-1:]),
+            direction=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
             record=_esm_record(text) or text.path.stem,
             header=len(keys),
         )

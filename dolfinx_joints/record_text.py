@@ -158,7 +158,7 @@ class RecordText:
         if len(found) != count:
             self.fail(
                 max(first - 1, last),
-                f"the values end here after {len(found)}, line {announced} announces {count}.",
+                f"{len(found)} values up to here, line {announced} announces {count}.",
             )
         return found
 
@@ -214,10 +214,10 @@ def direction_named(text: str) -> Direction | None:
     Args:
         text: for example ``N``, ``E-W``, ``UP``, ``DWN`` or ``270``.
     """
-    plain = text.strip().upper().replace("-", "")
+    plain = text.strip().upper()
     if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
         return float(plain) % 360.0
-    return _NAMES.get(plain)
+    return _NAMES.get(plain.replace("-", ""))
 
 
 def component(

@@ -88,11 +88,11 @@ GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
             GOOD.replace(" 1.0000000E-01", " 1 2"),
             "line 7: 6 values where the lines before",
         ),
-        (GOOD[: GOOD.rindex(" 2.2")], "line 9: the values end here after 22, line 4 announces 23"),
-        (GOOD[: GOOD.rindex(" 2.0")], "line 8: the values end here after 20, line 4 announces 23"),
+        (GOOD[: GOOD.rindex(" 2.2")], "line 9: 22 values up to here, line 4 announces 23"),
+        (GOOD[: GOOD.rindex(" 2.0")], "line 8: 20 values up to here, line 4 announces 23"),
         (
             at2_text([0.1] * 10, count=9),
-            "line 6: the values end here after 10, line 4 announces 9",
+            "line 6: 10 values up to here, line 4 announces 9",
         ),
     ],
 )

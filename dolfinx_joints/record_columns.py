@@ -9,7 +9,8 @@ Lines that begin with ``#`` may stand above the numbers and say, as ``key: value
 - ``columns``: what each column holds, ``time`` or the direction of a component, for example
   ``time N E UP`` or ``35 305 UP``.
 
-What the file does not say the user must; what both say must agree.
+What the file does not say the user must; what both say must agree. Where neither names the columns,
+one is a component and two are time and a component.
 """
 
 import re
@@ -126,21 +127,23 @@ def _unit(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> 
 
 
 def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> list[str]:
-    """What each column holds; a lone column may leave its direction open."""
+    """What each column holds: unless said, one is a component, two are time and a component."""
     here = said["columns"][1].lower().split() if "columns" in said else None
     given = None if user.columns is None else [str(name).lower() for name in user.columns]
-    if None not in (here, given) and here != given:
-        text.fail(said["columns"][0], f"the columns are {here}, but columns={given} was given.")
+    if here is not None and given is not None and here != given:
+        text.fail(
+            said["columns"][0],
+            f"the columns are {' '.join(here)}, but columns={' '.join(given)!r} was given.",
+        )
     names = here or given
     if names is None:
         width = len(text.words(_first_row(text))) if _first_row(text) <= len(text.lines) else 0
-        has_dt = "dt" in said or user.dt is not None
-        if width != (1 if has_dt else 2):
+        if width not in (1, 2):
             raise RecordError(
                 f"{text.path} has {width} columns and does not say what they hold; say columns=, "
                 "or write '# columns: time N E UP' above the numbers."
             )
-        return ["?"] if has_dt else ["time", "?"]
+        return ["time", "?"][-width:]
     known = [name for name in names if name == "time" or direction_named(name) is not None]
     if known != names or names.count("time") > 1 or len(set(names)) < len(names):
         raise RecordError(

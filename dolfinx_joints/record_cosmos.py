@@ -22,6 +22,7 @@ _TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.
 _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)
 _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
+_END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*(\d{1,3})\s*[IFEGD](\d{1,2})", re.I)
 _BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d+)\s*\)", re.I)
 _UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
@@ -61,8 +62,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
                 after - 1, f"the headers have {len(whole)} and {len(real)} numbers, 62 are needed."
             )
         after = _after_comments(text, after)
-        kind = text.number(line, whole[1], "kind of the values")
-        if kind != 1:
+        if whole[1] not in ("1", "-999"):  # acceleration, or not said here
             text.fail(line, f"the channel must hold acceleration, code 1, got {whole[1]}.")
         unit = _UNIT_CODES.get(int(text.number(line, whole[2], "code of the unit")))
         if unit is None:
@@ -112,7 +112,7 @@ def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64
     acceleration, number = None, first
     while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):
         line = text.lines[number - 1]
-        if line.lower().startswith("end-of-data"):
+        if _END.search(line):
             number += 1
             continue
         block, width = _BLOCK.match(line), _WIDTH.search(line)

@@ -203,7 +203,7 @@ def _smc_record(text: RecordText) -> str:
 def _read_smc(text: RecordText) -> list[Component]:
     kind = text.lines[0].strip()
     if kind != "2 CORRECTED ACCELEROGRAM":
-        text.fail(1, f"must say '2 CORRECTED ACCELEROGRAM', got {kind!r}.")
+        text.fail(1, f"must say '2 CORRECTED ACCELEROGRAM', as others can be uneven, got {kind!r}.")
     text.line(27, "the end of the headers")
     whole = [word for number in range(12, 18) for word in text.words(number, 10)]
     if len(whole) != 48:

@@ -89,7 +89,8 @@ def read_record(
             belong to one record by their headers (AT2: by their names, which differ in the
             component at the end, as ``-UP``, ``DWN``, ``000``); subdirectories are not searched,
             nor are plain columns that do not say their unit, unless ``unit`` does.
-        name: part of the name of the record, needed where a directory has several.
+        name: the name of the record or a part that no other has; needed where a directory has
+            several.
         unit: of plain columns, see :func:`read_components`.
         dt: of plain columns [s].
         columns: of plain columns.
@@ -138,6 +139,7 @@ def _files(
         return [path], ""
     records = _records_in(path, any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
+    chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         known = ", ".join(records) or "none"
         wanted = "" if name is None else f" with {name!r} in its name"

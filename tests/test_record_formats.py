@@ -354,11 +354,14 @@ def test_the_two_levels_of_a_borehole_are_two_records(tmp_path: Path) -> None:
     names = record_names(tmp_path)
     assert names == ["ABC001 2000/01/01 10:20:00 underground", "ABC001 2000/01/01 10:20:00"]
     assert read_record(tmp_path, name="underground").name == names[0]
+    assert read_record(tmp_path, name=names[1]).name == names[1]  # also a part of the other name
 
 
 def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
+    # Ends of channels are written in more than one way.
+    end = "/&  ----------  End of data for channel  1  ----------"
     channels = [cosmos(values=k * WAVE, azimuth=a) for k, a in ((1, 40), (2, 310), (3, 401))]
-    motion = read_record(write(tmp_path, "\n".join(channels)))
+    motion = read_record(write(tmp_path, f"\n{end}\n".join(channels)))
     expected = np.stack([WAVE, 2 * WAVE, -3 * WAVE], axis=1)  # the last one points down
     np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=1e-9)
     assert motion.name == "CE-ABC 01/01/2000 10:20:46.0"

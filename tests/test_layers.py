@@ -71,6 +71,7 @@ LEVELS = {
     "joint_values": 1.05,
     "plots": 1.1,
     "response_plots": 1.2,
+    "motion_plots": 1.3,
     "views": 1.1,
     "gathering": 1.2,
     "mesh": 2.0,
@@ -139,6 +140,7 @@ LIGHT = [
     "pictures",
     "plots",
     "response_plots",
+    "motion_plots",
     "views",
     "report_runs",
     "report",
@@ -237,6 +239,7 @@ def test_matplotlib_is_imported_for_plots_only():
         "plots",
         "joint_surface",
         "joint_values",
+        "motion_plots",
         "pictures",
         "response_plots",
         "views",
@@ -296,7 +299,7 @@ sys.meta_path.insert(0, Refuse())
 
 @pytest.mark.parametrize("module", LIGHT)
 def test_light_modules_need_no_dolfinx(module):
-    if module in ("plots", "response_plots"):
+    if module in ("plots", "response_plots", "motion_plots"):
         pytest.importorskip("matplotlib")
     run(f"{BLOCKED}\nimportlib.import_module('dolfinx_joints.{module}')")
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_formats import Format
-from dolfinx_joints.record_text import Component, Direction, RecordText, component
+from dolfinx_joints.record_text import Component, Direction, RecordText, component, record_named
 
 _TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
 _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)
@@ -38,7 +38,7 @@ def _record(text: RecordText) -> str:
     code = re.search(r"Code:\s*(\S+)", station) or re.search(r"Statn No:\s*(\S+)", station)
     time = re.search(r"time:\s*([\d/]+)[,\s]+([\d:.]+)", start)
     place = text.path.stem if code is None else code[1]
-    return place if time is None else f"{place} {time[1]} {time[2]}"
+    return place if time is None else record_named(place, time[1], time[2])
 
 
 def _read(text: RecordText) -> list[Component]:
@@ -54,21 +54,15 @@ def _channels(text: RecordText) -> Iterator[Component]:
         title = _TITLE.search(text.lines[line - 1])
         if title is None:
             text.fail(line, "a channel must begin here, with '(Format v01.20 with 13 text lines)'.")
-        after = line + int(title[1])
-        whole, after = _header(text, after)
-        real, after = _header(text, after)
-        if min(len(whole), len(real)) < 62:
-            text.fail(
-                after - 1, f"the headers have {len(whole)} and {len(real)} numbers, 62 are needed."
-            )
+        first = line + int(title[1])
+        whole, second = _header(text, first)
+        real, after = _header(text, second)
+        for number, header in ((first, whole), (second, real)):
+            if len(header) < 62:
+                text.fail(number, f"the header must have 62 numbers or more, got {len(header)}.")
+        unit = _unit(text, first + 1, whole)
+        step = text.positive(second + 1, real[61], "the time step [ms], 62nd real number,")
         after = _after_comments(text, after)
-        if whole[1] not in ("1", "-999"):  # acceleration, or not said here
-            text.fail(line, f"the channel must hold acceleration, code 1, got {whole[1]}.")
-        unit = _UNIT_CODES.get(int(text.number(line, whole[2], "code of the unit")))
-        if unit is None:
-            known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
-            text.fail(line, f"the unit has the code {whole[2]}; known are {known}.")
-        step = text.positive(line, real[61], "the time step [ms], 62nd real number,")
         values, line = _blocks(text, after, int(whole[2]))
         yield component(
             text,
@@ -79,6 +73,17 @@ def _channels(text: RecordText) -> Iterator[Component]:
             record=_record(text),
             header=after - 1,
         )
+
+
+def _unit(text: RecordText, number: int, whole: list[str]) -> str:
+    """Name of the unit, by the second and third whole number, which are on a line."""
+    if whole[1] not in ("1", "-999"):  # acceleration, or not said here
+        text.fail(number, f"the channel must hold acceleration, code 1, got {whole[1]}.")
+    known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
+    for code, name in _UNIT_CODES.items():
+        if whole[2] == str(code):
+            return name
+    text.fail(number, f"the unit has the code {whole[2]}; known are {known} (50 is raw counts).")
 
 
 def _header(text: RecordText, number: int) -> tuple[list[str], int]:

@@ -18,6 +18,7 @@ from dolfinx_joints.record_text import (
     RecordText,
     component,
     direction_named,
+    record_named,
     unit_named,
 )
 
@@ -117,7 +118,7 @@ def _esm_record(text: RecordText) -> str | None:
         keys.get(key, (0, ""))[1]
         for key in ("NETWORK", "STATION_CODE", "EVENT_DATE_YYYYMMDD", "EVENT_TIME_HHMMSS")
     )
-    return f"{network}.{station} {day} {time}"
+    return record_named(f"{network}.{station}", day, time)
 
 
 def _read_esm(text: RecordText) -> list[Component]:
@@ -159,8 +160,8 @@ def _knet_matches(text: RecordText) -> bool:
 
 def _knet_record(text: RecordText) -> str:
     station, time = _knet(text, "Station Code")[1], _knet(text, "Origin Time")[1]
-    below = " underground" if _knet(text, "Dir.")[1] in ("1", "2", "3") else ""
-    return f"{station} {time}{below}"
+    below = "underground" if _knet(text, "Dir.")[1] in ("1", "2", "3") else ""
+    return record_named(station, time, below)
 
 
 def _read_knet(text: RecordText) -> list[Component]:
@@ -197,7 +198,7 @@ def _smc_matches(text: RecordText) -> bool:
 def _smc_record(text: RecordText) -> str:
     day = "-".join(text.line(4, "the date of the event").split()[:3])
     station = text.line(6, "the station").partition("component")[0]
-    return f"{station.removeprefix('station =').strip(' ,')} {day}"
+    return record_named(station.removeprefix("station ="), day)
 
 
 def _read_smc(text: RecordText) -> list[Component]:

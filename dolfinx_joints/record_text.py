@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.records import STANDARD_GRAVITY
 
-MAX_BYTES = 200_000_000
+MAX_BYTES = 50_000_000
 """Largest file that is read [bytes]; an hour at 200 samples per second takes 12e6."""
 
 MAX_PEAK_G = 20.0
@@ -218,6 +218,16 @@ def direction_named(text: str) -> Direction | None:
     if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
         return float(plain) % 360.0
     return _NAMES.get(plain.replace("-", ""))
+
+
+def record_named(*parts: str) -> str:
+    """Name of a record that can name a file too: words joined by ``_``, times without marks.
+
+    Args:
+        parts: for example a station and a time.
+    """
+    words = (re.sub(r"[/:]", "", part) for part in parts)
+    return "_".join(filter(None, re.split(r"[^\w.+-]+", " ".join(words))))
 
 
 def component(

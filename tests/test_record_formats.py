@@ -246,8 +246,8 @@ def test_text_among_the_numbers_is_refused(tmp_path: Path, name: str, word: str)
         ("esm", "", "line 10: '' is no known unit"),
         ("esm", "cm/s", "line 10: 'cm/s' is no known unit"),
         ("knet", "kine", "line 14: 'kine' is no known unit"),
-        ("cosmos", "5", "line 1: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
-        ("cosmos", "50", "line 1: the unit has the code 50"),
+        ("cosmos", "5", "line 15: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
+        ("cosmos", "50", "line 15: the unit has the code 50"),
         ("cosmos", "2", "line 46: the unit has the code 4 here and 2 in the header"),
         ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
     ],
@@ -304,7 +304,7 @@ def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
         (cosmos().replace("(10I8)", ""), "line 14: must say how many header values follow"),
         (cosmos().replace("100 Int", "999 Int"), "100 header values, line 14 announces 999"),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
-        (cosmos().replace("   2       1", "   0       2"), "line 1: the channel must hold accel"),
+        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
     ],
 )
 def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:
@@ -352,7 +352,7 @@ def test_the_two_levels_of_a_borehole_are_two_records(tmp_path: Path) -> None:
     for number in range(1, 7):
         write(tmp_path, knet(direction=str(number)), f"ABC.{number}")
     names = record_names(tmp_path)
-    assert names == ["ABC001 2000/01/01 10:20:00 underground", "ABC001 2000/01/01 10:20:00"]
+    assert names == ["ABC001_20000101_102000_underground", "ABC001_20000101_102000"]
     assert read_record(tmp_path, name="underground").name == names[0]
     assert read_record(tmp_path, name=names[1]).name == names[1]  # also a part of the other name
 
@@ -364,7 +364,7 @@ def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
     motion = read_record(write(tmp_path, f"\n{end}\n".join(channels)))
     expected = np.stack([WAVE, 2 * WAVE, -3 * WAVE], axis=1)  # the last one points down
     np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=1e-9)
-    assert motion.name == "CE-ABC 01/01/2000 10:20:46.0"
+    assert motion.name == "CE-ABC_01012000_102046.0"
 
 
 def test_a_direction_that_the_file_does_not_know_can_be_said(tmp_path: Path) -> None:

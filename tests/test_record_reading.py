@@ -165,3 +165,20 @@ def test_components_that_disagree_are_refused(tmp_path: Path) -> None:
     (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="DWN"))
     with pytest.raises(RecordError, match="-UP.AT2, line 2: names another component"):
         read_record(tmp_path)
+
+
+def test_a_damaged_component_is_refused_not_left_out(tmp_path: Path) -> None:
+    # By its name the file belongs to the record, whatever it holds.
+    write_record(tmp_path)
+    for content, message in ((b"", "-UP.AT2 is empty"), (b"\0\1\2", "-UP.AT2 is not a text file")):
+        (tmp_path / "RSN1_ABC-UP.AT2").write_bytes(content)
+        with pytest.raises(RecordError, match=message):
+            read_record(tmp_path)
+
+
+def test_no_files_and_no_azimuth_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="At least one file is needed, got none"):
+        read_record([])
+    write_record(tmp_path)
+    with pytest.raises(RecordError, match="stream_azimuth_deg must be a finite number, got nan"):
+        read_record(tmp_path, stream_azimuth_deg=float("nan"))

@@ -66,8 +66,6 @@ def read_columns(text: RecordText, user: Columns) -> list[Component]:
     """
     said, first = _said(text), _first_row(text)
     unit, names = _unit(text, said, user), _names(text, said, user)
-    if first > len(text.lines):
-        raise RecordError(f"{text.path} holds no numbers.")
     rows = text.rows(first, len(names), "the columns are")
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
@@ -162,8 +160,6 @@ def _step(
 ) -> float:
     """Time between rows [s]."""
     here = text.positive(*said["dt"], "dt") if "dt" in said else None
-    if user.dt is not None and not (np.isfinite(user.dt) and user.dt > 0.0):
-        raise RecordError(f"dt must be a positive number of seconds, got {user.dt}.")
     if None not in (here, user.dt) and here != user.dt:
         text.fail(said["dt"][0], f"dt is {here} s, but dt={user.dt} was given.")
     dt = here or user.dt

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_formats import Format
 from dolfinx_joints.record_text import Component, Direction, RecordText, component, record_named
 
@@ -24,7 +23,7 @@ _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*(\d{1,3})\s*[IFEGD](\d{1,2})", re.I)
-_BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d+)\s*\)", re.I)
+_BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d{1,3})\s*\)", re.I)
 _UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
 
 
@@ -42,18 +41,12 @@ def _record(text: RecordText) -> str:
 
 
 def _read(text: RecordText) -> list[Component]:
-    found = list(_channels(text))
-    if not found:
-        raise RecordError(f"{text.path} holds no acceleration.")
-    return found
+    return list(_channels(text))
 
 
 def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
-    while line <= len(text.lines):
-        title = _TITLE.search(text.lines[line - 1])
-        if title is None:
-            text.fail(line, "a channel must begin here, with '(Format v01.20 with 13 text lines)'.")
+    while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
         first = line + int(title[1])
         whole, second = _header(text, first)
         real, after = _header(text, second)
@@ -135,7 +128,6 @@ def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64
             acceleration = values
         number = last + 1
     if acceleration is None:
-        text.line(number, "accelerations")
         text.fail(number - 1, "the channel ends here without accelerations.")
     return acceleration, number
 

@@ -213,7 +213,9 @@ def _read_smc(text: RecordText) -> list[Component]:
         text.fail(14, "the file flags a problem of the record (18th whole number is 1).")
     rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
     count = text.count(14, whole[16])
-    comments = int(text.number(13, whole[15], "the number of comments"))
+    if not re.fullmatch(r"\d{1,4}", whole[15]):
+        text.fail(13, f"the number of comments must be a whole number, got {whole[15]!r}.")
+    comments = int(whole[15])
     tilt, azimuth = (text.number(13, word, "orientation") for word in whole[12:14])
     sideways = direction_named(f"{azimuth:g}") if tilt == 90.0 else None
     vertical: dict[float, Direction] = {0.0: "up", 180.0: "down"}

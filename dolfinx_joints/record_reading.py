@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_columns import Columns, is_columns, read_columns, states_unit
 from dolfinx_joints.record_cosmos import COSMOS
@@ -44,7 +45,10 @@ def read_components(
 
     Raises:
         RecordError: with file, line and reason, where the file is anything else.
+        ValueError: ``dt`` is no positive number.
     """
+    if dt is not None:
+        check_number("dt", dt, lambda step: step > 0.0, "a positive number of seconds")
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
     if known is None and is_columns(text):
@@ -101,7 +105,10 @@ def read_record(
     Raises:
         RecordError: no record, or several, or one that is not two horizontal components at right
             angles and a vertical one, or with different time steps or units.
+        ValueError: ``dt`` is no positive number or the azimuth no finite one.
     """
+    if stream_azimuth_deg is not None:
+        check_number("stream_azimuth_deg", stream_azimuth_deg, lambda _: True, "a finite number")
     files, title = _files(source, name, unit is not None)
     parts = [
         part for path in files for part in read_components(path, unit=unit, dt=dt, columns=columns)
@@ -112,8 +119,6 @@ def read_record(
     motion, azimuth = _assembled(parts, title)
     if stream_azimuth_deg is None:
         return motion
-    if not np.isfinite(stream_azimuth_deg):
-        raise RecordError(f"stream_azimuth_deg must be a finite number, got {stream_azimuth_deg}.")
     return motion.rotated(azimuth - stream_azimuth_deg)
 
 
@@ -198,9 +203,14 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
 def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     """The motion along x, y, z, and the azimuth of x [degrees]."""
     found = ", ".join(f"{part.path.name} ({_said(part.direction)})" for part in parts)
-    flat = [part for part in parts if isinstance(part.direction, float)]
     upright = [part for part in parts if part.direction in ("up", "down")]
-    pairs = [(a, b, float(a.direction or 0.0)) for a in flat for b in flat if _left_of(a, b)]
+    flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
+    pairs = [
+        (a, b, azimuth)
+        for a, azimuth in flat
+        for b, other in flat
+        if abs((azimuth - other + 90.0) % 360.0 - 180.0) < _ANGLE  # b is 90 degrees to the left
+    ]
     if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
         raise RecordError(
             f"A record is a vertical component and two horizontal ones at right angles, {title!r} "
@@ -217,14 +227,6 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     columns = [part.acceleration[:length] for part in (x, y, upright[0])]
     columns[2] = sign * columns[2]
     return Motion(acceleration=np.stack(columns, axis=1), dt=x.dt, name=title), azimuth
-
-
-def _left_of(a: Component, b: Component) -> bool:
-    """Whether b points 90 degrees to the left of a."""
-    if not isinstance(a.direction, float) or not isinstance(b.direction, float):
-        return False
-    miss = (a.direction - b.direction - 90.0 + 180.0) % 360.0 - 180.0
-    return abs(miss) < _ANGLE
 
 
 def _said(direction: Direction | None) -> str:

@@ -197,12 +197,12 @@ def unit_named(text: str, where: str) -> str:
         text: for example ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``.
         where: what to begin a refusal with.
     """
-    plain = text.strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
+    plain = str(text).strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
     plain = re.sub(r"/s(/s|/?\^?2|²)$", "/s^2", plain)
     plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
     if plain not in UNITS:
         raise RecordError(
-            f"{where}: {text.strip()!r} is no known unit of acceleration; known are "
+            f"{where}: {str(text).strip()!r} is no known unit of acceleration; known are "
             f"{', '.join(UNITS)}."
         )
     return plain
@@ -244,15 +244,13 @@ def component(
 
     Args:
         text: the file.
-        values: shape (n,), [``unit``].
+        values: shape (n,), n at least 2, [``unit``].
         dt: time between samples [s].
         unit: a name in ``UNITS``.
         direction: of positive values.
         record: name of the record.
         header: how many lines the header has.
     """
-    if len(values) < 2:
-        raise RecordError(f"{text.path} has {len(values)} values; a record has 2 at least.")
     acceleration = UNITS[unit] * values
     place = int(np.argmax(np.abs(acceleration)))
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:

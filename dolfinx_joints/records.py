@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.motion_processing import (
     ROUNDING,
@@ -189,12 +190,14 @@ class Motion:
             order: of one pass, from 1 to 8.
         """
         nyquist = 0.5 / self.dt
+        allowed = f"above 0 and below {nyquist:.6g} Hz, half the sampling rate"
         corners = [corner for corner in (low, high) if corner is not None]
-        inside = all(0.0 < corner < nyquist for corner in corners)
-        if not corners or not inside or sorted(set(corners)) != corners:
+        for name, corner in (("low", low), ("high", high)):
+            if corner is not None:
+                check_number(name, corner, lambda f: 0.0 < f < nyquist, allowed, unit="Hz")
+        if not corners or sorted(set(corners)) != corners:
             raise RecordError(
-                f"The corners must be given and rise within 0 to {nyquist:.6g} Hz, half the "
-                f"sampling rate, got low={low} and high={high}."
+                f"One corner must be given, or two that rise, got low={low} and high={high}."
             )
         if corners[0] * self.duration < 1.0:
             raise RecordError(

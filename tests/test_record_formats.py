@@ -303,6 +303,13 @@ def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
         (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "line 1: must say '2 CORRECTED ACCELEROGRAM'"),
         (cosmos().replace("(10I8)", ""), "line 14: must say how many header values follow"),
         (cosmos().replace("100 Int", "999 Int"), "100 header values, line 14 announces 999"),
+        (cosmos().replace("acceleration pts", "sag pts"), "line 54: the channel ends here without"),
+        (
+            cosmos().replace(" 100 Real", "  60 Real").replace(" 17 lines", " 10 lines"),
+            "line 25: the",
+        ),
+        (smc().replace("37    ", "37     "), "line 17"),
+        (smc().replace("-32768         2", "-32768        -2"), "line 13: the number of comments"),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
     ],

@@ -180,5 +180,5 @@ def test_no_files_and_no_azimuth_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="At least one file is needed, got none"):
         read_record([])
     write_record(tmp_path)
-    with pytest.raises(RecordError, match="stream_azimuth_deg must be a finite number, got nan"):
+    with pytest.raises(ValueError, match="stream_azimuth_deg is nan; it must be a finite number"):
         read_record(tmp_path, stream_azimuth_deg=float("nan"))

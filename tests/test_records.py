@@ -67,6 +67,11 @@ def test_rotation_turns_the_axes_counterclockwise() -> None:
     np.testing.assert_allclose(turned.rotated(-30.0).acceleration, motion.acceleration, atol=1e-15)
 
 
+def test_a_rotation_by_no_number_is_refused() -> None:
+    with pytest.raises(RecordError, match="angle_deg must be a finite number, got nan"):
+        motion_of((np.ones(3), 0.0, 0.0)).rotated(np.nan)
+
+
 def test_rotation_finds_the_largest_peak_of_a_polarised_motion() -> None:
     # All motion along the line 25 degrees to the left of x: turned by 25 it is on x alone.
     wave = np.sin(np.arange(200) * 0.1)

@@ -60,7 +60,7 @@ _HOME = {
     "propose_stiffness": "stiffness",
     "rayleigh": "damping",
     "read_msh": "mesh",
-    "read_record": "records",
+    "read_record": "record_reading",
     "split_mesh": "mesh",
     "stiffness_proportional": "damping",
     "synthetic_motion": "records",

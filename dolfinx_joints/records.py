@@ -1,43 +1,33 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions: read PEER AT2 files, make synthetic ones, turn, resample, cut and taper them.
+"""Ground motions: make synthetic ones, turn, correct, filter, resample, cut and taper them.
 
-Files hold g; everything behind this door is in m/s^2 and in the axes of the dam: x stream, y
-cross-valley, z up, right-handed. :func:`read_record` puts x on the horizontal component whose
-azimuth is 90 degrees more (clockwise, seen from above) than the other's; :meth:`Motion.rotated`
-then turns the pair onto the dam.
+Everything is in m/s^2 and in the axes of the dam: x stream, y cross-valley, z up, right-handed.
+Files are read by :mod:`~dolfinx_joints.record_reading`.
 """
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.errors import RecordError
+from dolfinx_joints.motion_processing import (
+    ROUNDING,
+    band_pass,
+    fall,
+    integrate,
+    resample,
+    without_baseline,
+    without_drift,
+    without_line,
+)
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901): the g in which records are given."""
-
-_COUNT_AND_STEP = (
-    re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)(?:\s|,|SEC|$)", re.I),
-    re.compile(r"^\s*(\d+)\s+([\d.]+(?:E[+-]?\d+)?)\s+NPTS\s*,\s*DT\b", re.I),
-)
-_UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
-_COMPONENT = re.compile(
-    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|[-_.](V|NS|EW|[NESW]|\d{1,2}))", re.I
-)
-_UP, _DOWN = -1, -2  # told from azimuths, which are 0 to 359
-_DIRECTIONS = {
-    **dict.fromkeys(("UP", "V", "VER", "VERT"), _UP),
-    **dict.fromkeys(("DWN", "DOWN"), _DOWN),
-    **{"N": 0, "NS": 0, "E": 90, "EW": 90, "S": 180, "W": 270},
-}
-_ROUNDING = 1e-9  # part of a sample by which a time may miss a sample and still mean it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,14 +90,18 @@ class Motion:
         columns = [np.interp(times, samples, c, left=0.0, right=0.0) for c in self.acceleration.T]
         return np.stack(columns, axis=-1)
 
+    def integrated(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Velocity [m/s] and displacement [m] from rest, each of shape (n, 3)."""
+        return integrate(self.acceleration, self.dt)
+
     def rotated(self, angle_deg: float) -> Self:
         """Components along horizontal axes turned counterclockwise, seen from above.
 
         With c, s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``: the
         ground moves as before, the axes that describe it are turned. As azimuths count
         clockwise, x' has the azimuth of x less ``angle_deg``. For the Tolmezzo record of 6 May
-        1976 as :func:`read_record` returns it (x on azimuth 0, y on 270), 25 degrees puts the
-        largest horizontal peak of any angle, 0.395 g, on x'.
+        1976 as it is read (x on azimuth 0, y on 270), 25 degrees puts the largest horizontal peak
+        of any angle, 0.395 g, on x'.
         """
         if not np.isfinite(angle_deg):
             raise RecordError(f"angle_deg must be a finite number, got {angle_deg}.")
@@ -131,19 +125,8 @@ class Motion:
             raise RecordError(f"dt must be positive and at most {self.duration:.6g} s, got {dt}.")
         if dt == self.dt:
             return self
-        from scipy.fft import next_fast_len
-        from scipy.signal import czt
-
-        period = next_fast_len(2 * len(self.acceleration), real=True)
-        spectrum = np.fft.rfft(self.acceleration, n=period, axis=0) / period
-        frequency = np.fft.rfftfreq(period, self.dt)
-        # Each term but the mean, and the one at Nyquist, stands for its conjugate as well.
-        weight = np.where((frequency == 0.0) | (2 * frequency * self.dt >= 1.0), 1.0, 2.0)
-        if dt > self.dt:
-            weight = weight * _fall(frequency, 0.8 * 0.5 / dt, 0.5 / dt)
-        count = int(np.floor(self.duration / dt + _ROUNDING)) + 1
-        turn = np.exp(2j * np.pi * dt / (period * self.dt))
-        values = czt(weight[:, None] * spectrum, m=count, w=turn, axis=0).real
+        count = int(np.floor(self.duration / dt + ROUNDING)) + 1
+        values = resample(self.acceleration, self.dt, dt, count)
         return replace(self, acceleration=values, dt=float(dt))
 
     def trimmed(self, duration: float, *, start: float = 0.0) -> Self:
@@ -158,22 +141,73 @@ class Motion:
         if not (
             start >= 0.0
             and duration > 0.0
-            and start + duration <= self.duration + _ROUNDING * self.dt
+            and start + duration <= self.duration + ROUNDING * self.dt
         ):
             raise RecordError(
                 f"The part to keep must lie within 0 to {self.duration:.6g} s, got {start:.6g} to "
                 f"{start + duration:.6g} s."
             )
-        first = int(np.ceil(start / self.dt - _ROUNDING))
-        last = int(np.floor((start + duration) / self.dt + _ROUNDING))
+        first = int(np.ceil(start / self.dt - ROUNDING))
+        last = int(np.floor((start + duration) / self.dt + ROUNDING))
         return replace(self, acceleration=self.acceleration[first : last + 1])
 
     def detrended(self) -> Self:
         """The motion less the straight line that fits each component best (least squares)."""
-        centred = self.time - self.time.mean()
-        slope = centred @ self.acceleration / (centred @ centred)
-        line = self.acceleration.mean(axis=0) + np.outer(centred, slope)
-        return replace(self, acceleration=self.acceleration - line)
+        return replace(self, acceleration=without_line(self.acceleration, self.dt))
+
+    def baseline_corrected(self, degree: int = 2) -> Self:
+        """The motion less the slow polynomial that makes its velocity drift.
+
+        Of all polynomials of this degree in acceleration the one is taken off whose velocity,
+        zero at the start, fits the velocity of the motion best (least squares), for each
+        component. The motion should start at rest; what it leaves at the end is not forced to zero.
+
+        Args:
+            degree: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
+        """
+        if isinstance(degree, bool) or degree not in range(7):
+            raise RecordError(f"degree must be a whole number from 0 to 6, got {degree!r}.")
+        if len(self.acceleration) < degree + 3:
+            raise RecordError(
+                f"A baseline of degree {degree} needs {degree + 3} samples or more, the motion "
+                f"has {len(self.acceleration)}."
+            )
+        return replace(self, acceleration=without_baseline(self.acceleration, int(degree)))
+
+    def band_passed(
+        self, low: float | None = None, high: float | None = None, *, order: int = 4
+    ) -> Self:
+        """Butterworth filter without phase shift: once forwards, once backwards.
+
+        Both passes together have a gain of 1/2 at the corners and fall beyond them twice as
+        steeply as a filter of this order. The motion is taken as zero before and after its
+        samples: take off its baseline and taper it first. What the filter spreads beyond the ends
+        is cut off, which can make the displacement drift: correct the baseline again after it.
+
+        Args:
+            low: lower corner [Hz]; everything below passes unless given.
+            high: upper corner [Hz]; everything above passes unless given.
+            order: of one pass, from 1 to 8.
+        """
+        nyquist = 0.5 / self.dt
+        allowed = f"above 0 and below {nyquist:.6g} Hz, half the sampling rate"
+        corners = [corner for corner in (low, high) if corner is not None]
+        for name, corner in (("low", low), ("high", high)):
+            if corner is not None:
+                check_number(name, corner, lambda f: 0.0 < f < nyquist, allowed, unit="Hz")
+        if not corners or sorted(set(corners)) != corners:
+            raise RecordError(
+                f"One corner must be given, or two that rise, got low={low} and high={high}."
+            )
+        if corners[0] * self.duration < 1.0:
+            raise RecordError(
+                f"A corner of {corners[0]:.6g} Hz is below one period in the {self.duration:.6g} "
+                f"s of the motion, {1.0 / self.duration:.6g} Hz."
+            )
+        if isinstance(order, bool) or order not in range(1, 9):
+            raise RecordError(f"order must be a whole number from 1 to 8, got {order!r}.")
+        values = band_pass(self.acceleration, self.dt, low, high, int(order))
+        return replace(self, acceleration=values)
 
     def tapered(self, *, seconds: float | None = None, fraction: float | None = None) -> Self:
         """Bring the motion to zero at both ends by half a cosine.
@@ -191,7 +225,7 @@ class Motion:
                 f"{0.5 * self.duration:.6g} s, got {ramp:.6g} s."
             )
         to_end = np.minimum(self.time, self.time[::-1])
-        window = 1.0 - _fall(to_end, 0.0, ramp)
+        window = 1.0 - fall(to_end, 0.0, ramp)
         return replace(self, acceleration=window[:, None] * self.acceleration)
 
     def scaled(self, factor: float | Sequence[float]) -> Self:
@@ -200,100 +234,6 @@ class Motion:
         if factors.shape not in ((), (3,)) or not np.isfinite(factors).all():
             raise RecordError(f"factor must be one finite number or three, got {factor}.")
         return replace(self, acceleration=factors * self.acceleration)
-
-
-class At2(NamedTuple):
-    """Contents of an AT2 file: acceleration (n,) [m/s^2], time step [s], the header lines."""
-
-    acceleration: NDArray[np.float64]
-    dt: float
-    header: tuple[str, ...]
-
-
-def read_at2(path: str | Path) -> At2:
-    """Read one component from a PEER AT2 file.
-
-    Four header lines, of which the third says that the unit is g and the fourth gives the count
-    and the time step (``NPTS= 4000, DT= .0100 SEC`` or ``4000 .0100 NPTS, DT``), then the values,
-    the same number on every line but the last.
-
-    Args:
-        path: the file.
-
-    Returns:
-        The acceleration [m/s^2], the time step [s] and the header.
-
-    Raises:
-        RecordError: with file, line and reason, where the file is anything else.
-    """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="latin-1").rstrip().splitlines()
-    except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror}.") from error
-    if len(lines) < 5:
-        raise RecordError(f"{path} has {len(lines)} lines, fewer than a header of 4 and values.")
-    if not _UNIT_IS_G.search(lines[2]):
-        raise RecordError(f"{path}, line 3: must say 'UNITS OF G', got {lines[2].strip()!r}.")
-    match = next(filter(None, (pattern.search(lines[3]) for pattern in _COUNT_AND_STEP)), None)
-    if match is None:
-        raise RecordError(
-            f"{path}, line 4: must give 'NPTS= count, DT= step SEC', got {lines[3].strip()!r}."
-        )
-    count, dt = int(match[1]), _number(match[2], f"{path}, line 4")
-    if dt <= 0.0:
-        raise RecordError(f"{path}, line 4: the time step must be positive, got {match[2]}.")
-    values = np.fromiter(_values(path, lines), dtype=np.float64)
-    if len(values) != count:
-        raise RecordError(
-            f"{path}, line {len(lines)}: the file ends after {len(values)} values, line 4 "
-            f"announces {count}."
-        )
-    return At2(STANDARD_GRAVITY * values, dt, tuple(line.strip() for line in lines[:4]))
-
-
-def read_record(directory: str | Path, *, name: str | None = None) -> Motion:
-    """Read the three components of one record from the AT2 files of a directory.
-
-    Files belong together when their names differ only in the component at the end (``-UP``,
-    ``DWN``, ``000``, ``270``, ...); subdirectories are not searched. Where the second line of a
-    header ends with a component, it must be the same one. A downward component changes its sign.
-    Of the horizontal ones x is the one that has y at a right angle to its left, seen from above,
-    which makes x, y, z right-handed: azimuths 0 and 270 become x and y. Components of different
-    length are cut to the shortest.
-
-    Args:
-        directory: where the files are.
-        name: part of the file names, needed where there are several records.
-
-    Raises:
-        RecordError: no record, or several, or one that is not two horizontal components at right
-            angles and a vertical one, or with different time steps.
-    """
-    stem, files = _find_record(Path(directory), name)
-    parts = {direction: read_at2(path) for direction, path in files.items()}
-    for direction, path in files.items():
-        said = _direction(parts[direction].header[1].rpartition(",")[2])
-        if said not in (None, direction):
-            raise RecordError(f"{path}, line 2: names another component than the file name does.")
-    vertical = [direction for direction in files if direction in (_UP, _DOWN)]
-    along_x = [
-        direction for direction in files if direction >= 0 and (direction - 90) % 360 in files
-    ]
-    if len(files) != 3 or len(vertical) != 1 or len(along_x) != 1:
-        raise RecordError(
-            f"A record is a vertical component and two horizontal ones at right angles, {stem!r} "
-            f"is {', '.join(path.name for path in files.values())}."
-        )
-    steps = {part.dt for part in parts.values()}
-    if len(steps) != 1:
-        raise RecordError(f"The components of {stem!r} have different time steps, {steps} s.")
-    order = (along_x[0], (along_x[0] - 90) % 360, vertical[0])
-    length = min(len(part.acceleration) for part in parts.values())
-    columns = np.stack([parts[direction].acceleration[:length] for direction in order], axis=1)
-    if vertical[0] == _DOWN:
-        columns[:, 2] *= -1.0
-    return Motion(acceleration=columns, dt=steps.pop(), name=stem)
 
 
 def synthetic_motion(
@@ -332,101 +272,12 @@ def synthetic_motion(
     time = np.arange(round(duration / dt) + 1) * dt
     frequency = np.arange(np.ceil(low * duration), np.floor(high * duration) + 1) / duration
     edge = 0.25 * (high - low)
-    amplitude = _fall(frequency, high - edge, high) * (1.0 - _fall(frequency, low, low + edge))
+    amplitude = fall(frequency, high - edge, high) * (1.0 - fall(frequency, low, low + edge))
     raw = np.random.PCG64(seed).random_raw((3, frequency.size))
     phase = 2.0 * np.pi * (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
     waves = np.sin(2.0 * np.pi * time[:, None, None] * frequency + phase) @ amplitude
     share = time / time[-1]
-    envelope = (1.0 - _fall(share, 0.0, 0.15)) * _fall(share, 0.45, 1.0)
-    values = _without_drift(envelope[:, None] * waves, envelope, dt)
+    envelope = (1.0 - fall(share, 0.0, 0.15)) * fall(share, 0.45, 1.0)
+    values = without_drift(envelope[:, None] * waves, envelope, dt)
     values *= STANDARD_GRAVITY * np.asarray(peaks_g) / np.abs(values).max(axis=0)
     return Motion(acceleration=values, dt=dt, name=f"synthetic motion {seed}")
-
-
-def _fall(x: NDArray[np.floating[Any]], start: float, end: float) -> NDArray[np.float64]:
-    """Half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
-    share = np.clip((x - start) / (end - start), 0.0, 1.0)
-    values: NDArray[np.float64] = np.cos(0.5 * np.pi * share) ** 2
-    return np.where(share == 1.0, 0.0, values)
-
-
-def _without_drift(
-    values: NDArray[np.float64], envelope: NDArray[np.float64], dt: float
-) -> NDArray[np.float64]:
-    """Take off (b + c t) envelope so that the final velocity and displacement vanish."""
-    time = np.arange(len(values)) * dt
-    shapes = envelope[:, None] * np.stack([np.ones_like(time), time], axis=1)
-    # Integrals of a and of t a over a piecewise linear a: trapezoids, and t's own hat functions.
-    ends = np.full(len(values), dt)
-    ends[[0, -1]] *= 0.5
-    moments = time * dt
-    moments[0], moments[-1] = dt**2 / 6.0, (0.5 * time[-1] - dt / 6.0) * dt
-    integrals = np.stack([ends, moments])
-    coefficients = np.linalg.solve(integrals @ shapes, integrals @ values)
-    corrected: NDArray[np.float64] = values - shapes @ coefficients
-    return corrected
-
-
-def _number(text: str, where: str) -> float:
-    value = float(text) if _NUMBER.fullmatch(text) else np.nan
-    if not np.isfinite(value):
-        raise RecordError(f"{where}: {text!r} is not a finite number.")
-    return value
-
-
-def _values(path: Path, lines: Sequence[str]) -> Iterator[float]:
-    """Values of an AT2 file [g], refusing a line that is short of some."""
-    per_line = len(lines[4].split())
-    for number, line in enumerate(lines[4:], start=5):
-        words = line.split()
-        if len(words) > per_line or (len(words) < per_line and number < len(lines)):
-            raise RecordError(
-                f"{path}, line {number}: {len(words)} values where the lines before have "
-                f"{per_line}."
-            )
-        for word in words:
-            yield _number(word, f"{path}, line {number}")
-
-
-def record_names(directory: str | Path) -> list[str]:
-    """Names of the records whose AT2 files are in a directory, subdirectories left out.
-
-    Raises:
-        RecordError: there is no such directory.
-    """
-    return list(_records_in(Path(directory)))
-
-
-def _records_in(directory: Path) -> dict[str, dict[int, Path]]:
-    """Files of each record by direction."""
-    if not directory.is_dir():
-        raise RecordError(f"There is no directory {directory}.")
-    records: dict[str, dict[int, Path]] = {}
-    for path in sorted(directory.iterdir()):
-        match = _COMPONENT.fullmatch(path.stem)
-        if path.suffix.upper() == ".AT2" and match:
-            direction = _direction(match[2] or match[3])
-            if direction is not None:
-                records.setdefault(match[1], {})[direction] = path
-    return records
-
-
-def _find_record(directory: Path, name: str | None) -> tuple[str, dict[int, Path]]:
-    """Name of the record and its files by direction."""
-    records = _records_in(directory)
-    chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
-    if not chosen:
-        known = ", ".join(records) or "none"
-        wanted = "" if name is None else f" with {name!r} in its name"
-        raise RecordError(f"{directory} has no record{wanted}; it has {known}.")
-    if len(chosen) > 1:
-        raise RecordError(f"{directory} has several records, choose by name=: {', '.join(chosen)}.")
-    return chosen[0], records[chosen[0]]
-
-
-def _direction(component: str) -> int | None:
-    """Azimuth 0 to 359 [degrees], ``_UP`` or ``_DOWN``; None if it is not known."""
-    text = component.strip().upper()
-    if text.isdigit() and len(text) <= 3:
-        return int(text) % 360
-    return _DIRECTIONS.get(text)

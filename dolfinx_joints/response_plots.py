@@ -68,7 +68,7 @@ def response_spectra(
     ax.set_title(
         f"{name}: response spectra in {component}, {damping_ratio:.0%} damping", loc="left"
     )
-    _plain_periods(ax)
+    plain_periods(ax)
     ax.margins(x=0.0)
     ax.set_ylim(bottom=0.0)
     legend(ax)
@@ -224,7 +224,7 @@ def _spectrum(acceleration: Floats, dt: float, periods: Floats, damping_ratio: f
     return found
 
 
-def _plain_periods(ax: Axes) -> None:
+def plain_periods(ax: Axes) -> None:
     """Write periods as decimal numbers."""
     from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
 

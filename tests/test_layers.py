@@ -33,7 +33,13 @@ LEVELS = {
     "rigid": 0.2,
     "redistribution": 4.5,
     "stiffness": 0.2,
+    "motion_processing": 0.0,
     "records": 0.1,
+    "record_text": 0.2,
+    "record_formats": 0.3,
+    "record_columns": 0.3,
+    "record_cosmos": 0.4,
+    "record_reading": 0.5,
     "results": 0.1,
     "exact": 0.1,
     "memory_use": 0.1,
@@ -65,6 +71,7 @@ LEVELS = {
     "joint_values": 1.05,
     "plots": 1.1,
     "response_plots": 1.2,
+    "motion_plots": 1.3,
     "views": 1.1,
     "gathering": 1.2,
     "mesh": 2.0,
@@ -112,7 +119,13 @@ LIGHT = [
     "mohr_coulomb",
     "stiffness",
     "exact",
+    "motion_processing",
     "records",
+    "record_text",
+    "record_formats",
+    "record_columns",
+    "record_cosmos",
+    "record_reading",
     "spectra",
     "results",
     "results_writer",
@@ -127,6 +140,7 @@ LIGHT = [
     "pictures",
     "plots",
     "response_plots",
+    "motion_plots",
     "views",
     "report_runs",
     "report",
@@ -225,6 +239,7 @@ def test_matplotlib_is_imported_for_plots_only():
         "plots",
         "joint_surface",
         "joint_values",
+        "motion_plots",
         "pictures",
         "response_plots",
         "views",
@@ -284,7 +299,7 @@ sys.meta_path.insert(0, Refuse())
 
 @pytest.mark.parametrize("module", LIGHT)
 def test_light_modules_need_no_dolfinx(module):
-    if module in ("plots", "response_plots"):
+    if module in ("plots", "response_plots", "motion_plots"):
         pytest.importorskip("matplotlib")
     run(f"{BLOCKED}\nimportlib.import_module('dolfinx_joints.{module}')")
 

@@ -1,9 +1,7 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions: their arithmetic, the file reader and its refusals, the synthetic motion."""
+"""Ground motions: their arithmetic, the synthetic motion."""
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,44 +11,8 @@ from dolfinx_joints.errors import RecordError
 from dolfinx_joints.records import (
     STANDARD_GRAVITY,
     Motion,
-    read_at2,
-    read_record,
     synthetic_motion,
 )
-
-NEW_STYLE = "NPTS=   {count}, DT=   {dt} SEC,                  "
-
-
-def at2_text(
-    values: Sequence[float],
-    *,
-    component: str = "0",
-    dt: str = ".0050",
-    count: int | None = None,
-    line4: str = NEW_STYLE,
-    unit: str = "UNITS OF G",
-) -> str:
-    """Text of an AT2 file with five values on a line."""
-    header = [
-        "PEER STRONG MOTION",
-        f"Somewhere, 1/1/2000, Station, {component}",
-        f"SERIES IN {unit}",
-    ]
-    header.append(line4.format(count=len(values) if count is None else count, dt=dt))
-    rows = [values[i : i + 5] for i in range(0, len(values), 5)]
-    return "\r\n".join(header + ["".join(f" {v:14.7E}" for v in row) for row in rows]) + "\r\n"
-
-
-def write_record(
-    directory: Path,
-    stem: str = "RSN1_ABC",
-    parts: Sequence[str] = ("000", "270", "-UP"),
-    **at2: Any,
-) -> None:
-    """Write components of 20, 21, 22, ... values that are 0.1, 0.2, 0.3, ... g throughout."""
-    for number, part in enumerate(parts):
-        text = at2_text([0.1 * (number + 1)] * (20 + number), component=part.strip("-"), **at2)
-        (directory / f"{stem}{part}.AT2").write_text(text)
 
 
 def motion_of(columns: Any, dt: float = 0.01) -> Motion:
@@ -103,6 +65,11 @@ def test_rotation_turns_the_axes_counterclockwise() -> None:
     np.testing.assert_allclose(turned.acceleration[0], [np.sqrt(0.75), -0.5, 5.0])
     np.testing.assert_allclose(turned.acceleration[1], [0.5, np.sqrt(0.75), 6.0])
     np.testing.assert_allclose(turned.rotated(-30.0).acceleration, motion.acceleration, atol=1e-15)
+
+
+def test_a_rotation_by_no_number_is_refused() -> None:
+    with pytest.raises(RecordError, match="angle_deg must be a finite number, got nan"):
+        motion_of((np.ones(3), 0.0, 0.0)).rotated(np.nan)
 
 
 def test_rotation_finds_the_largest_peak_of_a_polarised_motion() -> None:
@@ -181,121 +148,6 @@ def test_scaling_by_one_factor_or_three() -> None:
     for factor in ([1.0, 2.0], np.inf):
         with pytest.raises(RecordError, match="one finite number or three"):
             motion.scaled(factor)
-
-
-@pytest.mark.parametrize(
-    "line4",
-    [
-        "NPTS=   {count}, DT=   {dt} SEC,     ",
-        "NPTS= {count}, DT= {dt} SEC",
-        "NPTS={count},DT={dt}SEC",
-        "   {count}    {dt}    NPTS, DT",
-    ],
-)
-def test_the_known_headers_are_read(tmp_path: Path, line4: str) -> None:
-    path = tmp_path / "a.at2"
-    path.write_text(at2_text([0.1, -0.2, 0.3, 0.4, 0.5, 0.6, 0.7], line4=line4))
-    acceleration, dt, header = read_at2(path)
-    expected = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6, 0.7]) * STANDARD_GRAVITY
-    np.testing.assert_allclose(acceleration, expected, rtol=1e-12)
-    assert dt == 0.005
-    assert len(header) == 4
-    assert header[1] == "Somewhere, 1/1/2000, Station, 0"
-
-
-GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "has 0 lines"),
-        (GOOD.replace("UNITS OF G", "UNITS OF CM/S/S"), "line 3: must say 'UNITS OF G', got"),
-        (GOOD.replace("UNITS OF G", "UNITS OF G/10"), "line 3: must say 'UNITS OF G'"),
-        (GOOD.replace("NPTS", "POINTS"), "line 4: must give 'NPTS= count, DT= step SEC'"),
-        (GOOD.replace(".0050", ".0000"), "line 4: the time step must be positive"),
-        (GOOD.replace(" 1.0000000E-01", " NaN"), "line 7: 'NaN' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", " 1_0"), "line 7: '1_0' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", " 1E999"), "line 7: '1E999' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", " ******"), "line 7: '[*]+' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", ""), "line 7: 4 values where the lines before have 5"),
-        (GOOD.replace(" 1.0000000E-01", " 1 2"), "line 7: 6 values where the lines before have 5"),
-        (GOOD[: GOOD.rindex(" 2.2")], "line 9: the file ends after 22 values, line 4 announces 23"),
-        (GOOD[: GOOD.rindex(" 2.0")], "line 8: the file ends after 20 values, line 4 announces 23"),
-        (
-            at2_text([0.1] * 10, count=9),
-            "line 6: the file ends after 10 values, line 4 announces 9",
-        ),
-    ],
-)
-def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "a.AT2"
-    path.write_text(text)
-    with pytest.raises(RecordError, match=message) as caught:
-        read_at2(path)
-    assert str(caught.value).startswith(str(path))
-    assert str(caught.value).endswith(".")
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="none.AT2 cannot be read: No such file"):
-        read_at2(tmp_path / "none.AT2")
-
-
-@pytest.mark.parametrize(
-    ("parts", "expected"),
-    [
-        (("000", "270", "-UP"), [0.1, 0.2, 0.3]),  # y lies 90 degrees to the left of x
-        (("000", "090", "-UP"), [0.2, 0.1, 0.3]),
-        (("164", "254", "DWN"), [0.2, 0.1, -0.3]),
-        (("-V", "-N", "-E"), [0.3, 0.2, 0.1]),
-        (("360", "270", "-UP"), [0.1, 0.2, 0.3]),
-    ],
-)
-def test_components_find_their_axes(
-    tmp_path: Path, parts: tuple[str, ...], expected: list[float]
-) -> None:
-    write_record(tmp_path, parts=parts)
-    motion = read_record(tmp_path)
-    assert motion.name == "RSN1_ABC"
-    assert motion.acceleration.shape == (20, 3)  # the shortest of 20, 21, 22
-    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, expected)
-
-
-def test_one_of_several_records_is_chosen_by_name(tmp_path: Path) -> None:
-    write_record(tmp_path, "RSN1_ABC")
-    (tmp_path / "sub").mkdir()
-    write_record(tmp_path / "sub", "RSN2_DEF")
-    (tmp_path / "notes.txt").write_text("not a record")
-    assert read_record(tmp_path).name == "RSN1_ABC"
-    write_record(tmp_path, "RSN2_DEF")
-    with pytest.raises(RecordError, match="choose by name=: RSN1_ABC, RSN2_DEF"):
-        read_record(tmp_path)
-    assert read_record(tmp_path, name="def").name == "RSN2_DEF"
-    with pytest.raises(RecordError, match="no record with 'xyz' in its name; it has RSN1_ABC, RSN"):
-        read_record(tmp_path, name="xyz")
-
-
-def test_incomplete_records_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="There is no directory"):
-        read_record(tmp_path / "none")
-    with pytest.raises(RecordError, match="has no record; it has none"):
-        read_record(tmp_path)
-    for number, parts in enumerate((("000", "-UP"), ("000", "045", "-UP"), ("000", "090", "180"))):
-        (tmp_path / str(number)).mkdir()
-        write_record(tmp_path / str(number), parts=parts)
-        with pytest.raises(RecordError, match="two horizontal ones at right angles, 'RSN1_ABC' is"):
-            read_record(tmp_path / str(number))
-
-
-def test_components_that_disagree_are_refused(tmp_path: Path) -> None:
-    write_record(tmp_path)
-    (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="UP", dt=".0100"))
-    with pytest.raises(RecordError, match="different time steps"):
-        read_record(tmp_path)
-    (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="DWN"))
-    with pytest.raises(RecordError, match="-UP.AT2, line 2: names another component"):
-        read_record(tmp_path)
 
 
 def test_the_synthetic_motion_keeps_its_promises() -> None:

@@ -1,0 +1,131 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Figures of ground motions: histories and response spectra, also beside a target spectrum.
+
+Functions draw as those of `plots` do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_joints.measures import Component
+from dolfinx_joints.plots import BLUE, GREY, RED, decorate, legend, new_axes
+from dolfinx_joints.records import STANDARD_GRAVITY, Motion
+from dolfinx_joints.response_plots import plain_periods
+from dolfinx_joints.spectra import response_spectrum
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Quantity = Literal["acceleration", "velocity", "displacement"]
+_UNITS = {"acceleration": "g", "velocity": "m/s", "displacement": "m"}
+_COLOURS = {"x": BLUE, "y": RED, "z": "#238b45"}
+_AXES = {"x": "stream", "y": "cross-valley", "z": "up"}
+
+
+def history(
+    motion: Motion,
+    component: Component,
+    quantity: Quantity = "acceleration",
+    *,
+    ax: Axes | None = None,
+    reference: Motion | None = None,
+    labels: tuple[str, str] = ("processed", "as recorded"),
+) -> Axes:
+    """Acceleration [g], velocity [m/s] or displacement [m] of the ground against time.
+
+    Velocity and displacement are integrals from rest, which show how far a record drifts.
+
+    Args:
+        motion: the motion.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        ax: where to draw.
+        reference: another motion to draw behind it.
+        labels: what to call the motion and the reference.
+    """
+    _check(component)
+    if quantity not in _UNITS:
+        raise ValueError(f"quantity must be one of {', '.join(_UNITS)}, got {quantity!r}.")
+    ax = new_axes() if ax is None else ax
+    for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
+        if each is None:
+            continue
+        velocity, displacement = each.integrated()
+        values = {
+            "acceleration": each.acceleration / STANDARD_GRAVITY,
+            "velocity": velocity,
+            "displacement": displacement,
+        }[quantity][:, "xyz".index(component)]
+        ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
+    decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
+    ax.set_title(f"{motion.name}: {quantity} {component}", loc="left")
+    ax.margins(x=0.0)
+    if reference is not None:
+        legend(ax)
+    return ax
+
+
+def response_spectra(
+    motion: Motion,
+    *,
+    components: str = "xyz",
+    damping_ratio: float = 0.05,
+    periods: ArrayLike | None = None,
+    target: tuple[ArrayLike, ArrayLike] | None = None,
+    ax: Axes | None = None,
+    reference: Motion | None = None,
+    reference_label: str = "as recorded",
+) -> Axes:
+    """Pseudo-acceleration of oscillators on the ground against their period [g].
+
+    Args:
+        motion: the motion.
+        components: which of ``x``, ``y``, ``z`` to draw.
+        damping_ratio: of the oscillators.
+        periods: of the oscillators [s]; 0.03 to 3 s unless given.
+        target: periods [s] and pseudo-accelerations [m/s^2] of a spectrum to compare with.
+        ax: where to draw.
+        reference: another motion, drawn in dashes behind it.
+        reference_label: what to call the reference.
+    """
+    for component in components:
+        _check(component)
+    if not components or len(set(components)) < len(components):
+        raise ValueError(f"components must be different ones of x, y, z, got {components!r}.")
+    ax = new_axes(height=3.6) if ax is None else ax
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods, dtype=float)
+    for each, line in ((reference, "--"), (motion, "-")):
+        if each is None:
+            continue
+        found = response_spectrum(each.acceleration, each.dt, natural, damping_ratio)
+        for component in components:
+            name = f"{component}, {_AXES[component]}"
+            label = f"{component}, {reference_label}" if each is reference else name
+            values = found.pseudo_acceleration[:, "xyz".index(component)] / STANDARD_GRAVITY
+            style = {"color": _COLOURS[component], "linestyle": line, "label": label}
+            ax.semilogx(natural, values, linewidth=0.9 if each is reference else 1.2, **style)
+    if target is not None:
+        times, accelerations = (np.asarray(values, dtype=float) for values in target)
+        if times.ndim != 1 or times.shape != accelerations.shape:
+            raise ValueError(
+                "target must be periods and as many pseudo-accelerations, got shapes "
+                f"{times.shape} and {accelerations.shape}."
+            )
+        ax.plot(times, accelerations / STANDARD_GRAVITY, color="black", label="target")
+    decorate(ax, "period [s]", "pseudo-acceleration [g]")
+    ax.set_title(f"{motion.name}: response spectra, {damping_ratio:.0%} damping", loc="left")
+    plain_periods(ax)
+    ax.set_xlim(natural.min(), natural.max())
+    ax.set_ylim(bottom=0.0)
+    legend(ax)
+    return ax
+
+
+def _check(component: str) -> None:
+    if component not in get_args(Component):
+        raise ValueError(f"component must be x, y or z, got {component!r}.")

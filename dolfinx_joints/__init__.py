@@ -55,6 +55,7 @@ _HOME = {
     "Spring": "supports",
     "StepControl": "stepping",
     "StiffnessProposal": "stiffness",
+    "Temperature": "thermal",
     "Traction": "loads",
     "ViscousJoint": "law_options",
     "WestergaardMass": "water",

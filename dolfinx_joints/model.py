@@ -29,6 +29,7 @@ from dolfinx_joints.parallel import lasting
 from dolfinx_joints.redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.thermal import Temperature
 
 BilinearForm = Callable[[Any, Any], Any]
 
@@ -233,6 +234,11 @@ class Model:
 
     def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective)."""
+        if any(isinstance(load, Temperature) for load in extra_loads):
+            raise ValueError(
+                "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
+                "time, since stresses are recovered with the temperatures of the model."
+            )
         loads = (*self.loads, *extra_loads)
         each = zip(_names(loads), loads, strict=True)
         named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]

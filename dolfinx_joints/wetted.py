@@ -230,17 +230,17 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     """Slices above and below the middle corner, between the longest edge and the two others."""
-    t, along = np.polynomial.legendre.leggauss(degree // 2 + 2)
-    t, along = (1 + t) / 2, along / 2
+    nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 2)
+    t, along = (1 + nodes) / 2, of_nodes / 2
     height = (level[:, 2] - level[:, 0])[:, None]
     points, weights = [], []
     for i in (0, 1):
         d, w = _roots(level[:, i], level[:, i + 1], degree)
         far = (d - level[:, :1]) / height
         span = (level[:, i + 1] - level[:, i])[:, None]
-        part: Floats = np.zeros_like(d)
+        part = np.zeros_like(d)
         np.divide(np.abs(d - level[:, 2 * i, None]), span, out=part, where=span > 0.0)
-        part = np.minimum(part, 1.0)  # width of the slice, 1 at the middle corner
+        np.minimum(part, 1.0, out=part)  # width of the slice, 1 at the middle corner
         longest = np.stack([1 - far, np.zeros_like(far), far], axis=2)
         other = np.zeros_like(longest)
         other[:, :, 1], other[:, :, 2 * i] = part, 1 - part

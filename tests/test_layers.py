@@ -79,6 +79,7 @@ LEVELS = {
     "system": 4.0,
     "loads": 4.0,
     "water": 4.1,
+    "thermal": 4.1,
     "krylov": 4.0,
     "linear": 4.1,
     "joint_springs": 4.1,

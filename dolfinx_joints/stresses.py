@@ -110,7 +110,8 @@ class SurfaceStress:
             cells = model.jointed.cells(load.cells)
             warm[cells[cells < len(place)]] = True
         cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
-        values = _at_vertices(model, load.blocked_stress(model))(cells)[:, :, 0]
+        values = _at_vertices(model, load.blocked_stress(model))(cells)
+        values = values.reshape(len(cells), place.shape[1])
         cell, vertex = np.nonzero(place[cells] >= 0)
         at = place[cells][cell, vertex]
         summed = np.bincount(at, weights=values[cell, vertex], minlength=len(self.nodes))
@@ -149,27 +150,17 @@ def _evaluator(model: Model) -> Any:
     """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
     stress = model.body.stress(ufl.TrialFunction(model.V))
     evaluate = _at_vertices(model, ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
-
-    def split(cells: NDArray[np.int32]) -> Floats:
-        values: Floats = evaluate(cells)
-        return values.reshape(*values.shape[:2], 6, -1)
-
-    return split
+    vertices = len(_reference_vertices(model))
+    return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
 
 
 def _at_vertices(model: Model, expression: Any) -> Any:
-    """A function of cells: a UFL expression at their vertices, (cells, vertices, values)."""
+    """A function of cells: the values of a UFL expression at their vertices."""
     from dolfinx import fem
 
-    points = _reference_vertices(model)
     mesh = model.jointed.mesh
-    compiled = fem.Expression(expression, points, comm=mesh.comm)
-
-    def evaluate(cells: NDArray[np.int32]) -> Floats:
-        values = np.asarray(compiled.eval(mesh, cells))
-        return values.reshape(len(cells), len(points), -1)
-
-    return evaluate
+    compiled = fem.Expression(expression, _reference_vertices(model), comm=mesh.comm)
+    return lambda cells: np.asarray(compiled.eval(mesh, cells))
 
 
 class StressEnvelopes:

@@ -230,7 +230,7 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     """Slices above and below the middle corner, between the longest edge and the two others."""
-    nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 2)
+    nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
     t, along = (1 + nodes) / 2, of_nodes / 2
     height = (level[:, 2] - level[:, 0])[:, None]
     points, weights = [], []

@@ -20,10 +20,10 @@ import math
 
 import numpy as np
 import pytest
-import ufl
 
 pytest.importorskip("dolfinx")
 
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,

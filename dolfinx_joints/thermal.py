@@ -82,8 +82,11 @@ class Temperature:
             value = value(ufl.SpatialCoordinate(mesh))
         if isinstance(value, Real):
             return fem.Constant(mesh, float(value))
-        good = isinstance(value, Expr) and value.ufl_shape == ()
-        check_kind_of("Temperature: value", value, good, "a number or a scalar UFL expression")
+        if not (isinstance(value, Expr) and value.ufl_shape == ()):
+            raise ValueError(
+                f"Temperature: value is {str(value)[:80]}; it must be a number or a scalar UFL "
+                "expression."
+            )
         if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):
             raise ValueError("Temperature: value lives on another mesh than jointed.mesh.")
         return value

@@ -184,9 +184,9 @@ def _pressure(model: Model, group: str, level: float, weight: float) -> PETSc.Ve
 
 
 def _faces(model: Model, group: str, level: float) -> WettedFacets:
-    from dolfinx_joints.wetted import wetted_points
+    from dolfinx_joints.wetted import wetted_facets
 
-    return wetted_points(model.V, model.jointed, group, float(level))
+    return wetted_facets(model.V, model.jointed, group, float(level))
 
 
 def _check(load: Any, *positive: str) -> None:

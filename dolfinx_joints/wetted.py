@@ -53,7 +53,7 @@ class WettedPoints:
     depths: Floats
 
 
-def wetted_points(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
+def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
     """The wetted part of a facet group (collective).
 
     Args:

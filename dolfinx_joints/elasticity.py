@@ -82,6 +82,7 @@ class ElasticBody:
             raise ValueError(f"plane is {plane!r}; it must be 'strain' or 'stress'.")
         mesh = jointed.mesh
         plane = plane if mesh.topology.dim == 2 else "strain"
+        self._strained_axes = 2 if plane == "stress" else 3
         if not isinstance(material, Elastic | Mapping):
             raise ValueError(
                 f"material is {material!r}; it must be an Elastic, or one per named cell group."
@@ -117,6 +118,13 @@ class ElasticBody:
         eps = strain(u)
         identity = ufl.Identity(len(u))
         return self.first_lame * ufl.tr(eps) * identity + 2.0 * self.shear_modulus * eps
+
+    def blocked_stress(self, strain: Any) -> Any:
+        """Pressure that an isotropic strain such as a thermal one makes where it is held (UFL).
+
+        (3 lambda + 2 mu) times the strain, 2 lambda + 2 mu in plane stress, [Pa].
+        """
+        return (self._strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
         """The bilinear form of K."""

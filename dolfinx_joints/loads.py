@@ -31,6 +31,13 @@ class Load(Protocol):
         """Nodal forces [N] (or forces per unit of the factor) and their factors (collective)."""
 
 
+class AddedMass(Protocol):
+    """Something that moves with the body and has no weight."""
+
+    def matrix(self, model: Model) -> PETSc.Mat:
+        """Its mass in the layout of the model's matrices [kg] (collective)."""
+
+
 def always(_time: float) -> float:
     """The factor of a constant load."""
     return 1.0

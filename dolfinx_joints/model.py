@@ -23,12 +23,13 @@ from dolfinx_joints.elasticity import Elastic, ElasticBody
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import JointOperator
 from dolfinx_joints.laws import Law
-from dolfinx_joints.loads import Load
+from dolfinx_joints.loads import AddedMass, Load
 from dolfinx_joints.mesh import JointedMesh
 from dolfinx_joints.parallel import lasting
 from dolfinx_joints.redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.thermal import Temperature
 
 BilinearForm = Callable[[Any, Any], Any]
 
@@ -51,6 +52,7 @@ class Model:
         extra_stiffness: Bilinear form (u, v) added to K.
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
+        added_mass: Masses that move with a face, such as `WestergaardMass`, added to M.
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
             tractions do not ring (`redistribution`); gravity acts where the mass then is.
@@ -63,7 +65,7 @@ class Model:
         contact: Joints with their laws, None without joints.
         constraints: Constrained dofs.
         mass: M [kg].
-        body_mass: M without the extra form, what gravity acts on [kg].
+        body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         rayleigh: Factors of M and K in C.
         dashpots: What C holds besides, None for nothing [N s/m].
@@ -91,12 +93,16 @@ class Model:
         extra_stiffness: BilinearForm | None = None,
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
+        added_mass: Sequence[AddedMass] = (),
         symmetric: bool = True,
         redistribute_mass: bool = False,
     ) -> None:
         """Assemble everything that does not change (collective)."""
-        for name, values in (("supports", supports), ("loads", loads)):
+        lists = {"supports": supports, "loads": loads, "added_mass": added_mass}
+        for name, values in lists.items():
             check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
+        for added in added_mass:
+            check_kind_of("An added mass", added, hasattr(added, "matrix"), "a WestergaardMass")
         for load in loads:
             check_kind_of("A load", load, hasattr(load, "patterns"), "Gravity, Traction or such")
             if hasattr(load, "group"):
@@ -128,15 +134,20 @@ class Model:
         springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
         self.body_mass = _without_zeros(self._matrix(self.body.mass_form(u, v)))
         self.mass = self.body_mass
-        if extra_mass is not None:
-            self.mass = _without_zeros(self._matrix(self.body.mass_form(u, v), extra_mass))
+        if extra_mass is not None or added_mass:
+            total = self._matrix(self.body.mass_form(u, v), extra_mass)
+            for added in added_mass:
+                moved = added.matrix(self)
+                total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                moved.destroy()
+            self.mass = _without_zeros(total)
         self.stiffness = _blocked(self._matrix(bulk, extra_stiffness, *springs))
         self.stiffness.setNearNullSpace(self._rigid_modes())
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
             self.redistribution = self._redistributed(self.mass, self.operator, degree)
             self.body_mass = self.mass = self.redistribution.mass
-            if extra_mass is not None:
+            if extra_mass is not None or added_mass:
                 body = self._matrix(self.body.mass_form(u, v))
                 self.body_mass = self._redistributed(body, self.operator, degree).mass
         self.rayleigh, self.dashpots = rayleigh, None
@@ -211,7 +222,7 @@ class Model:
 
         Args:
             acceleration: Shape (gdim,), [m/s^2].
-            body_only: Leave the extra mass form out.
+            body_only: Leave the extra mass form and added masses out.
         """
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
@@ -223,6 +234,11 @@ class Model:
 
     def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective)."""
+        if any(isinstance(load, Temperature) for load in extra_loads):
+            raise ValueError(
+                "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
+                "time, since stresses are recovered with the temperatures of the model."
+            )
         loads = (*self.loads, *extra_loads)
         each = zip(_names(loads), loads, strict=True)
         named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]

@@ -141,7 +141,7 @@ class ResultsMonitor:
         if record.step % self._every == 0:
             self._append_state(record)
         if self._envelopes is not None:
-            self._envelopes.see(record.displacement)
+            self._envelopes.see(record.displacement, record.time)
         self._time = record.time
 
     def _motion(self, record: Record) -> dict[str, Floats]:

@@ -15,6 +15,7 @@ from dolfinx_joints.envelopes import Envelopes, face_directions
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import lasting, on_root
 from dolfinx_joints.probes import NodeGather, boundary_facets
+from dolfinx_joints.thermal import Temperature
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
@@ -25,6 +26,8 @@ _COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 class SurfaceStress:
     """Stresses at the vertices of all exterior facets, one product with a matrix.
+
+    Those that the model's temperatures make in a body held still are taken off.
 
     The stress at a vertex is the mean of those that the cells around it have there. As the nodes on
     a joint are double, cells beyond the joint do not count.
@@ -58,7 +61,10 @@ class SurfaceStress:
         met = self.nodes[np.minimum(place, len(self.nodes) - 1)] == corners
         count = np.bincount(place[met], minlength=len(self.nodes))
         count = np.sum(self._comm.allgather(count), axis=0)
-        self._matrix = self._assemble(model, np.where(met, place, -1), count)
+        place = np.where(met, place, -1)
+        self._matrix = self._assemble(model, place, count)
+        warm = [load for load in model.loads if isinstance(load, Temperature)]
+        self._thermal = [(self._blocked(model, load, place, count), load.factor) for load in warm]
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
@@ -95,14 +101,35 @@ class SurfaceStress:
         matrix.assemble()
         return matrix
 
-    def __call__(self, u: PETSc.Vec) -> Floats:
+    def _blocked(self, model: Model, load: Temperature, place: Ints, count: Ints) -> Floats:
+        """Stress of a temperature held still, at the own vertices, shape (own,), [Pa]."""
+        warm = np.zeros(len(place), dtype=bool)
+        if load.cells is None:
+            warm[:] = True
+        else:
+            cells = model.jointed.cells(load.cells)
+            warm[cells[cells < len(place)]] = True
+        cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
+        values = _at_vertices(model, load.blocked_stress(model))(cells)
+        values = values.reshape(len(cells), place.shape[1])
+        cell, vertex = np.nonzero(place[cells] >= 0)
+        at = place[cells][cell, vertex]
+        summed = np.bincount(at, weights=values[cell, vertex], minlength=len(self.nodes))
+        total: Floats = np.sum(self._comm.allgather(summed), axis=0) / count
+        return total[self.own]
+
+    def __call__(self, u: PETSc.Vec, time: float) -> Floats:
         """Stresses (xx, yy, zz, xy, yz, xz) at the own vertices, shape (own, 6), [Pa] (collective).
 
         Args:
             u: Displacement [m].
+            time: Time of the temperatures [s].
         """
         self._matrix.mult(u, self._stress)
         stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
+        if self._thermal:
+            held = sum(factor(time) * blocked for blocked, factor in self._thermal)
+            stress = stress - np.outer(held, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return stress
 
     def gather(self, values: Floats) -> Floats | None:
@@ -121,19 +148,19 @@ def _reference_vertices(model: Model) -> Floats:
 
 def _evaluator(model: Model) -> Any:
     """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
+    stress = model.body.stress(ufl.TrialFunction(model.V))
+    evaluate = _at_vertices(model, ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
+    vertices = len(_reference_vertices(model))
+    return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
+
+
+def _at_vertices(model: Model, expression: Any) -> Any:
+    """A function of cells: the values of a UFL expression at their vertices."""
     from dolfinx import fem
 
-    stress = model.body.stress(ufl.TrialFunction(model.V))
-    points = _reference_vertices(model)
     mesh = model.jointed.mesh
-    six = ufl.as_vector([stress[i, j] for i, j in _COMPONENTS])
-    expression = fem.Expression(six, points, comm=mesh.comm)
-
-    def evaluate(cells: NDArray[np.int32]) -> Floats:
-        values = np.asarray(expression.eval(mesh, cells))
-        return values.reshape(len(cells), len(points), 6, -1)
-
-    return evaluate
+    compiled = fem.Expression(expression, _reference_vertices(model), comm=mesh.comm)
+    return lambda cells: np.asarray(compiled.eval(mesh, cells))
 
 
 class StressEnvelopes:
@@ -163,9 +190,9 @@ class StressEnvelopes:
         own = self._stress.own
         self._seen = Envelopes(self.arch[own], self.cantilever[own])
 
-    def see(self, u: PETSc.Vec) -> None:
-        """Take in the stresses of a displacement [m] (collective)."""
-        self._seen.see(self._stress(u))
+    def see(self, u: PETSc.Vec, time: float) -> None:
+        """Take in the stresses of a displacement [m] at a time [s] (collective)."""
+        self._seen.see(self._stress(u, time))
 
     def gather(self) -> Floats | None:
         """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""

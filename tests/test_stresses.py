@@ -75,7 +75,7 @@ def test_patch_on_each_side_of_a_joint(comm, blocks_file, read, cell, order):
     u.setArray(values.ravel())
     nodes = NodeGather(model)
     stress = SurfaceStress(model, nodes)
-    found = stress(u)
+    found = stress(u, 0.0)
     is_upper = np.isin(stress.nodes[stress.own], nodes.number[upper])
     expected = np.where(is_upper[:, None], six(UPPER), six(LOWER))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
@@ -99,9 +99,9 @@ def test_pure_bending(comm, wall_file, read, cell):
     nodes = NodeGather(model)
     envelopes = StressEnvelopes(model, nodes)
     u = displacement(model, bent)
-    envelopes.see(u)
+    envelopes.see(u, 0.0)
     u.scale(-2.0)
-    envelopes.see(u)
+    envelopes.see(u, 0.0)
     columns = envelopes.gather()
     assert (columns is None) == (comm.rank != 0)
     if columns is None:
@@ -164,7 +164,7 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
         u, extremes = model.stiffness.createVecRight(), []
         for state in results.series("states", "displacement"):
             u.setArray(state[nodes.number].ravel())
-            extremes.append(principal_extremes(recovery(u)))
+            extremes.append(principal_extremes(recovery(u, 0.0)))
         assert len(extremes) == 6
         size = np.abs(extremes).max()
         for name, pick, row in (("max", np.max, 0), ("min", np.min, 1)):

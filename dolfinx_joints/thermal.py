@@ -1,0 +1,92 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Temperatures as loads: what they would strain a free body, held by equivalent forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from ufl.core.expr import Expr
+
+from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.loads import TimeFactor, always
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.model import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temperature:
+    """Temperature of a body or a part of it, which strains it by alpha (T - T_0) f(t).
+
+    Several add up: a mean and a seasonal part, or parts of the body with references of their own.
+
+    Attributes:
+        value: T, a number, a function of the place x (UFL) that gives a UFL expression, or a scalar
+            DOLFINx function on the model's mesh [degrees C or K].
+        reference: T_0, at which the body is free of stress and the joints are closed [like T].
+        expansion: Coefficient of linear thermal expansion alpha [1/K].
+        cells: Name of the cell group concerned, the whole body unless given.
+        factor: Multiplier f of T - T_0 at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    value: Any
+    reference: float
+    expansion: float
+    cells: str | None = None
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if not callable(self.value):
+            check_number("Temperature: value", self.value, lambda _: True, "finite")
+        check_number("Temperature: reference", self.reference, lambda _: True, "finite")
+        check_number(
+            "Temperature: expansion",
+            self.expansion,
+            lambda v: v >= 0,
+            "zero or more and finite",
+            unit="1/K",
+        )
+        named = self.cells is None or isinstance(self.cells, str)
+        check_kind_of("Temperature: cells", self.cells, named, "the name of a cell group")
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Forces that stretch a free body as the temperature does (collective)."""
+        where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
+        v = ufl.TestFunction(model.V)
+        force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
+        if not np.isfinite(force.norm()):
+            raise ValueError("Temperature: value is not finite in the whole of its cells.")
+        return [(force, self.factor)]
+
+    def blocked_stress(self, model: Model) -> Any:
+        """Pressure that it makes in a body held still (UFL), [Pa]."""
+        return model.body.blocked_stress(self.expansion * (self._field(model) - self.reference))
+
+    def _field(self, model: Model) -> Any:
+        """T as a number or a UFL expression."""
+        from dolfinx import fem
+
+        mesh, value = model.jointed.mesh, self.value
+        if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
+            value = value(ufl.SpatialCoordinate(mesh))
+        if isinstance(value, Real):
+            return fem.Constant(mesh, float(value))
+        if not (isinstance(value, Expr) and value.ufl_shape == ()):
+            raise ValueError(
+                f"Temperature: value is {str(value)[:80]}; it must be a number or a scalar UFL "
+                "expression."
+            )
+        if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):
+            raise ValueError("Temperature: value lives on another mesh than jointed.mesh.")
+        return value

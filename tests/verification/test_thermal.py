@@ -1,0 +1,280 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Bodies that warm or cool, with stresses and joint openings known by hand.
+
+A bar along its last axis, [0, 4] m, held at both ends along it and free to shrink sideways (planes
+of symmetry at x = 0 and, in space, y = 0). With e = alpha dT in space and plane stress and
+(1 + nu) alpha dT in plane strain, and E' = E / (1 - nu^2) in plane strain:
+
+    cooled, with a joint         opening  -e 4 m, no stress
+    warmed, monolithic           stress   -E' e
+    warmed, with a joint         stress   -e / (1/E' + 1/(k_n 4 m))   bar and joint in series
+
+A temperature that is linear in the place strains a free body without stress: T = g x bends it to
+u = alpha g ((x^2 - y^2 - z^2)/2, x y, x z), of degree 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import (
+    CellType,
+    create_box,
+    create_rectangle,
+    locate_entities,
+    locate_entities_boundary,
+    meshtags,
+)
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    MeshError,
+    Model,
+    Results,
+    ResultsMonitor,
+    Simulation,
+    Temperature,
+    split_mesh,
+)
+from dolfinx_joints.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.probes import NodeGather
+from dolfinx_joints.stresses import StressEnvelopes, SurfaceStress
+
+pytestmark = pytest.mark.mpi
+
+CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
+ALPHA, LENGTH, K_N = 1e-5, 4.0, 1e10
+LAW = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_N, friction_angle_deg=30.0)
+KINDS = [("hexahedron", "strain"), ("tetrahedron", "strain")]
+KINDS += [("quadrilateral", "strain"), ("triangle", "stress")]
+
+
+def bar(comm, cell="hexahedron", *, joint=True):
+    """1 m thick, cut at 1.5 m; cell groups ``low`` and ``high``; facets ``x``, ``y``, ``ends``."""
+    kind = getattr(CellType, cell)
+    if cell in ("hexahedron", "tetrahedron"):
+        mesh = create_box(comm, [[0, 0, 0], [1, 1, LENGTH]], [2, 2, 8], kind)
+    else:
+        mesh = create_rectangle(comm, [[0, 0], [1, LENGTH]], [2, 8], kind)
+    dim, along = mesh.topology.dim, mesh.topology.dim - 1
+    mesh.topology.create_connectivity(dim - 1, dim)
+    planes = {1: lambda x: np.isclose(x[0], 0.0)}
+    if dim == 3:
+        planes[2] = lambda x: np.isclose(x[1], 0.0)
+    planes[3] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
+    found = {tag: locate_entities_boundary(mesh, dim - 1, where) for tag, where in planes.items()}
+    if joint:
+        found[4] = locate_entities(mesh, dim - 1, lambda x: np.isclose(x[along], 1.5))
+    facets = np.concatenate(list(found.values()))
+    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
+    order = np.argsort(facets)
+    tags = meshtags(mesh, dim - 1, facets[order], values[order])
+    owned = mesh.topology.index_map(dim).size_local
+    low = locate_entities(mesh, dim, lambda x: x[along] <= 1.5 + 1e-9)
+    cells = np.arange(owned, dtype=np.int32)
+    cell_tags = meshtags(mesh, dim, cells, np.where(np.isin(cells, low), 5, 6).astype(np.int32))
+    return split_mesh(
+        mesh,
+        tags,
+        joints={"joint": 4} if joint else {},
+        groups={name: tag for name, tag in (("x", 1), ("y", 2), ("ends", 3)) if tag in planes},
+        cell_tags=cell_tags,
+        cell_groups={"low": 5, "high": 6},
+    )
+
+
+def model_of(jointed, loads, *, plane="strain", **options):
+    axes = "xyz"[: jointed.mesh.geometry.dim]
+    supports = [Fixed(group=a, components=a) for a in axes[:-1]]
+    return Model(
+        jointed,
+        material=CONCRETE,
+        joints=LAW if jointed.joint_names else None,
+        supports=[*supports, Fixed(group="ends", components=axes[-1])],
+        loads=loads,
+        plane=plane,
+        **options,
+    )
+
+
+def free_strain(change, jointed, plane):
+    """Strain along the bar if it is free, and the modulus along it."""
+    flat = jointed.mesh.geometry.dim == 2 and plane == "strain"
+    nu = CONCRETE.poisson if flat else 0.0
+    return (1.0 + nu) * ALPHA * change, CONCRETE.young / (1.0 - nu**2)
+
+
+@pytest.mark.parametrize(("cell", "plane"), KINDS)
+def test_joint_opens_as_the_blocks_shrink(comm, cell, plane):
+    jointed = bar(comm, cell)
+    cold = Temperature(value=4.0, reference=12.0, expansion=ALPHA)
+    model = model_of(jointed, [cold], plane=plane)
+    state = Simulation(model).statics()
+    opening = -free_strain(-8.0, jointed, plane)[0] * LENGTH
+    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
+    np.testing.assert_allclose(state.joints.state.gap[:, 1:], 0.0, atol=1e-10 * opening)
+    assert not state.joints.traction.any()
+
+
+@pytest.mark.parametrize(("cell", "plane"), KINDS)
+@pytest.mark.parametrize("joint", [False, True])
+def test_warm_bar_between_walls(comm, cell, plane, joint):
+    jointed = bar(comm, cell, joint=joint)
+    warm = Temperature(value=lambda x: 20.0 + 0.0 * x[0], reference=12.0, expansion=ALPHA)
+    model = model_of(jointed, [warm], plane=plane)
+    state = Simulation(model).statics()
+    strain, modulus = free_strain(8.0, jointed, plane)
+    stress = -strain / (1.0 / modulus + (1.0 / (K_N * LENGTH) if joint else 0.0))
+    if joint:
+        np.testing.assert_allclose(state.joints.traction[:, 0], stress, rtol=1e-9)
+    if model.gdim == 3:
+        recovery = SurfaceStress(model, NodeGather(model))
+        found = recovery(state.displacement, 0.0)
+        expected = np.tile([0.0, 0.0, stress, 0.0, 0.0, 0.0], (len(found), 1))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=-1e-9 * stress)
+    # The two ends push against each other; one of them is found as half of the absolute forces.
+    force = np.abs(state.reaction.getArray().reshape(-1, model.gdim)[:, -1]).sum()
+    assert 0.5 * comm.allreduce(force) == pytest.approx(-stress, rel=1e-9)
+
+
+def test_each_block_has_a_reference(comm):
+    """The lower block, 1.5 m, is cooled by 3 K from its reference, the upper one by 7 K."""
+    jointed = bar(comm)
+    low = Temperature(value=9.0, reference=12.0, expansion=ALPHA, cells="low")
+    high = Temperature(value=9.0, reference=16.0, expansion=ALPHA, cells="high")
+    model = model_of(jointed, [low, high])
+    state = Simulation(model).statics()
+    # Sideways the blocks shrink differently, which an open joint does not mind.
+    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
+    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
+    # Vertices on the joint are double, so that no vertex takes the mean of both blocks.
+    found = SurfaceStress(model, NodeGather(model))(state.displacement, 0.0)
+    assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
+
+
+def test_field_on_the_mesh(comm):
+    """A DOLFINx function of degree 0: the openings of the block-wise temperatures above."""
+    jointed = bar(comm)
+    field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
+    field.x.array[:] = 5.0
+    field.x.array[jointed.cells("low")] = 9.0
+    load = Temperature(value=field, reference=12.0, expansion=ALPHA)
+    state = Simulation(model_of(jointed, [load])).statics()
+    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
+    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
+    """K u = F and no stress, in a body that nothing holds."""
+    slope = 6.0  # K/m
+    load = Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
+    jointed = bar(comm, cell, joint=False)
+    model = Model(jointed, material=CONCRETE, loads=[load], degree=2)
+    u = model.stiffness.createVecRight()
+    x, y, z = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // 3].T
+    bent = np.stack([(x**2 - y**2 - z**2) / 2.0, x * y, x * z], axis=1)
+    u.setArray(ALPHA * slope * bent.ravel())
+    ((force, _),) = load.patterns(model)
+    missing = u.duplicate()
+    model.stiffness.mult(u, missing)
+    missing.axpy(-1.0, force)
+    assert missing.norm() < 1e-10 * force.norm()
+    found = SurfaceStress(model, NodeGather(model))(u, 0.0)
+    assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * slope
+
+
+def test_seasons(comm):
+    """A mean below the reference and a swing of 10 K: open in winter, pressed in summer."""
+    jointed = bar(comm)
+    mean = Temperature(value=11.0, reference=12.0, expansion=ALPHA)
+    swing = Temperature(
+        value=10.0, reference=0.0, expansion=ALPHA, factor=lambda t: math.cos(2.0 * math.pi * t)
+    )
+    model = model_of(jointed, [mean, swing])
+    simulation, envelopes = Simulation(model), StressEnvelopes(model, NodeGather(model))
+    for time in (0.0, 0.5, 1.0):
+        state = simulation.quasi_statics([time])
+        change = -1.0 + 10.0 * math.cos(2.0 * math.pi * time)
+        if change < 0.0:
+            np.testing.assert_allclose(
+                state.joints.state.gap[:, 0], -ALPHA * change * LENGTH, rtol=1e-9
+            )
+        else:
+            stress = -ALPHA * change / (1.0 / CONCRETE.young + 1.0 / (K_N * LENGTH))
+            np.testing.assert_allclose(state.joints.traction[:, 0], stress, rtol=1e-9)
+        envelopes.see(state.displacement, time)
+    columns = envelopes.gather()
+    if columns is not None:
+        by_name = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
+        np.testing.assert_allclose(by_name["principal_min"], stress, rtol=1e-9)
+        np.testing.assert_allclose(by_name["principal_max"], 0.0, atol=-1e-9 * stress)
+
+
+def test_energies_balance_while_the_body_cools(comm):
+    """From 8 K above the reference to 8 K below it, in 10 ms; the joint opens."""
+    fall = Temperature(
+        value=20.0, reference=12.0, expansion=ALPHA, factor=lambda t: 1.0 - t / 0.005
+    )
+    simulation = Simulation(model_of(bar(comm), [fall]))
+    closed = simulation.statics().joints.state.gap[:, 0]
+    outcome = simulation.dynamics(dt=2e-4, steps=50)
+    assert outcome.imbalance < 1e-12
+    opened = outcome.state.joints.state.gap[:, 0]
+    assert comm.allreduce(int((closed > 0.0).sum())) == 0
+    assert comm.allreduce(int((opened > 0.0).sum())) > 0
+
+
+@pytest.mark.filterwarnings("ignore:A single step errs")  # relative to a motion of rounding
+def test_envelopes_of_a_run(comm, new_path):
+    """Of a warm bar that nothing moves: its static stress, none sideways."""
+    warm = Temperature(value=20.0, reference=12.0, expansion=ALPHA)
+    path = new_path("warm.h5")
+    monitor = ResultsMonitor(path, points={"end": (0, 0, 4)}, envelopes=True)
+    simulation = Simulation(model_of(bar(comm), [warm]), monitors=[monitor])
+    simulation.statics()
+    simulation.dynamics(dt=2e-4, steps=2)
+    stress = -8.0 * ALPHA / (1.0 / CONCRETE.young + 1.0 / (K_N * LENGTH))
+    if comm.rank == 0:
+        with Results(path) as results:
+            for name, expected in (("min", stress), ("max", 0.0)):
+                found = results.series("envelopes", f"principal_{name}", -1)
+                np.testing.assert_allclose(found, expected, rtol=0, atol=-1e-8 * stress)
+
+
+def test_refusals(comm):
+    """One sentence each, on all ranks."""
+    good = {"value": 4.0, "reference": 12.0, "expansion": ALPHA}
+    for wrong, message in (
+        ({"value": "cold"}, "value is 'cold'; it must be finite"),
+        ({"reference": float("inf")}, "reference is inf; it must be finite"),
+        ({"expansion": -1.0}, "expansion is -1.0 1/K; it must be zero or more"),
+        ({"cells": 3}, "cells is 3; it must be the name of a cell group"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Temperature(**{**good, **wrong})
+    jointed = bar(comm, joint=False)
+    x = ufl.SpatialCoordinate(bar(comm, joint=False).mesh)
+    for wrong, message in (
+        ({"value": lambda x: x}, "it must be a number or a scalar UFL expression"),
+        ({"value": lambda x: "warm"}, "it must be a number or a scalar UFL expression"),
+        ({"value": x[0]}, "value lives on another mesh than jointed.mesh"),
+        ({"value": lambda x: 1.0 / (x[0] - x[0])}, "value is not finite in the whole of its cells"),
+        ({"factor": 2.0}, "factor is 2.0; it must be a function of time"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            model_of(jointed, [Temperature(**{**good, **wrong})]).system()
+    with pytest.raises(MeshError, match="middle"):
+        model_of(jointed, [Temperature(**good, cells="middle")]).system()
+    with pytest.raises(ValueError, match=r"A Temperature was given to a stage; give it to Model"):
+        Simulation(model_of(jointed, [])).dynamics(dt=1e-3, steps=1, loads=[Temperature(**good)])

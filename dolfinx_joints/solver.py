@@ -121,6 +121,12 @@ class StepSolver(Protocol):
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve`."""
 
+    def memory(self) -> dict[str, Any]:
+        """What later solves depend on beyond their arguments: names to arrays and numbers."""
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what the ``memory`` of a solver of the same system gave (collective)."""
+
 
 class _Tangent:
     """A + B^T (w D) B with constraints, its sparsity and its LU solver kept."""
@@ -238,6 +244,13 @@ class NewtonSolver:
             return None, solve_without_joints(tangent.effective, b, x, self.free)
         balance = _Balance(self, tangent.effective, contact, b, x, state, rule)
         return self._iterate(contact, tangent, balance, x, state)
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing: every solve starts from its arguments alone."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up nothing."""
 
     def _iterate(
         self,

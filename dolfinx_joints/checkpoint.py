@@ -74,8 +74,8 @@ class Checkpoints:
         """Whether there is a checkpoint to go on from."""
         return self.path.exists()
 
-    def check(self, monitors: list[Any], *, resume: bool) -> None:
-        """Refuse early what would be lost or could not be taken up again.
+    def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
+        """Refuse early what would be lost or could not be taken up again (collective).
 
         Raises:
             CheckpointError: A monitor cannot be taken up again, or a new run finds a checkpoint.
@@ -86,7 +86,7 @@ class Checkpoints:
                     f"The monitor {type(monitor).__name__} has no methods memory and resume, "
                     "which runs with checkpoints need."
                 )
-        if self.found and not resume and not self._overwrite:
+        if not resume and not self._overwrite and on_root(comm, lambda: self.found):
             raise CheckpointError(
                 f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
                 "overwrite=True to Checkpoints to begin anew."

@@ -202,24 +202,24 @@ class Simulation:
         scheme, control = scheme or EnergyConsistent(), control or StepControl()
         check_kind_of("scheme", scheme, hasattr(scheme, "advance"), "a time scheme")
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+        good = checkpoint is None or hasattr(checkpoint, "keeper")
+        check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
+        if resume and checkpoint is None:
+            raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
             _check_motion(motion, self.model.gdim)
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
-        if resume and checkpoint is None:
-            raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if checkpoint is not None:
-            checkpoint.check(self.monitors, resume=resume)
+            checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
-            keeper = saved = None
-            if checkpoint is not None:
-                facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
-                facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
-                began = start.time if start else 0.0
-                times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
-                keeper = checkpoint.keeper(self.model, system, facts, motion, times)
-                saved = keeper.load(self.monitors) if resume else None
+            facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
+            facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
+            began = start.time if start else 0.0
+            times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
+            keeper = checkpoint and checkpoint.keeper(self.model, system, facts, motion, times)
+            saved = keeper.load(self.monitors) if keeper and resume else None
             if saved is not None:
                 self.static = saved.static
             run = DynamicRun(

@@ -69,6 +69,12 @@ class Stream:
         self.rows.append((time, row))
 
     @property
+    def row_bytes(self) -> int:
+        """Size of one record, its time included."""
+        parts = self._datasets.values()
+        return 8 + sum(int(np.prod(d.shape[1:])) * d.dtype.itemsize for d in parts)
+
+    @property
     def records(self) -> int:
         """Rows in the file and waiting."""
         return len(self._time) + len(self.rows)

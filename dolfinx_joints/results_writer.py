@@ -30,7 +30,7 @@ from dolfinx_joints.results_stream import Stream, create
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
-_COPIED_ROWS = 64
+_COPIED_BYTES = 1 << 24  # at a time
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
 
 
@@ -115,7 +115,6 @@ class ResultsWriter:
                 writer._copy(old, rows)
                 part.replace(path)
             except OSError as error:
-                writer.close()
                 part.unlink(missing_ok=True)
                 raise ResultsError(f"{path} cannot be copied: {error}.") from error
         writer.path = path
@@ -133,11 +132,11 @@ class ResultsWriter:
                 self.series(stream, name, none.shape[1:], *told, dtype=none.dtype)
         self.start()
         for stream, names in old.streams.items():
-            times = old.time(stream)
-            for first in range(0, rows[stream], _COPIED_ROWS):
-                block = slice(first, min(first + _COPIED_ROWS, rows[stream]))
-                values = {name: old.series(stream, name, block) for name in names}
-                self._streams[stream].copy(times[block], values)
+            times, new = old.time(stream)[: rows[stream]], self._streams[stream]
+            many = max(1, _COPIED_BYTES // new.row_bytes)
+            for first in range(0, len(times), many):
+                block = slice(first, min(first + many, len(times)))
+                new.copy(times[block], {name: old.series(stream, name, block) for name in names})
         self._file.flush()
 
     @property

@@ -218,7 +218,9 @@ class Simulation:
             facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
             began = start.time if start else 0.0
             times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
-            keeper = checkpoint and checkpoint.keeper(self.model, system, facts, motion, times)
+            keeper = None
+            if checkpoint is not None:
+                keeper = checkpoint.keeper(self.model, system, facts, motion, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
             if saved is not None:
                 self.static = saved.static

@@ -32,6 +32,9 @@ from dolfinx_joints.stages import StaticState
 from dolfinx_joints.states import DynamicState
 from dolfinx_joints.system import MatrixSystem
 
+# What every checkpoint holds.
+PARTS = ("run", "monitors", "memory", "state", "origin", "static")
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Saved:
@@ -150,7 +153,7 @@ class CheckpointKeeper:
         """
 
         def read() -> Tree:
-            tree = read_checkpoint(self._path)
+            tree = read_checkpoint(self._path, PARTS)
             difference = first_difference(tree["run"], self._facts)
             if difference is not None:
                 raise CheckpointError(

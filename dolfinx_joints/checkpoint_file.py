@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -18,6 +19,10 @@ from dolfinx_joints.errors import CheckpointError
 
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 1
+
+# A checksum follows HDF5's part of the file, which does not mind: HDF5 itself was seen to read for
+# ever in a file with a few wrong bytes.
+DIGEST_BYTES = 32
 
 Tree = dict[str, Any]
 
@@ -36,10 +41,12 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
     try:
         with h5py.File(part, "w", libver="latest") as file:
             file.attrs.update(format=FORMAT, version=VERSION)
-            file.create_dataset("facts", data=_encoded(_without_arrays(tree)), fletcher32=True)
+            file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
             for name, array in _arrays(tree):
-                # Checksums tell a damaged array from a whole one; empty arrays can have none.
-                file.create_dataset(f"arrays/{name}", data=array, fletcher32=array.size > 0)
+                file.create_dataset(f"arrays/{name}", data=array)
+        with part.open("rb+") as sealed:
+            digest = _digest(sealed, part.stat().st_size)
+            sealed.write(digest)
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -49,8 +56,12 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
 
 
-def read_checkpoint(path: Path) -> Tree:
+def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     """The tree that was written.
+
+    Args:
+        path: The file.
+        names: What the tree must have.
 
     Raises:
         CheckpointError: There is no such file, it is damaged, not a checkpoint or of a newer
@@ -59,6 +70,10 @@ def read_checkpoint(path: Path) -> Tree:
     if not path.is_file():
         raise CheckpointError(f"There is no checkpoint {path}.")
     try:
+        with path.open("rb") as sealed:
+            digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
+            if sealed.read() != digest:
+                raise ValueError("its checksum is not that of what it holds")
         with h5py.File(path, "r") as file:
             _check(path, file.attrs.get("format"), file.attrs.get("version"))
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
@@ -68,10 +83,12 @@ def read_checkpoint(path: Path) -> Tree:
                 for folder in folders:
                     place = place[folder]
                 place[last] = file["arrays"][name][()]
+            for name in names:
+                tree[name]
             return tree
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, CheckpointError):
-            raise
+    except CheckpointError:
+        raise
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
         raise CheckpointError(f"{path} is no checkpoint, or a damaged one: {error}.") from error
 
 
@@ -114,6 +131,15 @@ def _without_arrays(tree: Mapping[str, Any]) -> Tree:
 
 def _encoded(tree: Tree) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """Checksum of the first bytes of a file, which is left behind them."""
+    checksum = hashlib.sha256()
+    while size > 0 and (block := file.read(min(size, 1 << 20))):
+        checksum.update(block)
+        size -= len(block)
+    return checksum.digest()
 
 
 def _to_disk(path: Path) -> None:

@@ -16,6 +16,8 @@ __version__ = "0.1.0"
 _HOME = {
     "abort_on_error": "parallel",
     "BaseMotion": "loads",
+    "CheckpointError": "errors",
+    "Checkpoints": "checkpoint",
     "Constraints": "supports",
     "ConvergenceError": "errors",
     "Elastic": "elasticity",

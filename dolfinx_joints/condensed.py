@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,7 @@ class Condensed:
         linear = options.linear
         self.static, self.used = not effective.mass, False
         self.springs: JointSprings | None = None
+        self._recalled: Mapping[str, Any] = {}
         self.matrix = EffectiveMatrix(system, effective, linear=linear)
         self.loose = self.static and not _is_held(self.matrix, free_dofs(system))
         if self.loose:
@@ -78,12 +81,24 @@ class Condensed:
     def corrections(self) -> Corrections:
         """Solver of Newton's corrections (collective when first asked for)."""
         known = self.springs is None and self._system.symmetric
-        return Corrections(
+        corrections = Corrections(
             self.compliance.split,
             self.compliance.rough,
             self._stuck() if known else None,
             self._operator.comm.tompi4py(),
         )
+        if self._recalled:
+            corrections.recall(self._recalled)
+        return corrections
+
+    def memory(self) -> dict[str, Any]:
+        """What later corrections depend on, nothing before the first."""
+        made = "corrections" in self.__dict__
+        return self.corrections.memory() if made else dict(self._recalled)
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave, once corrections are asked for."""
+        self._recalled = memory
 
     def _stuck(self) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""

@@ -49,6 +49,7 @@ class Contact:
 
     Attributes:
         operator: The gap operator.
+        laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
 
     Raises:
@@ -78,6 +79,7 @@ class Contact:
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")
+        self.laws = {name: by_name[name] for name in operator.names}
         self._laws: list[tuple[Law, NDArray[np.int64]]] = []
         distinct: list[Law] = []
         for law in by_name.values():

@@ -15,6 +15,7 @@ Both are solved by GMRES; they differ from the identity by little however stiff 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,16 +147,31 @@ class Corrections:
         """Rows and part of S of a set that holds the active points, kept while it does."""
         inside = self._inside[active].all()
         if self._block is None or not inside or len(self._held) > 2 * len(active) + 20:
-            self._held = active
-            self._inside[:] = False
-            self._inside[active] = True
-            size = 3 * len(active)
-            rough = self._rough
-            if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
-                rough = None
-            self._block = (rough or self._split).block(_rows_of(active))
-            self._finest = 0.0 if rough is None else FINEST
+            self._block = self._hold(active)
         return _rows_of(self._held), self._block
+
+    def _hold(self, points: Rows) -> Part:
+        """The part of S of a set to be kept."""
+        self._held = points
+        self._inside[:] = False
+        self._inside[points] = True
+        size = 3 * len(points)
+        rough = self._rough
+        if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
+            rough = None
+        self._finest = 0.0 if rough is None else FINEST
+        return (rough or self._split).block(_rows_of(points))
+
+    def memory(self) -> dict[str, Any]:
+        """What later corrections depend on beyond their arguments."""
+        held = {} if self._block is None else {"held": self._held}
+        return {"missed": self._missed, **held}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave (collective)."""
+        self._missed = memory["missed"]
+        if "held" in memory:
+            self._block = self._hold(memory["held"])
 
 
 class _Tied:

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,6 +142,17 @@ class EnergyLedger:
         self._imbalance = max(self._imbalance, abs(row.imbalance))
         self.row = row
         return row
+
+    def memory(self) -> dict[str, Any]:
+        """Where the ledger stands."""
+        row = {each.name: getattr(self.row, each.name) for each in fields(EnergyRow)}
+        names = ("_at_start", "scale", "_error", "_imbalance")
+        return {"row": row, "totals": [getattr(self, name) for name in names]}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what another's ``memory`` gave."""
+        self.row = EnergyRow(**memory["row"])
+        self._at_start, self.scale, self._error, self._imbalance = memory["totals"]
 
     @property
     def relative_error(self) -> float:

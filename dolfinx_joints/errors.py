@@ -22,6 +22,10 @@ class ResultsError(JointsError, ValueError):
     """A results file, or a request made to one, that cannot be used."""
 
 
+class CheckpointError(JointsError, ValueError):
+    """A checkpoint that cannot be written, or a run that cannot be continued from one."""
+
+
 class StudyError(JointsError, ValueError):
     """A study, a row or a table of one that cannot be used."""
 

@@ -15,7 +15,9 @@ it is done in the scaled forces f and gaps of `compliance`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -146,6 +148,43 @@ class InterfaceSolver:
             residual=relative,
             counts=self._contact.counts(found.response.status),
         )
+
+    def memory(self) -> dict[str, Any]:
+        """What the next steps start from: matrices kept, forces of the last step and before it."""
+        kept = self._condensed.items()
+        matrices = {
+            str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.memory()}
+            for i, (key, condensed) in enumerate(kept)
+        }
+        objects = [condensed for _, condensed in kept]
+        starts = ("last", self._last), ("before", self._before)
+        known = {
+            name: {
+                "matrix": objects.index(condensed) if condensed in objects else None,
+                "force": force,
+                "coupled": coupled,
+            }
+            for name, (condensed, force, coupled) in starts
+        }
+        return {"matrices": matrices, **known}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what another's ``memory`` gave (collective)."""
+        kept = []
+        for i in range(len(memory["matrices"])):
+            one = memory["matrices"][str(i)]
+            effective = Effective(
+                mass=one["mass"], damping=one["damping"], stiffness=one["stiffness"]
+            )
+            kept.append(self._condensed((effective, one["weight"])))
+            kept[-1].recall(one["corrections"])
+
+        def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
+            known = memory[name]["matrix"]
+            found = None if known is None else kept[known]
+            return found, memory[name]["force"], memory[name]["coupled"]
+
+        self._last, self._before = start("last"), start("before")
 
     def _start(self, step: _Step) -> _Iterate:
         """The better of two starts: the last step's forces, and the line through the last two."""

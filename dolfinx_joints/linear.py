@@ -320,6 +320,10 @@ class Cache:
         self._kept.move_to_end(key)
         return self._kept[key]
 
+    def items(self) -> list[tuple[Any, Any]]:
+        """Keys and things kept, the one used last at the end."""
+        return list(self._kept.items())
+
 
 def check_linear(linear: str, *, symmetric: bool) -> None:
     """Refuse a linear solver that does not exist or does not fit.

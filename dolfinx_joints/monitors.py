@@ -75,13 +75,7 @@ class ResultsMonitor:
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
-        self._model, self._comm = model, model.jointed.mesh.comm
-        self._nodes = NodeGather(model)
-        self._probe = PointProbe(model, list(self._points.values()), self._nodes)
-        self._supports = model.constraints.groups
-        self._envelopes = StressEnvelopes(model, self._nodes) if self._with_envelopes else None
-        self._before: tuple[float, Floats] | None = None
-        self._time = first.time
+        self._find(model)
         surface = boundary_facets(model, self._nodes)
         joints = joint_statics(model)
         metadata = {
@@ -112,6 +106,64 @@ class ResultsMonitor:
 
         on_root(self._comm, create)
         self.record(first)
+
+    def _find(self, model: Model) -> None:
+        """Nodes, points and supports of the model (collective)."""
+        self._model, self._comm = model, model.jointed.mesh.comm
+        self._nodes = NodeGather(model)
+        self._probe = PointProbe(model, list(self._points.values()), self._nodes)
+        self._supports = model.constraints.groups
+        self._envelopes = StressEnvelopes(model, self._nodes) if self._with_envelopes else None
+        self._before: tuple[float, Floats] | None = None
+
+    def memory(self) -> dict[str, Any]:
+        """Records written, brought to the disk, and what the next one needs (collective)."""
+        columns = None if self._envelopes is None else self._envelopes.gather()
+        records: dict[str, int] = {}
+        with raised_together(self._comm):
+            if self._writer is not None:
+                self._writer.to_disk()
+                records = self._writer.records
+        assert self._before is not None
+        time, velocity = self._before
+        return {
+            "records": records,
+            "settings": self._settings,
+            "time": time,
+            "velocity": velocity,
+            "envelopes": columns,
+        }
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        """What a continued file must agree in."""
+        points = {name: [float(x) for x in place] for name, place in self._points.items()}
+        return {"points": points, "every": self._every, "envelopes": self._with_envelopes}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Go on with the file; records after ``last`` are cut off (collective).
+
+        Raises:
+            ResultsError: The file is not that of the run, or was recorded with other settings.
+        """
+        for name, here in self._settings.items():
+            if memory["settings"][name] != here:
+                raise ResultsError(
+                    f"{self._path} cannot be continued: it was recorded with "
+                    f"{name}={memory['settings'][name]}, now {name}={here}."
+                )
+        self._find(model)
+        self._before = memory["time"], memory["velocity"]
+        self._time = last.time
+        if self._envelopes is not None:
+            self._envelopes.recall(memory["envelopes"])
+
+        def reopen() -> None:
+            self._writer = ResultsWriter.resume(self._path, memory["records"])
+
+        on_root(self._comm, reopen)
 
     def record(self, record: Record) -> None:
         """Append a step (collective)."""
@@ -197,6 +249,9 @@ class ResultsMonitor:
 class FieldMonitor:
     """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
 
+    A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
+    folders cannot be opened again; the times of the first after that step are there twice.
+
     Args:
         path: The folder.
         every: Steps between two times.
@@ -209,19 +264,34 @@ class FieldMonitor:
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the folder and write the first time (collective)."""
-        from dolfinx.io import VTXWriter
-
-        on_root(model.jointed.mesh.comm, self._check_writable)
-        self._u = model.function(first.displacement)
-        self._writer = VTXWriter(model.jointed.mesh.comm, self._path, [self._u])
+        self._open(self._path, model, first)
         self.record(first)
 
-    def _check_writable(self) -> None:
-        """Find out on one rank what would leave the others waiting in the writer."""
-        try:
-            self._path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ResultsError(f"{self._path} cannot be written: {error}.") from None
+    def _open(self, path: Path, model: Model, first: Record) -> None:
+        """Create a folder (collective)."""
+        from dolfinx.io import VTXWriter
+
+        def check_writable() -> None:
+            """Find out on one rank what would leave the others waiting in the writer."""
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise ResultsError(f"{path} cannot be written: {error}.") from None
+
+        on_root(model.jointed.mesh.comm, check_writable)
+        self._u = model.function(first.displacement)
+        self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Create a folder for the times after ``last`` (collective)."""
+        name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"
+        self._open(self._path.with_name(name), model, last)
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""
@@ -253,7 +323,19 @@ class ProgressMonitor:
         if model.jointed.mesh.comm.rank == 0:
             from tqdm import tqdm
 
-            self._bar = tqdm(total=steps, desc=self._label, unit="step", mininterval=1.0)
+            self._bar = tqdm(
+                total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
+            )
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Show the bar from the last step on."""
+        self.start(model, stage, steps, last)
 
     def record(self, record: Record) -> None:
         """Advance the bar."""

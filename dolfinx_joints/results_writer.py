@@ -3,6 +3,7 @@
 """Results files written, on one process and from plain arrays; `results` tells their layout."""
 
 import json
+import os
 import re
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,14 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.results import ENERGY_TERMS, FORMAT, JOINT_ENERGY_TERMS, VERSION, listing
+from dolfinx_joints.results import (
+    ENERGY_TERMS,
+    FORMAT,
+    JOINT_ENERGY_TERMS,
+    VERSION,
+    Results,
+    listing,
+)
+from dolfinx_joints.results_stream import Stream, create
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
-_CHUNK_BYTES = 65536
-_BUFFER_ROWS = 64
-_BUFFER_BYTES = 1 << 24
+_COPIED_BYTES = 1 << 24  # at a time
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
 
 
@@ -74,11 +81,68 @@ class ResultsWriter:
         self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
         self._file.create_group("static")
         self._file.create_group("streams")
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, Stream] = {}
         self._started = False
         self._finished = False
         self._flush_interval = flush_interval
         self._flushed_at = clock.monotonic()
+
+    @classmethod
+    def resume(cls, path: str | Path, rows: Mapping[str, int]) -> Self:
+        """Go on with the file of a run that was interrupted, whatever its status.
+
+        A copy takes the place of the file at once when it is whole: a killed run leaves a file that
+        HDF5 does not open for writing.
+
+        Args:
+            path: the file.
+            rows: records to keep of each stream; what follows them is left out.
+
+        Raises:
+            ResultsError: the file has other streams or fewer records, or cannot be copied.
+        """
+        path = Path(path)
+        part = path.with_name(path.name + ".part")
+        with Results(path) as old:
+            found = {stream: old.rows(stream) for stream in old.streams}
+            if found.keys() != rows.keys() or any(found[s] < rows[s] for s in rows):
+                raise ResultsError(
+                    f"{path} cannot be continued: it holds {_counted(found)}, needed are "
+                    f"{_counted(rows)}."
+                )
+            writer = cls(part, old.metadata, overwrite=True)
+            try:
+                writer._copy(old, rows)
+                part.replace(path)
+            except OSError as error:
+                part.unlink(missing_ok=True)
+                raise ResultsError(f"{path} cannot be copied: {error}.") from error
+        writer.path = path
+        return writer
+
+    def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
+        """Declare what another file does, and take its first rows."""
+        self._file.attrs["created"] = old.created
+        for name in old.statics:
+            self.static(name, old.static(name), old.unit(name), old.description(name))
+        for stream, names in old.streams.items():
+            for name in names:
+                none = old.series(stream, name, slice(0))
+                told = old.unit(stream, name), old.description(stream, name)
+                self.series(stream, name, none.shape[1:], *told, dtype=none.dtype)
+        self.start()
+        for stream, names in old.streams.items():
+            times, new = old.time(stream)[: rows[stream]], self._streams[stream]
+            many = max(1, _COPIED_BYTES // new.row_bytes)
+            for first in range(0, len(times), many):
+                block = slice(first, min(first + many, len(times)))
+                new.copy(times[block], {name: old.series(stream, name, block) for name in names})
+        self._file.flush()
+
+    @property
+    def records(self) -> dict[str, int]:
+        """Records of each stream so far, those that wait in memory included."""
+        return {name: stream.records for name, stream in self._streams.items()}
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -111,7 +175,7 @@ class ResultsWriter:
         values = np.asarray(array)
         if values.dtype.kind not in "biuf":
             raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
-        dataset = _create(self._file["static"], name, data=values)
+        dataset = create(self._file["static"], name, data=values)
         dataset.attrs.update(unit=unit, description=description)
 
     def series(
@@ -142,7 +206,7 @@ class ResultsWriter:
                 f"and {name!r}."
             )
         if stream not in self._streams:
-            self._streams[stream] = _Stream(self._file["streams"], stream)
+            self._streams[stream] = Stream(self._file["streams"], stream)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
     def start(self) -> None:
@@ -178,6 +242,15 @@ class ResultsWriter:
         self._flush_streams(self._streams.values())
         self._flushed_at = clock.monotonic()
 
+    def to_disk(self) -> None:
+        """Bring every appended row into the file, and wait until the disk has it."""
+        self.flush()
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
     def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
         """Write the buffered rows, the summary and, last, the status.
 
@@ -211,7 +284,7 @@ class ResultsWriter:
         finally:
             self._file.close()
 
-    def _flush_streams(self, streams: Iterable["_Stream"]) -> None:
+    def _flush_streams(self, streams: Iterable[Stream]) -> None:
         pending = [(stream, stream.write_values()) for stream in streams if stream.rows]
         if pending:
             self._file.flush()
@@ -226,71 +299,6 @@ class ResultsWriter:
             raise ResultsError(
                 f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."
             )
-
-
-class _Stream:
-    """Datasets of one stream and the rows that wait to be written."""
-
-    def __init__(self, parent: h5py.Group, name: str) -> None:
-        self.name = name
-        self.rows: list[tuple[float, dict[str, NDArray[Any]]]] = []
-        self._last = -np.inf
-        self._bytes = 0
-        self._group = parent.create_group(name)
-        self._datasets: dict[str, h5py.Dataset] = {}
-        self._time = _extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
-        self._time.attrs.update(unit="s", description="time of each record")
-
-    @property
-    def full(self) -> bool:
-        return len(self.rows) >= _BUFFER_ROWS or self._bytes >= _BUFFER_BYTES
-
-    def declare(
-        self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
-    ) -> None:
-        if dtype.kind not in "iuf":
-            raise ResultsError(f"The series {name!r} must hold real numbers, got {dtype}.")
-        dataset = _extendable(self._group, name, shape, dtype)
-        dataset.attrs.update(unit=unit, description=text)
-        self._datasets[name] = dataset
-
-    def append(self, time: float, values: Mapping[str, ArrayLike]) -> None:
-        if not (np.isfinite(time) and time > self._last):
-            raise ResultsError(
-                f"Times of the stream {self.name!r} must be finite and increase, got {time} s "
-                f"after {self._last} s."
-            )
-        if values.keys() != self._datasets.keys():
-            raise ResultsError(
-                f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
-            )
-        row = {}
-        for name, dataset in self._datasets.items():
-            row[name] = np.array(values[name], dtype=dataset.dtype)
-            if row[name].shape != dataset.shape[1:]:
-                raise ResultsError(
-                    f"{self.name}/{name} was declared with shape {dataset.shape[1:]}, "
-                    f"got {row[name].shape}."
-                )
-        self._last = time
-        self._bytes += sum(array.nbytes for array in row.values())
-        self.rows.append((time, row))
-
-    def write_values(self) -> list[float]:
-        """Write the waiting values and return their times, still to be written."""
-        times = [time for time, _ in self.rows]
-        start = self._time.shape[0]
-        for name, dataset in self._datasets.items():
-            dataset.resize(start + len(times), axis=0)
-            dataset[start:] = np.stack([row[name] for _, row in self.rows])
-        self.rows.clear()
-        self._bytes = 0
-        return times
-
-    def write_time(self, times: Sequence[float]) -> None:
-        start = self._time.shape[0]
-        self._time.resize(start + len(times), axis=0)
-        self._time[start:] = times
 
 
 def declare_histories(
@@ -378,30 +386,8 @@ def declare_states(
             writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)
 
 
-def _create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
-    if name in group:
-        raise ResultsError(f"{name!r} is declared already, or is the path of another.")
-    try:
-        return group.create_dataset(name, **options)
-    except (OSError, ValueError) as error:
-        raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
-
-
-def _extendable(
-    group: h5py.Group,
-    name: str,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    *,
-    fill: float = 0.0,
-) -> h5py.Dataset:
-    if any(length < 0 for length in shape):
-        raise ResultsError(f"The shape of {name!r} must have no negative length, got {shape}.")
-    row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
-    chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
-    empty, unlimited = (0, *shape), (None, *shape)
-    options = {"maxshape": unlimited, "chunks": chunks, "dtype": dtype, "fillvalue": fill}
-    return _create(group, name, shape=empty, **options)
+def _counted(rows: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} records of {name!r}" for name, count in rows.items()) or "nothing"
 
 
 def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:

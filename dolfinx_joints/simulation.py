@@ -11,32 +11,36 @@ import time as clock
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
-from dolfinx_joints.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import ConvergenceError
 from dolfinx_joints.linear import STATIC
 from dolfinx_joints.loads import BaseMotion, Load
-from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solver import NewtonOptions, SolveReport, StepSolver
+from dolfinx_joints.solver import NewtonOptions, StepSolver
 from dolfinx_joints.solver_choice import check_kind, make_solver
-from dolfinx_joints.stages import Monitor, Outcome, Record, StaticState
-from dolfinx_joints.states import DynamicState, Products, Scheme, StepReport, initial_state
-from dolfinx_joints.stepping import StepControl, Stepper, check_step, located
+from dolfinx_joints.stages import Monitor, Outcome, StaticState
+from dolfinx_joints.states import DynamicState, Products, Scheme, initial_state
+from dolfinx_joints.stepping import StepControl, check_step, located
 from dolfinx_joints.system import MatrixSystem
+
+if TYPE_CHECKING:
+    from dolfinx_joints.checkpoint import CheckpointKeeper, Checkpoints
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
+
+# Times at which functions of time are compared with those of a checkpoint.
+SAMPLES = 500
 
 
 class Simulation:
@@ -164,6 +168,8 @@ class Simulation:
         control: StepControl | None = None,
         velocity: PETSc.Vec | None = None,
         start: DynamicState | None = None,
+        checkpoint: Checkpoints | None = None,
+        resume: bool = False,
     ) -> Outcome:
         """March from the static state (or from zero) with the model's loads kept (collective).
 
@@ -176,10 +182,16 @@ class Simulation:
             control: When steps are cut; where their solve fails unless given.
             velocity: Initial velocity [m/s], zero unless given.
             start: State to go on from instead, such as ``state`` of an earlier outcome.
+            checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
+            resume: Go on from that checkpoint, with the arguments and monitors of the run that
+                wrote it. Its static state is taken as well; ``velocity`` and ``start`` are not
+                looked at.
 
         Raises:
-            ValueError: ``dt`` or ``steps`` is not positive, or both ``velocity`` and ``start`` are
-                given.
+            ValueError: ``dt`` or ``steps`` is not positive, both ``velocity`` and ``start`` are
+                given, or ``resume`` without ``checkpoint``.
+            CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
+                another run.
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
@@ -190,33 +202,74 @@ class Simulation:
         scheme, control = scheme or EnergyConsistent(), control or StepControl()
         check_kind_of("scheme", scheme, hasattr(scheme, "advance"), "a time scheme")
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+        good = checkpoint is None or hasattr(checkpoint, "keeper")
+        check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
+        if resume and checkpoint is None:
+            raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
             _check_motion(motion, self.model.gdim)
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        if checkpoint is not None:
+            checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
         with self._phase("set-up of the dynamic stage"):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
-            state = self._first_state(solver, velocity, start)
-            run = _Run(self, scheme, solver, control, state, steps, motion)
+            facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
+            facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
+            began = start.time if start else 0.0
+            times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
+            keeper = None
+            if checkpoint is not None:
+                keeper = checkpoint.keeper(self.model, system, facts, motion, times)
+            saved = keeper.load(self.monitors) if keeper and resume else None
+            if saved is not None:
+                self.static = saved.static
+            run = DynamicRun(
+                model=self.model,
+                monitors=self.monitors,
+                watch=self._watch,
+                seconds=self.seconds,
+                scheme=scheme,
+                solver=solver,
+                control=control,
+                state=saved.state if saved else self._first_state(solver, velocity, start),
+                steps=steps,
+                motion=motion,
+            )
         with run.watched():
-            run.start()
-            for step in range(1, steps + 1):
-                with self._phase("time steps"):
-                    try:
-                        report = run.take(dt)
-                    except ConvergenceError as failure:
-                        self._watch.warn(f"by t = {run.state.time:.4g} s")
-                        raise located(failure, stage="dynamic", step=step) from None
-                with self._phase("monitors"):
-                    run.show(step, report)
-                if step % GARBAGE_INTERVAL == 0:
-                    free_petsc_garbage(self.model.jointed.mesh.comm)
-                    self._watch.warn(f"by t = {run.state.time:.4g} s")
+            if saved is None:
+                run.start()
+                self._save(keeper, run)
+            else:
+                run.resume(saved.memory, saved.origin)
+            while run.step < steps:
+                self._step(run, dt)
+                self._save(keeper, run)
         self._watch.warn(f"by t = {run.state.time:.4g} s")
         outcome = run.outcome()
         if self.model.jointed.mesh.comm.rank == 0:
             _warn_of(outcome)
         return outcome
+
+    def _step(self, run: DynamicRun, dt: float) -> None:
+        """One step, told to the monitors (collective)."""
+        with self._phase("time steps"):
+            try:
+                report = run.take(dt)
+            except ConvergenceError as failure:
+                self._watch.warn(f"by t = {run.state.time:.4g} s")
+                raise located(failure, stage="dynamic", step=run.step + 1) from None
+        with self._phase("monitors"):
+            run.show(report)
+        if run.step % GARBAGE_INTERVAL == 0:
+            free_petsc_garbage(self.model.jointed.mesh.comm)
+            self._watch.warn(f"by t = {run.state.time:.4g} s")
+
+    def _save(self, keeper: CheckpointKeeper | None, run: DynamicRun) -> None:
+        """Write a checkpoint where one is due (collective)."""
+        if keeper is not None:
+            with self._phase("checkpoints"):
+                keeper.save_if_due(run, self.static)
 
     def _first_state(
         self, solver: StepSolver, velocity: PETSc.Vec | None, start: DynamicState | None
@@ -307,120 +360,3 @@ def _check_motion(motion: Any, gdim: int) -> None:
     first = np.asarray(motion(0.0))
     good = first.ndim == 1 and len(first) >= gdim and first.dtype.kind in "if"
     check_kind_of("motion(0)", first.tolist(), good, f"at least {gdim} numbers")
-
-
-class _Run:
-    """Bookkeeping of a dynamic stage."""
-
-    def __init__(
-        self,
-        simulation: Simulation,
-        scheme: Scheme,
-        solver: StepSolver,
-        control: StepControl,
-        state: DynamicState,
-        steps: int,
-        motion: Callable[[float], Any] | None,
-    ) -> None:
-        self.simulation, self.state, self.steps = simulation, state, steps
-        self._motion = motion
-        self.solver, self._conserves = solver.name, scheme.conserves(solver.system)
-        self.ledger = EnergyLedger(solver.system)
-        self.ledger.start(state)
-        self.stepper = Stepper(scheme, solver, self.ledger, control)
-        contact = solver.system.contact
-        whole = scheme.rule == "step" and contact is not None
-        self._end_point_laws = contact.without_step if whole and contact else ()
-        self.iterations = 0
-        self._local_error = self._largest = 0.0
-        self._origin = state.displacement.copy()
-        self._work = state.displacement.duplicate()
-        self._started: list[Monitor] = []
-
-    def start(self) -> None:
-        """Start the monitors."""
-        first = self._record(0, None, self.ledger.row, 0)
-        for monitor in self.simulation.monitors:
-            monitor.start(self.simulation.model, "dynamic", self.steps, first)
-            self._started.append(monitor)
-
-    def take(self, dt: float) -> StepReport:
-        """Take a step and account for every piece of it."""
-        self._pieces = 0
-        for after, report, row in self.stepper.advance(self.state, dt):
-            self.ledger.record(row)
-            self.state = after
-            if after.joints is not None:
-                self.simulation._watch.see(after.joints.state.gap)
-            self._pieces += 1
-            self.iterations += report.solve.iterations
-            self._local_error = max(self._local_error, report.local_error)
-            self._work.waxpy(-1.0, self._origin, after.displacement)
-            self._largest = max(self._largest, float(self._work.norm()))
-        return report
-
-    def show(self, step: int, report: StepReport) -> None:
-        """Hand a step to the monitors."""
-        record = self._record(step, report.solve, self.ledger.row, self._pieces - 1)
-        for monitor in self.simulation.monitors:
-            monitor.record(record)
-
-    def _record(
-        self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
-    ) -> Record:
-        return Record(
-            stage="dynamic",
-            step=step,
-            time=self.state.time,
-            displacement=self.state.displacement,
-            velocity=self.state.velocity,
-            reaction=self.state.reaction,
-            joints=self.state.joints,
-            motion=self._motion,
-            solve=solve,
-            energy=row,
-            halvings=halvings,
-        )
-
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Tell the monitors how the stage ended, whatever ended it."""
-        try:
-            yield
-        except BaseException as error:
-            status = "failed" if isinstance(error, Exception) else "stopped"
-            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
-            raise
-        peak = self.simulation.model.jointed.mesh.comm.allreduce(peak_mb())
-        self._finish("complete", {"peak_mb": peak})
-
-    def _finish(self, status: str, extra: dict[str, Any]) -> None:
-        outcome = self.outcome()
-        summary = {
-            "steps": outcome.steps,
-            **asdict(outcome.counts),
-            "iterations": outcome.iterations,
-            "solver": outcome.solver,
-            "energy_error": outcome.energy_error,
-            "imbalance": outcome.imbalance,
-            "local_error": outcome.local_error,
-            "seconds": dict(self.simulation.seconds),
-            **extra,
-        }
-        for monitor in self._started:
-            monitor.finish(status, summary)
-
-    def outcome(self) -> Outcome:
-        """Where the run stands."""
-        return Outcome(
-            state=self.state,
-            energy=self.ledger.row,
-            energy_error=self.ledger.relative_error,
-            imbalance=self.ledger.relative_imbalance if self._conserves else None,
-            local_error=self._local_error / self._largest if self._largest else 0.0,
-            steps=self.steps,
-            counts=self.stepper.counts,
-            iterations=self.iterations,
-            solver=self.solver,
-            end_point_laws=self._end_point_laws,
-        )

@@ -9,8 +9,11 @@ the size of an element makes wrong.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.laws import Floats
@@ -40,6 +43,18 @@ class SmallDisplacements:
             return
         jump = np.linalg.norm(gap - self._contact.initial_gap, axis=1) / self._sizes
         np.maximum.at(self._largest, self._contact.operator.joint, jump)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What has been seen and said so far (collective)."""
+        if self._contact is None:
+            return {}
+        largest = np.max(self._contact.operator.comm.allgather(self._largest), axis=0)
+        return {"largest": largest, "warned": self._warned}
+
+    def recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what another's ``memory`` gave."""
+        if memory:
+            self._largest[:], self._warned[:] = memory["largest"], memory["warned"]
 
     def warn(self, when: str) -> None:
         """Warn of the joints that went too far since the last call (collective).

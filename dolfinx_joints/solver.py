@@ -25,12 +25,12 @@ from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import (
     LINEAR,
     Cache,
-    DirectSolver,
     Effective,
     EffectiveMatrix,
     free_dofs,
 )
 from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.tangent import Tangent
 
 Floats = NDArray[np.float64]
 
@@ -121,63 +121,11 @@ class StepSolver(Protocol):
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve`."""
 
+    def memory(self) -> dict[str, Any]:
+        """What later solves depend on beyond their arguments: names to arrays and numbers."""
 
-class _Tangent:
-    """A + B^T (w D) B with constraints, its sparsity and its LU solver kept."""
-
-    def __init__(
-        self, matrix: EffectiveMatrix, product: JointTangent | None, options: NewtonOptions
-    ) -> None:
-        self.effective = matrix
-        self._product, self._options = product, options
-        self._sum: _Sum | None = None
-        self._last: Floats | None = None
-
-    def update(self, values: Floats) -> DirectSolver:
-        """Solver for point tangents D, factored anew only where D changed (collective)."""
-        assert self._product is not None
-        same = self._last is not None and np.array_equal(values, self._last)
-        if self._sum is not None and min(self._product.comm.allgather(same)):
-            return self._sum.solver
-        added = self._product.assemble(values)
-        if self._sum is None:
-            self._sum = _Sum(self.effective.held, added, self._options)
-        self._sum.add(added)
-        self._last = values.copy()
-        return self._sum.solver
-
-    def forget(self) -> None:
-        """Factor anew whatever the next point tangents are."""
-        self._last = None
-
-    def destroy(self) -> None:
-        """Free matrices and factors."""
-        if self._sum is not None:
-            self._sum.destroy()
-        self.effective.destroy()
-
-
-class _Sum:
-    """A constant matrix plus a changing one, both on the union of their patterns."""
-
-    def __init__(self, constant: PETSc.Mat, added: PETSc.Mat, options: NewtonOptions) -> None:
-        self._base = added.copy()
-        self._base.zeroEntries()
-        self._base.axpy(1.0, constant, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self._total = self._base.copy()
-        self.solver = DirectSolver(self._total, symmetric=False, options=options.linear_options)
-
-    def add(self, added: PETSc.Mat) -> None:
-        """Make the sum anew; the solver factors it when next used."""
-        self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        self.solver.refresh()
-
-    def destroy(self) -> None:
-        """Free matrices and factor."""
-        self.solver.destroy()
-        self._total.destroy()
-        self._base.destroy()
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what the ``memory`` of a solver of the same system gave (collective)."""
 
 
 class NewtonSolver:
@@ -203,8 +151,8 @@ class NewtonSolver:
             product = JointTangent(system.contact.operator, self.free)
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
-            lambda key: _Tangent(
-                EffectiveMatrix(system, key, linear=newton.linear), product, newton
+            lambda key: Tangent(
+                EffectiveMatrix(system, key, linear=newton.linear), product, newton.linear_options
             )
         )
 
@@ -232,17 +180,24 @@ class NewtonSolver:
             ConvergenceError: Newton did not converge; ``x`` is then of no use.
             JointsError: A factorization failed.
         """
-        tangent: _Tangent = self._tangents(effective)
+        tangent: Tangent = self._tangents(effective)
         contact = self.system.contact
         if contact is None or state is None:
             return None, solve_without_joints(tangent.effective, b, x, self.free)
         balance = _Balance(self, tangent.effective, contact, b, x, state, rule)
         return self._iterate(contact, tangent, balance, x, state)
 
+    def memory(self) -> dict[str, Any]:
+        """Nothing: every solve starts from its arguments alone."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up nothing."""
+
     def _iterate(
         self,
         contact: Contact,
-        tangent: _Tangent,
+        tangent: Tangent,
         balance: _Balance,
         x: PETSc.Vec,
         state: JointState,
@@ -272,7 +227,7 @@ class NewtonSolver:
         )
 
     def _correct(
-        self, contact: Contact, tangent: _Tangent, response: Response, balance: _Balance
+        self, contact: Contact, tangent: Tangent, response: Response, balance: _Balance
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -71,6 +71,21 @@ class Monitor(Protocol):
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+
+
+class LastingMonitor(Monitor, Protocol):
+    """A monitor of runs that write checkpoints: it can be left and taken up again."""
+
+    def memory(self) -> dict[str, Any]:
+        """What it needs to go on, asked for at each checkpoint.
+
+        Names to arrays and to what JSON can hold; those of rank 0 are kept.
+        """
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Called in the place of ``start``, with the last step taken and what was kept."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -137,6 +137,15 @@ class Stepper:
             yield state, report, row
             if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
                 self._level -= 1
+
+    def memory(self) -> dict[str, Any]:
+        """What later steps depend on."""
+        return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave."""
+        self._largest, self._level = memory["largest"], memory["level"]
+        self.counts = StepCounts(**memory["counts"])
 
     def _refuses(
         self,

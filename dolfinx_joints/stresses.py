@@ -198,6 +198,10 @@ class StressEnvelopes:
         """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""
         return self._stress.gather(self._seen.columns)
 
+    def recall(self, columns: Floats) -> None:
+        """Go on from the envelopes of all vertices, as ``gather`` gave them."""
+        self._seen.recall(columns[self._stress.own])
+
 
 def free_facets(model: Model, nodes: NodeGather) -> Ints:
     """Vertices of the exterior facets of no joint and no support, on every rank (collective).

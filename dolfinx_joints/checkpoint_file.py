@@ -1,0 +1,151 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Checkpoint files: a tree of names, numbers and arrays, written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.errors import CheckpointError
+
+FORMAT = "dolfinx_joints checkpoint"
+VERSION = 1
+
+# A checksum follows HDF5's part of the file, which does not mind: HDF5 itself was seen to read for
+# ever in a file with a few wrong bytes.
+DIGEST_BYTES = 32
+
+Tree = dict[str, Any]
+
+
+def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
+    """Replace a checkpoint at once: whoever is killed on the way leaves the old one.
+
+    Args:
+        path: The file; ``PATH.part`` beside it is written first.
+        tree: Names to arrays, to what JSON can hold, or to further trees.
+
+    Raises:
+        CheckpointError: It cannot be written.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        with h5py.File(part, "w", libver="latest") as file:
+            file.attrs.update(format=FORMAT, version=VERSION)
+            file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
+            for name, array in _arrays(tree):
+                file.create_dataset(f"arrays/{name}", data=array)
+        with part.open("rb+") as sealed:
+            digest = _digest(sealed, part.stat().st_size)
+            sealed.write(digest)
+        _to_disk(part)
+        part.replace(path)
+        _to_disk(path.parent)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        kept = "; the one before it is kept" if path.exists() else ""
+        raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
+
+
+def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
+    """The tree that was written.
+
+    Args:
+        path: The file.
+        names: What the tree must have.
+
+    Raises:
+        CheckpointError: There is no such file, it is damaged, not a checkpoint or of a newer
+            version.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"There is no checkpoint {path}.")
+    try:
+        with path.open("rb") as sealed:
+            digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
+            if sealed.read() != digest:
+                raise ValueError("its checksum is not that of what it holds")
+        with h5py.File(path, "r") as file:
+            _check(path, file.attrs.get("format"), file.attrs.get("version"))
+            tree: Tree = json.loads(bytes(file["facts"][()]).decode())
+            for name in _names(file.get("arrays")):
+                *folders, last = name.split("/")
+                place = tree
+                for folder in folders:
+                    place = place[folder]
+                place[last] = file["arrays"][name][()]
+            for name in names:
+                tree[name]
+            return tree
+    except CheckpointError:
+        raise
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
+        raise CheckpointError(f"{path} is no checkpoint, or a damaged one: {error}.") from error
+
+
+def _check(path: Path, found: Any, version: Any) -> None:
+    if found != FORMAT or version is None:
+        raise CheckpointError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+    if version != VERSION:
+        raise CheckpointError(
+            f"{path} has version {version} of the layout, this program reads version {VERSION}."
+        )
+
+
+def _names(group: h5py.Group | None) -> list[str]:
+    """Paths of the arrays of a group."""
+    names: list[str] = []
+    if group is not None:
+        group.visititems(
+            lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None
+        )
+    return names
+
+
+def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    """Paths and values of the arrays of a tree."""
+    for name, value in tree.items():
+        if isinstance(value, np.ndarray):
+            yield above + name, value
+        elif isinstance(value, Mapping):
+            yield from _arrays(value, f"{above}{name}/")
+
+
+def _without_arrays(tree: Mapping[str, Any]) -> Tree:
+    """The tree without its arrays."""
+    return {
+        name: _without_arrays(value) if isinstance(value, Mapping) else value
+        for name, value in tree.items()
+        if not isinstance(value, np.ndarray)
+    }
+
+
+def _encoded(tree: Tree) -> NDArray[np.uint8]:
+    return np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """Checksum of the first bytes of a file, which is left behind them."""
+    checksum = hashlib.sha256()
+    while size > 0 and (block := file.read(min(size, 1 << 20))):
+        checksum.update(block)
+        size -= len(block)
+    return checksum.digest()
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

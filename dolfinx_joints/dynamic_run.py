@@ -1,0 +1,194 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A dynamic stage as it goes: state, energies and counts, what monitors are told, the outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any
+
+from petsc4py import PETSc
+
+from dolfinx_joints.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.memory_use import peak_mb
+from dolfinx_joints.model import Model
+from dolfinx_joints.small_displacements import SmallDisplacements
+from dolfinx_joints.solver import SolveReport, StepSolver
+from dolfinx_joints.stages import Monitor, Outcome, Record
+from dolfinx_joints.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.stepping import StepControl, Stepper
+
+
+class DynamicRun:
+    """Bookkeeping of a dynamic stage: state, energies, counts, and the monitors that are told.
+
+    Args:
+        model: The model.
+        monitors: What watches the run.
+        watch: What watches slip and opening.
+        seconds: Wall time by phase [s], told to the monitors at the end.
+        scheme: The time scheme.
+        solver: Solver of the system.
+        control: When steps are cut.
+        state: The state to begin with.
+        steps: Steps asked for.
+        motion: Ground acceleration [m/s^2] at a time [s], or None.
+
+    Attributes:
+        state: Where the run is.
+        step: Number of the last step taken.
+        origin: Displacement at the start of the stage [m].
+    """
+
+    def __init__(
+        self,
+        *,
+        model: Model,
+        monitors: Sequence[Any],
+        watch: SmallDisplacements,
+        seconds: Mapping[str, float],
+        scheme: Scheme,
+        solver: StepSolver,
+        control: StepControl,
+        state: DynamicState,
+        steps: int,
+        motion: Callable[[float], Any] | None,
+    ) -> None:
+        """Start the ledger (collective)."""
+        self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
+        self.state, self.step, self._steps, self._motion = state, 0, steps, motion
+        self._solver, self._conserves = solver, scheme.conserves(solver.system)
+        self._ledger = EnergyLedger(solver.system)
+        self._ledger.start(state)
+        self._stepper = Stepper(scheme, solver, self._ledger, control)
+        contact = solver.system.contact
+        whole = scheme.rule == "step" and contact is not None
+        self._end_point_laws = contact.without_step if whole and contact else ()
+        self._iterations = 0
+        self._local_error = self._largest = 0.0
+        self.origin = state.displacement.copy()
+        self._work = state.displacement.duplicate()
+        self._started: list[Monitor] = []
+
+    def start(self) -> None:
+        """Start the monitors."""
+        first = self._record(0, None, self._ledger.row, 0)
+        for monitor in self.monitors:
+            monitor.start(self.model, "dynamic", self._steps, first)
+            self._started.append(monitor)
+
+    def memory(self) -> dict[str, Any]:
+        """Everything but vectors that the rest of the run depends on (collective)."""
+        return {
+            "step": self.step,
+            "iterations": self._iterations,
+            "local_error": self._local_error,
+            "largest": self._largest,
+            "watch": self._watch.memory(),
+            "solver": self._solver.memory(),
+            "steps": self._stepper.memory(),
+            "energy": self._ledger.memory(),
+            "monitors": {str(i): monitor.memory() for i, monitor in enumerate(self.monitors)},
+        }
+
+    def resume(self, memory: Mapping[str, Any], origin: PETSc.Vec) -> None:
+        """Go on from what ``memory`` gave, the monitors as well (collective).
+
+        Args:
+            memory: Of the run to be continued, whose state this one was made with.
+            origin: Its displacement at the start of the stage [m].
+        """
+        self.origin, self.step, self._iterations = origin, memory["step"], memory["iterations"]
+        self._local_error, self._largest = memory["local_error"], memory["largest"]
+        self._watch.recall(memory["watch"])
+        self._solver.recall(memory["solver"])
+        self._stepper.recall(memory["steps"])
+        self._ledger.recall(memory["energy"])
+        last = self._record(self.step, None, self._ledger.row, 0)
+        for i, monitor in enumerate(self.monitors):
+            monitor.resume(self.model, "dynamic", self._steps, last, memory["monitors"][str(i)])
+            self._started.append(monitor)
+
+    def take(self, dt: float) -> StepReport:
+        """Take a step and account for every piece of it."""
+        self._pieces = 0
+        for after, report, row in self._stepper.advance(self.state, dt):
+            self._ledger.record(row)
+            self.state = after
+            if after.joints is not None:
+                self._watch.see(after.joints.state.gap)
+            self._pieces += 1
+            self._iterations += report.solve.iterations
+            self._local_error = max(self._local_error, report.local_error)
+            self._work.waxpy(-1.0, self.origin, after.displacement)
+            self._largest = max(self._largest, float(self._work.norm()))
+        self.step += 1
+        return report
+
+    def show(self, report: StepReport) -> None:
+        """Hand a step to the monitors."""
+        record = self._record(self.step, report.solve, self._ledger.row, self._pieces - 1)
+        for monitor in self.monitors:
+            monitor.record(record)
+
+    def _record(
+        self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
+    ) -> Record:
+        return Record(
+            stage="dynamic",
+            step=step,
+            time=self.state.time,
+            displacement=self.state.displacement,
+            velocity=self.state.velocity,
+            reaction=self.state.reaction,
+            joints=self.state.joints,
+            motion=self._motion,
+            solve=solve,
+            energy=row,
+            halvings=halvings,
+        )
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Tell the monitors how the stage ended, whatever ended it."""
+        try:
+            yield
+        except BaseException as error:
+            status = "failed" if isinstance(error, Exception) else "stopped"
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
+            raise
+        peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
+        self._finish("complete", {"peak_mb": peak})
+
+    def _finish(self, status: str, extra: dict[str, Any]) -> None:
+        outcome = self.outcome()
+        summary = {
+            "steps": outcome.steps,
+            **asdict(outcome.counts),
+            "iterations": outcome.iterations,
+            "solver": outcome.solver,
+            "energy_error": outcome.energy_error,
+            "imbalance": outcome.imbalance,
+            "local_error": outcome.local_error,
+            "seconds": dict(self._seconds),
+            **extra,
+        }
+        for monitor in self._started:
+            monitor.finish(status, summary)
+
+    def outcome(self) -> Outcome:
+        """Where the run stands."""
+        return Outcome(
+            state=self.state,
+            energy=self._ledger.row,
+            energy_error=self._ledger.relative_error,
+            imbalance=self._ledger.relative_imbalance if self._conserves else None,
+            local_error=self._local_error / self._largest if self._largest else 0.0,
+            steps=self._steps,
+            counts=self._stepper.counts,
+            iterations=self._iterations,
+            solver=self._solver.name,
+            end_point_laws=self._end_point_laws,
+        )

@@ -19,6 +19,7 @@ from dolfinx_joints.results import Results
 from dolfinx_joints.spectra import (
     equally_spaced,
     fourier_amplitude,
+    highest_peak,
     running_frequency,
     significant_duration,
 )
@@ -48,11 +49,11 @@ class FourierPeaks(NamedTuple):
     """Peaks of a Fourier amplitude.
 
     Attributes:
-        frequency: Of the largest amplitude [Hz].
-        amplitude: There [m s].
+        frequency: Of the highest peak, NaN if there is none [Hz].
+        amplitude: There, NaN if there is none [m s].
         bin_width: Distance of two frequencies, one over the duration [Hz]; a frequency is not
             known better than half of it.
-        frequency_below: Of the largest peak below the frequency asked for, NaN if there is none
+        frequency_below: Of the highest peak below the frequency asked for, NaN if there is none
             [Hz].
         amplitude_below: There, NaN if there is none [m s].
     """
@@ -169,29 +170,23 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
 def fourier_peaks(
     results: Results, point: int | str, component: Component, *, below: float | None = None
 ) -> FourierPeaks:
-    """Largest Fourier amplitude of a point's displacement, as `plots.fourier` draws it.
+    """Highest peak of the Fourier amplitude of a point's displacement.
+
+    The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
+    to which a residual displacement adds, is none.
 
     Args:
         results: The run.
         point: Name or number of the monitor point.
         component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        below: Look for a second peak at frequencies below this one [Hz]: the largest amplitude that
-            exceeds both its neighbours, so that the flank of a peak above does not count.
+        below: Look for a second peak at frequencies below this one [Hz].
     """
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     frequency, amplitude = fourier_amplitude(values, dt)
-    largest = int(np.argmax(amplitude))
-    second = (np.nan, np.nan)
-    if below is not None:
-        inner = amplitude[1:-1]
-        local = (inner > amplitude[:-2]) & (inner > amplitude[2:]) & (frequency[1:-1] < below)
-        if local.any():
-            where = 1 + int(np.argmax(np.where(local, inner, -1.0)))
-            second = (float(frequency[where]), float(amplitude[where]))
-    return FourierPeaks(
-        float(frequency[largest]), float(amplitude[largest]), float(frequency[1]), *second
-    )
+    highest = highest_peak(frequency, amplitude)
+    second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)
+    return FourierPeaks(*highest, float(frequency[1]), *second)
 
 
 def effective_period(

@@ -129,6 +129,22 @@ def test_fourier_peaks(tmp_path: Path) -> None:
     assert np.isnan(measures.fourier_peaks(results, "crest", "x").frequency_below)
 
 
+def test_a_residual_displacement_is_no_peak(tmp_path: Path) -> None:
+    # The same sine about 0 and, from 2 s on, about 10 mm: the mean, A T = 0.08 m s, and its flank
+    # exceed the peak A T / 2 = 0.05 m s, which stays where it is.
+    def wave(time: np.ndarray) -> np.ndarray:
+        return 0.010 * np.sin(2 * np.pi * 5.2 * time)
+
+    about_zero = write(tmp_path / "r.h5", along_x(wave))
+    moved = write(tmp_path / "m.h5", along_x(lambda time: wave(time) + 0.010 * (time > 2.0)))
+    whole, found = (measures.fourier_peaks(run, "crest", "x") for run in (about_zero, moved))
+    assert found.frequency == whole.frequency
+    assert found.amplitude == pytest.approx(whole.amplitude, rel=0.02)
+    nowhere = measures.fourier_peaks(about_zero, "base", "x", below=5.0)
+    assert np.isnan(nowhere[:2]).all()
+    assert np.isnan(nowhere[3:]).all()
+
+
 @pytest.mark.parametrize("ratio", [0.005, 0.02, 0.05])
 def test_effective_period_of_a_free_vibration(tmp_path: Path, ratio: float) -> None:
     results = write(tmp_path / "r.h5", along_x(decaying(5.0, ratio)))

@@ -245,6 +245,44 @@ def test_plane_model_has_no_view_in_space(tmp_path):
     assert "tip, z, plane" not in page.cells
 
 
+def write_tip(path: Path, rows: int, *, plane: bool, **facts: Any) -> Path:
+    """A run of one point, with accelerations, of a plane model or one in space."""
+    surface = [[0, 1], [1, 2], [2, 0]] if plane else [[0, 1, 2]]
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    with ResultsWriter(path, {"point_names": ["tip"], **facts}) as writer:
+        declare_histories(writer, nodes[2:], accelerations=True)
+        declare_states(writer, nodes, surface, {})
+        writer.start()
+        for row in range(rows):
+            record = {"displacement": [[0.0, 1e-3 * row, 0.0]], "iterations": 1}
+            record |= {"acceleration": np.ones((1, 3)), "ground_acceleration": np.ones(3)}
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            writer.append("histories", 0.1 * row, record | shares)
+        writer.finish("failed", {})
+    return path
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_plane_models_and_others_in_one_report(tmp_path, first):
+    names = ["plane", "space"] if first else ["space", "plane"]
+    files = [write_tip(tmp_path / f"{n}.h5", 6, plane=n == "plane") for n in names]
+    page, _ = page_of(files, tmp_path)
+    assert {"tip, z, space", "tip, y, plane", "tip, space", "tip, plane"} <= set(page.cells)
+    assert "tip, z, plane" not in page.cells
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_run_that_ended_as_it_began(tmp_path, rows):
+    # Also where it says that it is the paper's case, without its point.
+    files = [
+        write_tip(tmp_path / f"{run}.h5", rows, plane=False, case="ambiesta", run=run)
+        for run in ("linear", "joints")
+    ]
+    _, html = page_of([*files, write_run(tmp_path / "whole.h5")], tmp_path)
+    assert "linear failed at t = " in html
+    assert "the files do not hold what it takes" in html
+
+
 def test_bad_input_is_refused_in_a_sentence(tmp_path):
     path = write_run(tmp_path / "run.h5")
     (tmp_path / "text.h5").write_text("no results")
@@ -265,6 +303,15 @@ def test_names_are_as_short_as_they_can_be(tmp_path):
     first, second = paper_pair(tmp_path / "a", seconds=0.1), paper_pair(tmp_path / "b", seconds=0.1)
     with report_runs.opened([first[0], second[0], second[1]]) as runs:
         assert [run.label for run in runs] == ["a/linear", "b/linear", "joints"]
+
+
+def test_names_tell_runs_apart(tmp_path):
+    files = [write_run(tmp_path / name, seconds=0.02) for name in ("dt0.001", "dt0.005")]
+    files += [write_run(tmp_path / name, seconds=0.02) for name in ("run.h5", "run.hdf5")]
+    with report_runs.opened(files[:2]) as runs:
+        assert [run.label for run in runs] == ["dt0.001", "dt0.005"]
+    with report_runs.opened(files) as runs:
+        assert [run.label for run in runs] == [file.name for file in files]
 
 
 def test_paper_is_judged_by_its_own_numbers(tmp_path):

@@ -302,13 +302,16 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
 def stress_extremes(results: Results) -> dict[str, float]:
     """Largest of each envelope of tension and smallest of each of compression [Pa].
 
-    By the names of the stream ``envelopes``; NaN where the run recorded none.
+    By the names of the stream ``envelopes``; NaN where the run recorded none, and where no point
+    has the direction.
     """
     found = dict.fromkeys(ENVELOPE_NAMES, np.nan)
     if "envelopes" in results.streams and results.rows("envelopes"):
         for name in ENVELOPE_NAMES:
-            pick = np.nanmax if name.endswith("max") else np.nanmin
-            found[name] = float(pick(results.series("envelopes", name, -1)))
+            values = results.series("envelopes", name, -1)
+            known = values[~np.isnan(values)]
+            if known.size:
+                found[name] = float(known.max() if name.endswith("max") else known.min())
     return found
 
 

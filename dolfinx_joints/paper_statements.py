@@ -265,11 +265,10 @@ def _crest_stress(run: Run) -> float:
     nodes = run.results.static("mesh/nodes")
     height = nodes[run.results.static("envelopes/nodes"), 2]
     crest = height >= CREST * nodes[:, 2].max() + (1.0 - CREST) * nodes[:, 2].min()
-    values = [
-        np.abs(run.results.series("envelopes", name, -1)[crest])
-        for name in ("arch_max", "arch_min")
-    ]
-    return float(np.nanmax(values))
+    values = np.abs(
+        [run.results.series("envelopes", name, -1)[crest] for name in ("arch_max", "arch_min")]
+    )
+    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
 
 
 def _frequency_checks() -> list[Check]:

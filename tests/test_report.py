@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 
-from dolfinx_joints import paper_statements, report, report_runs
+from dolfinx_joints import measures, paper_statements, report, report_runs
+from dolfinx_joints.envelopes import ENVELOPE_NAMES as NAMES
+from dolfinx_joints.envelopes import declare_envelopes
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results
 from dolfinx_joints.results_writer import (
@@ -281,6 +284,29 @@ def test_run_that_ended_as_it_began(tmp_path, rows):
     _, html = page_of([*files, write_run(tmp_path / "whole.h5")], tmp_path)
     assert "linear failed at t = " in html
     assert "the files do not hold what it takes" in html
+
+
+def test_body_without_arch_directions(tmp_path):
+    # A cube: all its vertices are edges. The principal stresses are drawn, the others are not.
+    pytest.importorskip("pyvista")
+    missing = np.full((8, 3), np.nan)
+    with ResultsWriter(tmp_path / "cube.h5", {"point_names": []}) as writer:
+        declare_states(writer, CUBE, FACES, {})
+        declare_envelopes(writer, np.arange(8), missing, missing)
+        writer.start()
+        writer.append("states", 0.0, {"displacement": np.zeros((8, 3))})
+        known = {name: np.arange(8.0) if "principal" in name else missing[:, 0] for name in NAMES}
+        writer.append("envelopes", 0.0, known)
+        writer.finish("complete", {})
+    with Results(tmp_path / "cube.h5") as results, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = measures.stress_extremes(results)
+    assert (found["principal_max"], found["principal_min"]) == (7.0, 0.0)
+    assert np.isnan(found["arch_max"])
+    _, html = page_of([tmp_path / "cube.h5"], tmp_path, with_3d=True)
+    assert "Deformed shape of cube at t = 0.000 s, the last record." in html
+    assert "Envelope principal, max of cube" in html
+    assert "Envelope arch, max" not in html
 
 
 def test_bad_input_is_refused_in_a_sentence(tmp_path):

@@ -163,8 +163,9 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
     values = source.series("histories", "ground_acceleration")
-    dt, ground = equally_spaced(source.time("histories"), values)
-    return significant_duration(ground, dt, lower=0.0, upper=share)[1]
+    time = source.time("histories")
+    dt, ground = equally_spaced(time, values)
+    return float(time[0]) + significant_duration(ground, dt, lower=0.0, upper=share)[1]
 
 
 def fourier_peaks(

@@ -29,7 +29,12 @@ def nothing(time: np.ndarray) -> np.ndarray:
 
 
 def write(
-    path: Path, motion: Vector, *, ground: Vector = nothing, acceleration: Vector = nothing
+    path: Path,
+    motion: Vector,
+    *,
+    ground: Vector = nothing,
+    acceleration: Vector = nothing,
+    start: float = 0.0,
 ) -> Results:
     """A run whose crest moves by ``motion`` from its static displacement."""
     u, a, g = OFFSET + motion(TIME), acceleration(TIME), ground(TIME)
@@ -40,7 +45,7 @@ def write(
             values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
             values["displacement"] = [np.zeros(3), u[row]]
             values["acceleration"] = [np.zeros(3), a[row]]
-            writer.append("histories", time, values | {"ground_acceleration": g[row]})
+            writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
         writer.finish("complete", {"steps": 2000, "seconds": {"statics": 1.0, "steps": 3.0}})
     return Results(path)
 
@@ -107,6 +112,8 @@ def test_end_of_strong_motion(tmp_path: Path) -> None:
     assert measures.strong_motion_end(results, 0.5) == pytest.approx(2.0, abs=DT)
     motion = Motion(acceleration=ground(TIME), dt=DT)
     assert measures.strong_motion_end(motion) == measures.strong_motion_end(results)
+    continued = write(tmp_path / "c.h5", nothing, ground=ground, start=2.0)
+    assert measures.strong_motion_end(continued) == pytest.approx(5.8, abs=DT)
     with pytest.raises(ValueError, match="zero throughout"):
         measures.strong_motion_end(write(tmp_path / "still.h5", nothing))
 

@@ -57,16 +57,13 @@ def space(content: Content) -> Section:
         '<div class="plot" style="height:520px" role="img" aria-label="The deformed body in '
         f'space"></div><figcaption>{text(caption)}</figcaption></figure>'
     )
-    return Section("space", title, [view, *_pictures(content)])
+    return Section("space", title, [view, *_pictures(content, runs[0])])
 
 
-def _pictures(content: Content) -> list[Html]:
-    """Mesh and largest deformation of the main run, for print."""
+def _pictures(content: Content, run: Run) -> list[Html]:
+    """Mesh and largest deformation of a run, for print."""
     from dolfinx_joints import views
 
-    run = content.main
-    if not run.has("states", "displacement"):
-        return []
     time, moment = largest_moment(run), "the last record"
     if run.has("histories", "displacement"):
         moment = f"the largest displacement of {run.results.point_names[0]} from the static state"

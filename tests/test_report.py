@@ -274,6 +274,13 @@ def test_plane_models_and_others_in_one_report(tmp_path, first):
     assert "tip, z, plane" not in page.cells
 
 
+def test_pictures_are_of_a_body_in_space(tmp_path):
+    pytest.importorskip("pyvista")
+    files = [write_tip(tmp_path / "plane.h5", 6, plane=True), write_run(tmp_path / "space.h5")]
+    _, html = page_of(files, tmp_path, with_3d=True)
+    assert "Finite-element mesh of space." in html
+
+
 @pytest.mark.parametrize("rows", [0, 1, 2])
 def test_run_that_ended_as_it_began(tmp_path, rows):
     # Also where it says that it is the paper's case, without its point.

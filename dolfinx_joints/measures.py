@@ -19,6 +19,7 @@ from dolfinx_joints.results import Results
 from dolfinx_joints.spectra import (
     equally_spaced,
     fourier_amplitude,
+    highest_peak,
     running_frequency,
     significant_duration,
 )
@@ -48,11 +49,11 @@ class FourierPeaks(NamedTuple):
     """Peaks of a Fourier amplitude.
 
     Attributes:
-        frequency: Of the largest amplitude [Hz].
-        amplitude: There [m s].
+        frequency: Of the highest peak, NaN if there is none [Hz].
+        amplitude: There, NaN if there is none [m s].
         bin_width: Distance of two frequencies, one over the duration [Hz]; a frequency is not
             known better than half of it.
-        frequency_below: Of the largest peak below the frequency asked for, NaN if there is none
+        frequency_below: Of the highest peak below the frequency asked for, NaN if there is none
             [Hz].
         amplitude_below: There, NaN if there is none [m s].
     """
@@ -162,36 +163,31 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
     values = source.series("histories", "ground_acceleration")
-    dt, ground = equally_spaced(source.time("histories"), values)
-    return significant_duration(ground, dt, lower=0.0, upper=share)[1]
+    time = source.time("histories")
+    dt, ground = equally_spaced(time, values)
+    return float(time[0]) + significant_duration(ground, dt, lower=0.0, upper=share)[1]
 
 
 def fourier_peaks(
     results: Results, point: int | str, component: Component, *, below: float | None = None
 ) -> FourierPeaks:
-    """Largest Fourier amplitude of a point's displacement, as `plots.fourier` draws it.
+    """Highest peak of the Fourier amplitude of a point's displacement.
+
+    The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
+    to which a residual displacement adds, is none.
 
     Args:
         results: The run.
         point: Name or number of the monitor point.
         component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        below: Look for a second peak at frequencies below this one [Hz]: the largest amplitude that
-            exceeds both its neighbours, so that the flank of a peak above does not count.
+        below: Look for a second peak at frequencies below this one [Hz].
     """
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     frequency, amplitude = fourier_amplitude(values, dt)
-    largest = int(np.argmax(amplitude))
-    second = (np.nan, np.nan)
-    if below is not None:
-        inner = amplitude[1:-1]
-        local = (inner > amplitude[:-2]) & (inner > amplitude[2:]) & (frequency[1:-1] < below)
-        if local.any():
-            where = 1 + int(np.argmax(np.where(local, inner, -1.0)))
-            second = (float(frequency[where]), float(amplitude[where]))
-    return FourierPeaks(
-        float(frequency[largest]), float(amplitude[largest]), float(frequency[1]), *second
-    )
+    highest = highest_peak(frequency, amplitude)
+    second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)
+    return FourierPeaks(*highest, float(frequency[1]), *second)
 
 
 def effective_period(
@@ -307,13 +303,16 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
 def stress_extremes(results: Results) -> dict[str, float]:
     """Largest of each envelope of tension and smallest of each of compression [Pa].
 
-    By the names of the stream ``envelopes``; NaN where the run recorded none.
+    By the names of the stream ``envelopes``; NaN where the run recorded none, and where no point
+    has the direction.
     """
     found = dict.fromkeys(ENVELOPE_NAMES, np.nan)
     if "envelopes" in results.streams and results.rows("envelopes"):
         for name in ENVELOPE_NAMES:
-            pick = np.nanmax if name.endswith("max") else np.nanmin
-            found[name] = float(pick(results.series("envelopes", name, -1)))
+            values = results.series("envelopes", name, -1)
+            known = values[~np.isnan(values)]
+            if known.size:
+                found[name] = float(known.max() if name.endswith("max") else known.min())
     return found
 
 

@@ -27,7 +27,7 @@ from dolfinx_joints.joint_values import (
 )
 from dolfinx_joints.measures import Component, displacement_history
 from dolfinx_joints.results import ENERGY_TERMS, Results
-from dolfinx_joints.spectra import equally_spaced, fourier_amplitude
+from dolfinx_joints.spectra import equally_spaced, fourier_amplitude, highest_peak
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +109,7 @@ def fourier(
 
     The displacement at the first record, that of the static state, is taken off. Records at
     unequal steps are first interpolated to the shortest step. The legend gives the frequency of
-    the largest amplitude.
+    the highest peak.
 
     Args:
         results: the run.
@@ -126,7 +126,9 @@ def fourier(
         frequency, amplitude = fourier_amplitude(values, dt)
         shown = frequency <= max_frequency
         frequency, amplitude = frequency[shown], amplitude[shown]
-        style["label"] = f"{style['label']}, peak at {frequency[np.argmax(amplitude)]:.2f} Hz"
+        peak, _ = highest_peak(frequency, amplitude)
+        if np.isfinite(peak):
+            style["label"] = f"{style['label']}, peak at {peak:.2f} Hz"
         ax.plot(frequency, 1e3 * amplitude, **style)
     decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
     name = point_name(results, point)

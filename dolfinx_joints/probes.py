@@ -90,6 +90,7 @@ def boundary_facets(
     Returns:
         Node numbers, shape (num_facets, vertices per facet).
     """
+    from dolfinx.cpp.mesh import cell_num_entities
     from dolfinx.mesh import exterior_facet_indices
 
     mesh, shape = model.jointed.mesh, model.jointed.shape
@@ -102,7 +103,9 @@ def boundary_facets(
     to_cell = mesh.topology.connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     cells = to_cell.array[to_cell.offsets[facets]]
-    per_cell = to_facet.array.reshape(-1, to_facet.offsets[1])
+    per_cell = to_facet.array.reshape(  # a rank may have no cells
+        -1, cell_num_entities(mesh.topology.cell_type, tdim - 1)
+    )
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
     vertices = nodes.number[np.take_along_axis(model.V.dofmap.list[cells], corners, axis=1)]

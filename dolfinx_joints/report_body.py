@@ -57,23 +57,21 @@ def space(content: Content) -> Section:
         '<div class="plot" style="height:520px" role="img" aria-label="The deformed body in '
         f'space"></div><figcaption>{text(caption)}</figcaption></figure>'
     )
-    return Section("space", title, [view, *_pictures(content)])
+    return Section("space", title, [view, *_pictures(content, runs[0])])
 
 
-def _pictures(content: Content) -> list[Html]:
-    """Mesh and largest deformation of the main run, for print."""
+def _pictures(content: Content, run: Run) -> list[Html]:
+    """Mesh and largest deformation of a run, for print."""
     from dolfinx_joints import views
 
-    run = content.main
-    if not run.has("states", "displacement"):
-        return []
-    time = largest_moment(run)
+    time, moment = largest_moment(run), "the last record"
+    if run.has("histories", "displacement"):
+        moment = f"the largest displacement of {run.results.point_names[0]} from the static state"
     drawn = {
         "mesh": (views.mesh(run.results), f"Finite-element mesh of {run.label}."),
         "deformed": (
             views.deformed(run.results, time=time),
-            f"Deformed shape of {run.label} at t = {time:.3f} s, the largest displacement of "
-            f"{run.results.point_names[0]} from the static state.",
+            f"Deformed shape of {run.label} at t = {time:.3f} s, {moment}.",
         ),
     }
     if run.results.joints:
@@ -101,7 +99,8 @@ def envelopes(content: Content) -> Section:
     pieces = [table("Extremes of the stresses", head, rows)]
     for run in list(content.pair or runs):
         if run in runs:
-            drawn = [_envelope(content, run, name) for name in each[0]]
+            known = [name for name, value in each[runs.index(run)].items() if value == value]
+            drawn = [_envelope(content, run, name) for name in known]
             pieces.append(details(f"Envelopes of {run.label}", drawn))
     return Section("envelopes", title, pieces)
 

@@ -21,7 +21,7 @@ from dolfinx_joints.report_page import (
     plain,
     table,
 )
-from dolfinx_joints.report_runs import Run
+from dolfinx_joints.report_runs import Run, components
 from dolfinx_joints.report_sections import Content, nothing
 from dolfinx_joints.spectra import Floats, equally_spaced, fourier_amplitude, response_spectrum
 
@@ -32,9 +32,9 @@ SPECTRUM_DAMPING = 0.05
 
 def displacements(content: Content) -> Section:
     """Histories and Fourier amplitudes of each point, with their peaks."""
-    runs = [run for run in content.runs if run.has("histories", "displacement")]
+    runs = [run for run in content.runs if run.moves]
     if not runs:
-        return nothing("displacements", "Displacements", "histories")
+        return nothing("displacements", "Displacements", "histories of two records or more")
     pieces = [
         paragraph(
             "Displacements are relative to the ground and counted from the static state, the "
@@ -89,13 +89,14 @@ def response_spectra(content: Content) -> Section:
         rows += [_acceleration_row(run, name) for run in having]
         spectra = {run.label: _point_spectrum(run, name) for run in having}
         spectra["ground"] = ground
+        names = components(having)
         panels = [
-            [(label, PERIODS, values[:, column]) for label, values in spectra.items()]
-            for column in range(len(having[0].components))
+            [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
+            for column in range(len(names))
         ]
         spec = report_figures.panels(
             panels,
-            [f"{component} [m/s²]" for component in having[0].components],
+            [f"{component} [m/s²]" for component in names],
             "period [s]",
             logarithmic=True,
         )
@@ -105,7 +106,8 @@ def response_spectra(content: Content) -> Section:
         )
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
-    head = ["point, run", *(f"{c} [m/s²]" for c in runs[0].components)]
+    head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
+    rows = [[*row, *[None] * (len(head) - len(row))] for row in rows]
     pieces.insert(0, table("Largest absolute accelerations", head, rows))
     return Section("accelerations", title, pieces)
 
@@ -232,9 +234,9 @@ def _points(runs: Iterable[Run]) -> list[str]:
 
 def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
     rows = []
-    for component in runs[0].components:
+    for component in components(runs):
         for run in runs:
-            if name not in run.results.point_names or run.results.rows("histories") < 3:
+            if name not in run.results.point_names or component not in run.components:
                 continue
             until = strong_until(run)
             peak = measures.peaks(run.results, name, strong_until=until)[component]
@@ -263,32 +265,30 @@ def strong_until(run: Run) -> float:
 
 
 def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
-    components = runs[0].components
     curves = []
-    for component in components:
+    for component in components(runs):
         panel = []
-        for run in runs:
+        for run in (run for run in runs if component in run.components):
             time, u = measures.displacement_history(run.results, name, component)
             panel.append((run.label, time, 1e3 * u))
         curves.append(panel)
-    titles = [f"{component} [mm]" for component in components]
+    titles = [f"{component} [mm]" for component in components(runs)]
     caption = f"Displacement of {name} from the static state over time."
     return report_figures.panels(curves, titles, "time [s]"), caption
 
 
 def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
-    components = runs[0].components
     curves = []
-    for component in components:
+    for component in components(runs):
         panel = []
-        for run in runs:
+        for run in (run for run in runs if component in run.components):
             time, u = measures.displacement_history(run.results, name, component)
             dt, values = equally_spaced(time, u)
             frequency, amplitude = fourier_amplitude(values, dt)
             shown = frequency <= FREQUENCIES
             panel.append((run.label, frequency[shown], 1e3 * amplitude[shown]))
         curves.append(panel)
-    titles = [f"{component} [mm s]" for component in components]
+    titles = [f"{component} [mm s]" for component in components(runs)]
     caption = f"Fourier amplitude of the displacement of {name}, up to {FREQUENCIES:g} Hz."
     return report_figures.panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
 
@@ -296,11 +296,11 @@ def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
 def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]:
     """Pictures of a point's histories or spectra, of the main run and its reference."""
     main, reference = content.main, content.reference
-    if not main.has("histories", "displacement") or name not in main.results.point_names:
+    if not main.moves or name not in main.results.point_names:
         return []
     draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
     options: dict[str, Any] = {}
-    if reference is not None and name in reference.results.point_names:
+    if reference is not None and reference.moves and name in reference.results.point_names:
         options = {"reference": reference.results, "labels": (main.label, reference.label)}
     return [
         content.save(f"{kind}_{number + 1}_{c}", draw(main.results, name, c, **options))

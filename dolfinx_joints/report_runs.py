@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from dolfinx_joints.results import Results
 
 # What a run computes on, not what it computes: runs that differ only in these estimate the error.
 _DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")
+_ENDINGS = (".h5", ".hdf5")
 # Facts of the machine and the files, and consequences of the discretisation.
 _NEITHER = {
     *("run", "steps", "stage", "point_names", "dofs", "cells", "joint_points", "ranks", "units"),
@@ -61,6 +62,11 @@ class Run:
         return ["x", "y"] if self.plane else ["x", "y", "z"]
 
     @property
+    def moves(self) -> bool:
+        """Whether a history has a second record to tell a motion by."""
+        return self.has("histories", "displacement") and self.results.rows("histories") > 1
+
+    @property
     def plane(self) -> bool:
         """Whether the model is plane: its boundary consists of lines."""
         statics = self.results.statics
@@ -86,6 +92,11 @@ class Pair:
         return ", ".join(words)
 
 
+def components(runs: Iterable[Run]) -> list[Component]:
+    """Components of the displacement that any of the runs has."""
+    return max((run.components for run in runs), key=len)
+
+
 @contextmanager
 def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
     """Runs of results files, closed at the end.
@@ -104,7 +115,7 @@ def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
         raise ResultsError(f"{twice} was given twice.")
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
-        names = _names([path.with_suffix("") for path in resolved])
+        names = _names(_without_endings(resolved))
         yield [Run(file, name) for file, name in zip(files, names, strict=True)]
 
 
@@ -143,6 +154,12 @@ def _step(run: Run) -> float:
     if not run.has("histories") or run.results.rows("histories") < 2:
         return 0.0
     return float(np.diff(run.results.time("histories")[:2])[0])
+
+
+def _without_endings(paths: Sequence[Path]) -> list[Path]:
+    """Paths without .h5 or .hdf5, where that leaves them different."""
+    short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
+    return short if len(set(short)) == len(short) else list(paths)
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

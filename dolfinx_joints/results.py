@@ -24,6 +24,8 @@ A simulation writes the contents named in ``declare_histories``, ``declare_energ
 """
 
 import json
+import os
+import time as clock
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
@@ -53,6 +55,8 @@ JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 # displacement.
 LARGE_ENERGY_ERROR = 0.05
 LARGE_LOCAL_ERROR = 0.05
+
+_GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
 
 Index = int | slice
 
@@ -279,19 +283,24 @@ def _open(path: Path) -> h5py.File:
 
 
 def _refuse_truncated(path: Path) -> None:
-    """Refuse a closed file that is shorter than its superblock says.
+    """Refuse a file that is shorter than its superblock says.
 
     HDF5 does so itself, but not in SWMR mode, where reading such a file may never end. A file
-    that a writer has open, or had when it was killed, is marked and may be of any length.
+    that a writer has open may be so for the moment in which it grows.
     """
-    with path.open("rb") as file:
-        superblock = file.read(36)
-    version, open_flags = superblock[8], superblock[11]
-    if version not in (2, 3) or open_flags:
-        return
-    end = int.from_bytes(superblock[28:36], "little")
-    if path.stat().st_size < end:
-        raise ResultsError(f"{path} is truncated: it has {path.stat().st_size} of {end} bytes.")
+    gives_up = clock.monotonic() + _GROWING_SECONDS
+    while True:
+        with path.open("rb") as file:
+            superblock = file.read(36)
+            size = os.fstat(file.fileno()).st_size
+        version, is_open = superblock[8:9], any(superblock[11:12])
+        end = int.from_bytes(superblock[28:36], "little")
+        if len(superblock) == 36 and (version not in (b"\2", b"\3") or size >= end):
+            return
+        if not is_open or clock.monotonic() > gives_up:
+            whole = f" of {end}" if len(superblock) == 36 else ""
+            raise ResultsError(f"{path} is truncated: it has {size}{whole} bytes.")
+        clock.sleep(0.01)
 
 
 def _open_shared(path: Path) -> h5py.File:

@@ -181,6 +181,27 @@ def fourier_amplitude(signal: ArrayLike, dt: float) -> tuple[Floats, Floats]:
     return frequencies, dt * np.abs(np.fft.rfft(values, axis=0))
 
 
+def highest_peak(
+    frequencies: Floats, amplitude: Floats, *, below: float = np.inf
+) -> tuple[float, float]:
+    """Frequency and amplitude of the highest peak, NaN if there is none.
+
+    A peak is above both its neighbours. The amplitude at zero, a signal's mean, is none, and
+    neither is its flank: where a signal ends elsewhere than it began both may exceed all peaks.
+
+    Args:
+        frequencies: rising from 0, shape (n,), [Hz].
+        amplitude: shape (n,).
+        below: peaks at this frequency and above do not count [Hz].
+    """
+    inner = amplitude[1:-1]
+    is_peak = (inner > amplitude[:-2]) & (inner >= amplitude[2:]) & (frequencies[1:-1] < below)
+    if not is_peak.any():
+        return np.nan, np.nan
+    where = 1 + int(np.argmax(np.where(is_peak, inner, -1.0)))
+    return float(frequencies[where]), float(amplitude[where])
+
+
 def response_spectrum(
     acceleration: ArrayLike, dt: float, periods: ArrayLike, damping_ratio: float
 ) -> ResponseSpectrum:

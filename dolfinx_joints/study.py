@@ -34,10 +34,12 @@ from typing import Any
 from dolfinx_joints.checks import check_count, check_kind_of
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study_table import (
+    OWN_COLUMNS,
     TABLE,
     Row,
     Table,
     gather,
+    plain_text,
     read_row,
     read_table,
     write_csv,
@@ -51,6 +53,7 @@ Function = Callable[..., Mapping[str, Any]]
 
 LOCK_SECONDS = 5.0  # for cases of a killed runner to end
 _POLL_SECONDS = 0.05
+_LOG_TAIL = 65536  # bytes at the end of a log that are looked at for its last line
 _RANK_COUNTS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 _OF_MPI = ("OMPI_COMM_WORLD_", "OMPI_UNIVERSE_", "PMIX_", "PMI_", "MPI_LOCAL")
 
@@ -103,7 +106,7 @@ class Study:
         self._module, self._function = _address(function)
         self.cases: dict[str, dict[str, Any]] = {}
         for name, parameters in cases.items():
-            if not re.fullmatch(r"\w[\w.=+-]*", name):
+            if not isinstance(name, str) or not re.fullmatch(r"\w[\w.=+-]*", name):
                 raise ValueError(
                     f"The case {name!r} must have a name of letters, digits and any of _ . = + -."
                 )
@@ -218,9 +221,9 @@ class Study:
     def _start(self, name: str, lock: int) -> subprocess.Popen[bytes]:
         """Start a case in an empty folder."""
         folder, row = self.folder(name), self._row(name)
+        row.unlink(missing_ok=True)  # first: a row without its files would be taken for whole
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        row.unlink(missing_ok=True)
         job = {
             "case": name,
             "module": self._module,
@@ -253,18 +256,22 @@ class Study:
         if self._row(name).exists():
             return
         code = process.returncode
-        end = f"signal {-code} ({signal.Signals(-code).name})" if code < 0 else f"exit code {code}"
-        log = self.folder(name) / "log.txt"
-        last = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
+        end = f"exit code {code}" if code >= 0 else f"signal {-code}"
+        if -code in set(signal.Signals):
+            end += f" ({signal.Signals(-code).name})"
+        reason = plain_text(": ".join([f"ended by {end}", *_last_line(self.folder(name))]))
         row: Row = {"case": name, "status": "failed", "wall_s": float("nan")}
-        row |= {"reason": ": ".join([f"ended by {end}", *last]), "peak_mb": float("nan")}
+        row |= {"reason": reason, "peak_mb": float("nan")}
         write_row(self._row(name), {**row, "parameters": self.cases[name], "values": {}})
 
     @contextmanager
     def _locked(self) -> Iterator[int]:
         """Hold the folder, together with the cases that are started."""
-        (self.path / "rows").mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT)
+        try:
+            (self.path / "rows").mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT)
+        except OSError as error:
+            raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
         try:
             ends = clock.monotonic() + LOCK_SECONDS
             while not _lock(descriptor):
@@ -276,6 +283,15 @@ class Study:
             yield descriptor
         finally:
             os.close(descriptor)
+
+
+def _last_line(folder: Path) -> list[str]:
+    """The last line that a case printed, none if it printed nothing or took the file away."""
+    with suppress(OSError), (folder / "log.txt").open("rb") as log:
+        size = log.seek(0, os.SEEK_END)
+        log.seek(max(0, size - _LOG_TAIL))
+        return log.read().decode(errors="replace").strip().splitlines()[-1:]
+    return []
 
 
 def _lock(descriptor: int) -> bool:
@@ -304,6 +320,12 @@ def _address(function: Function) -> tuple[str, str]:
 
 def _check_parameters(function: Function, case: str, parameters: Mapping[str, Any]) -> None:
     """Refuse what the function does not take or a file cannot hold."""
+    taken = next((name for name in parameters if name in OWN_COLUMNS), None)
+    if taken is not None:
+        raise ValueError(
+            f"The parameter {taken!r} of the case {case!r} has the name of a column of the study: "
+            f"{', '.join(OWN_COLUMNS)}."
+        )
     try:
         inspect.signature(function).bind(Path(), **parameters)
     except TypeError as error:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_joints.memory_use import peak_mb
-from dolfinx_joints.study_table import plain_values, write_row
+from dolfinx_joints.study_table import plain_text, plain_values, write_row
 
 
 def main() -> None:
@@ -37,7 +37,7 @@ def main() -> None:
     except Exception as error:
         traceback.print_exc()
         said = " ".join(str(error).split())
-        row |= {"status": "failed", "reason": f"{type(error).__name__}: {said}"}
+        row |= {"status": "failed", "reason": plain_text(f"{type(error).__name__}: {said}")}
     row |= {"wall_s": clock.perf_counter() - began, "peak_mb": peak_mb()}
     write_row(Path(job["row"]), {**row, "parameters": job["parameters"], "values": values})
 

@@ -26,6 +26,8 @@ FORMAT = "dolfinx_joints study table"
 TABLE = "table.h5"
 OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
 
+LONGEST_TEXT = 2000  # characters of a text in a row
+
 Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]
 
@@ -67,12 +69,23 @@ def plain_values(values: Any, parameters: Iterable[str]) -> dict[str, float | st
     taken = {*OWN_COLUMNS, *parameters}
     plain: dict[str, float | str] = {}
     for name, value in values.items():
+        if not isinstance(name, str) or not name.isprintable() or name in ("", ".") or "|" in name:
+            raise StudyError(f"A value may not be named {name!r}: a printable text without '|'.")
         if name in taken:
             raise StudyError(f"The value {name!r} has the name of a parameter or of the study.")
         if not isinstance(value, Real | str | np.bool_):
             raise StudyError(f"The value {name!r} must be a number or a text, not {value!r:.80}.")
-        plain[str(name)] = value if isinstance(value, str) else float(value)
+        plain[name] = plain_text(value) if isinstance(value, str) else float(value)
     return plain
+
+
+def plain_text(text: str) -> str:
+    """A text as a table can hold it: without NUL, in UTF-8, long ones without their middle."""
+    clean = text.replace("\0", "\\0").encode(errors="backslashreplace").decode()
+    if len(clean) <= LONGEST_TEXT:
+        return clean
+    half = LONGEST_TEXT // 2
+    return f"{clean[:half]} ... {clean[-half:]}"
 
 
 def gather(rows: Sequence[Row]) -> Table:

@@ -29,7 +29,12 @@ def nothing(time: np.ndarray) -> np.ndarray:
 
 
 def write(
-    path: Path, motion: Vector, *, ground: Vector = nothing, acceleration: Vector = nothing
+    path: Path,
+    motion: Vector,
+    *,
+    ground: Vector = nothing,
+    acceleration: Vector = nothing,
+    start: float = 0.0,
 ) -> Results:
     """A run whose crest moves by ``motion`` from its static displacement."""
     u, a, g = OFFSET + motion(TIME), acceleration(TIME), ground(TIME)
@@ -40,7 +45,7 @@ def write(
             values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
             values["displacement"] = [np.zeros(3), u[row]]
             values["acceleration"] = [np.zeros(3), a[row]]
-            writer.append("histories", time, values | {"ground_acceleration": g[row]})
+            writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
         writer.finish("complete", {"steps": 2000, "seconds": {"statics": 1.0, "steps": 3.0}})
     return Results(path)
 
@@ -107,6 +112,8 @@ def test_end_of_strong_motion(tmp_path: Path) -> None:
     assert measures.strong_motion_end(results, 0.5) == pytest.approx(2.0, abs=DT)
     motion = Motion(acceleration=ground(TIME), dt=DT)
     assert measures.strong_motion_end(motion) == measures.strong_motion_end(results)
+    continued = write(tmp_path / "c.h5", nothing, ground=ground, start=2.0)
+    assert measures.strong_motion_end(continued) == pytest.approx(5.8, abs=DT)
     with pytest.raises(ValueError, match="zero throughout"):
         measures.strong_motion_end(write(tmp_path / "still.h5", nothing))
 
@@ -127,6 +134,22 @@ def test_fourier_peaks(tmp_path: Path) -> None:
     near = measures.fourier_peaks(results, "crest", "x", below=5.15)
     assert near.frequency_below == found.frequency_below
     assert np.isnan(measures.fourier_peaks(results, "crest", "x").frequency_below)
+
+
+def test_a_residual_displacement_is_no_peak(tmp_path: Path) -> None:
+    # The same sine about 0 and, from 2 s on, about 10 mm: the mean, A T = 0.08 m s, and its flank
+    # exceed the peak A T / 2 = 0.05 m s, which stays where it is.
+    def wave(time: np.ndarray) -> np.ndarray:
+        return 0.010 * np.sin(2 * np.pi * 5.2 * time)
+
+    about_zero = write(tmp_path / "r.h5", along_x(wave))
+    moved = write(tmp_path / "m.h5", along_x(lambda time: wave(time) + 0.010 * (time > 2.0)))
+    whole, found = (measures.fourier_peaks(run, "crest", "x") for run in (about_zero, moved))
+    assert found.frequency == whole.frequency
+    assert found.amplitude == pytest.approx(whole.amplitude, rel=0.02)
+    nowhere = measures.fourier_peaks(about_zero, "base", "x", below=5.0)
+    assert np.isnan(nowhere[:2]).all()
+    assert np.isnan(nowhere[3:]).all()
 
 
 @pytest.mark.parametrize("ratio", [0.005, 0.02, 0.05])

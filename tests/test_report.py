@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 
-from dolfinx_joints import paper_statements, report, report_runs
+from dolfinx_joints import measures, paper_statements, report, report_runs
+from dolfinx_joints.envelopes import ENVELOPE_NAMES as NAMES
+from dolfinx_joints.envelopes import declare_envelopes
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results
 from dolfinx_joints.results_writer import (
@@ -245,6 +248,74 @@ def test_plane_model_has_no_view_in_space(tmp_path):
     assert "tip, z, plane" not in page.cells
 
 
+def write_tip(path: Path, rows: int, *, plane: bool, **facts: Any) -> Path:
+    """A run of one point, with accelerations, of a plane model or one in space."""
+    surface = [[0, 1], [1, 2], [2, 0]] if plane else [[0, 1, 2]]
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    with ResultsWriter(path, {"point_names": ["tip"], **facts}) as writer:
+        declare_histories(writer, nodes[2:], accelerations=True)
+        declare_states(writer, nodes, surface, {})
+        writer.start()
+        for row in range(rows):
+            record = {"displacement": [[0.0, 1e-3 * row, 0.0]], "iterations": 1}
+            record |= {"acceleration": np.ones((1, 3)), "ground_acceleration": np.ones(3)}
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            writer.append("histories", 0.1 * row, record | shares)
+        writer.finish("failed", {})
+    return path
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_plane_models_and_others_in_one_report(tmp_path, first):
+    names = ["plane", "space"] if first else ["space", "plane"]
+    files = [write_tip(tmp_path / f"{n}.h5", 6, plane=n == "plane") for n in names]
+    page, _ = page_of(files, tmp_path)
+    assert {"tip, z, space", "tip, y, plane", "tip, space", "tip, plane"} <= set(page.cells)
+    assert "tip, z, plane" not in page.cells
+
+
+def test_pictures_are_of_a_body_in_space(tmp_path):
+    pytest.importorskip("pyvista")
+    files = [write_tip(tmp_path / "plane.h5", 6, plane=True), write_run(tmp_path / "space.h5")]
+    _, html = page_of(files, tmp_path, with_3d=True)
+    assert "Finite-element mesh of space." in html
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_run_that_ended_as_it_began(tmp_path, rows):
+    # Also where it says that it is the paper's case, without its point.
+    files = [
+        write_tip(tmp_path / f"{run}.h5", rows, plane=False, case="ambiesta", run=run)
+        for run in ("linear", "joints")
+    ]
+    _, html = page_of([*files, write_run(tmp_path / "whole.h5")], tmp_path)
+    assert "linear failed at t = " in html
+    assert "the files do not hold what it takes" in html
+
+
+def test_body_without_arch_directions(tmp_path):
+    # A cube: all its vertices are edges. The principal stresses are drawn, the others are not.
+    pytest.importorskip("pyvista")
+    missing = np.full((8, 3), np.nan)
+    with ResultsWriter(tmp_path / "cube.h5", {"point_names": []}) as writer:
+        declare_states(writer, CUBE, FACES, {})
+        declare_envelopes(writer, np.arange(8), missing, missing)
+        writer.start()
+        writer.append("states", 0.0, {"displacement": np.zeros((8, 3))})
+        known = {name: np.arange(8.0) if "principal" in name else missing[:, 0] for name in NAMES}
+        writer.append("envelopes", 0.0, known)
+        writer.finish("complete", {})
+    with Results(tmp_path / "cube.h5") as results, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = measures.stress_extremes(results)
+    assert (found["principal_max"], found["principal_min"]) == (7.0, 0.0)
+    assert np.isnan(found["arch_max"])
+    _, html = page_of([tmp_path / "cube.h5"], tmp_path, with_3d=True)
+    assert "Deformed shape of cube at t = 0.000 s, the last record." in html
+    assert "Envelope principal, max of cube" in html
+    assert "Envelope arch, max" not in html
+
+
 def test_bad_input_is_refused_in_a_sentence(tmp_path):
     path = write_run(tmp_path / "run.h5")
     (tmp_path / "text.h5").write_text("no results")
@@ -265,6 +336,15 @@ def test_names_are_as_short_as_they_can_be(tmp_path):
     first, second = paper_pair(tmp_path / "a", seconds=0.1), paper_pair(tmp_path / "b", seconds=0.1)
     with report_runs.opened([first[0], second[0], second[1]]) as runs:
         assert [run.label for run in runs] == ["a/linear", "b/linear", "joints"]
+
+
+def test_names_tell_runs_apart(tmp_path):
+    files = [write_run(tmp_path / name, seconds=0.02) for name in ("dt0.001", "dt0.005")]
+    files += [write_run(tmp_path / name, seconds=0.02) for name in ("run.h5", "run.hdf5")]
+    with report_runs.opened(files[:2]) as runs:
+        assert [run.label for run in runs] == ["dt0.001", "dt0.005"]
+    with report_runs.opened(files) as runs:
+        assert [run.label for run in runs] == [file.name for file in files]
 
 
 def test_paper_is_judged_by_its_own_numbers(tmp_path):

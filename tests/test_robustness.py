@@ -148,9 +148,28 @@ def test_a_truncated_results_file_is_refused(tmp_path):
         for step in range(20):
             writer.append("run", float(step), {"u": np.arange(1000.0)})
         writer.finish("complete", {})
-    torn.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    with pytest.raises(dj.ResultsError, match="is truncated"):
-        dj.Results(torn)
+    size = whole.stat().st_size
+    for length in (10, 35, 36, size // 2, size - 1):
+        torn.write_bytes(whole.read_bytes()[:length])
+        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
+            dj.Results(torn)
+
+
+def test_a_truncated_copy_of_a_growing_file_is_refused(tmp_path):
+    grows, torn = tmp_path / "grows.h5", tmp_path / "torn.h5"
+    with ResultsWriter(grows, {}, flush_interval=0.0) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for step in range(20):
+            writer.append("run", float(step), {"u": np.arange(1000.0)})
+            with dj.Results(grows) as results:
+                assert results.rows("run") == step + 1
+        content = grows.read_bytes()
+    assert content[11]  # marked as open
+    for length in (20, 200, 2000, len(content) // 2):
+        torn.write_bytes(content[:length])
+        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
+            dj.Results(torn)
 
 
 def test_reading_a_mesh_leaves_the_models_of_gmsh_alone(wall_file):

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from dolfinx_joints import (
@@ -20,6 +21,7 @@ from dolfinx_joints import (
     Results,
     ResultsMonitor,
     Simulation,
+    split_mesh,
 )
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, principal_extremes
 from dolfinx_joints.probes import NodeGather
@@ -59,6 +61,31 @@ def six(gradient):
 
 LOWER = 1e-4 * np.array([[1.0, 2.0, -1.0], [0.5, -2.0, 0.3], [0.7, -0.2, 3.0]])
 UPPER = 1e-4 * np.array([[-2.0, 0.1, 0.6], [1.5, 1.0, -0.9], [0.2, 0.8, -1.0]])
+
+
+def test_a_rank_without_cells_takes_part(comm, new_path):
+    # One cube, so that all ranks but one have no cells, in uniform stress.
+    mesh = dmesh.create_unit_cube(comm, 1, 1, 1, cell_type=dmesh.CellType.hexahedron)
+    base = dmesh.locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
+    tags = dmesh.meshtags(mesh, 2, base, np.full(len(base), 1, dtype=np.int32))
+    model = model_of(split_mesh(mesh, tags, joints={}, groups={"base": 1}))
+    seen = StressEnvelopes(model, NodeGather(model))
+    seen.see(displacement(model, lambda x: x @ LOWER.T))
+    columns = seen.gather()
+    if comm.rank == 0:
+        assert columns.shape == (8, 6)
+        largest, smallest = principal_extremes(six(LOWER)[None])
+        np.testing.assert_allclose(columns[:, 0], largest[0])
+        np.testing.assert_allclose(columns[:, 1], smallest[0])
+    path = new_path("alone.h5")
+    monitor = ResultsMonitor(path, points={"top": (0.0, 0.0, 1.0)}, envelopes=True)
+    simulation = Simulation(model, monitors=[monitor])
+    simulation.statics()
+    simulation.dynamics(dt=1e-3, steps=2)
+    comm.barrier()
+    with Results(path) as results:
+        assert results.complete
+        assert results.static("mesh/surface").shape == (6, 4)
 
 
 @pytest.mark.parametrize("cell", ["hex", "tet"])

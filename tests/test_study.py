@@ -20,6 +20,7 @@ pytest.importorskip("h5py")
 
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study import Study, read_table, write_csv
+from dolfinx_joints.study_table import LONGEST_TEXT
 
 TIMES = ("wall_s", "peak_mb")
 
@@ -172,6 +173,47 @@ def test_a_value_that_no_row_can_hold(tmp_path):
     assert "The value 'y' must be a number or a text, not array([0., 0., 0.])" in tally.failed["a"]
 
 
+def awkward(folder, *, kind):
+    """Returns or prints what HDF5 has no place for, or dies in an unusual way."""
+    if kind == "text":
+        return {"said": "a\0b\udcff"}
+    if kind == "error":
+        raise ValueError("a\0b" + 3_000_000 * "x")
+    if kind == "printed":
+        sys.stdout.write(3_000_000 * "x" + "the end\0")
+        sys.stdout.flush()
+        os._exit(4)
+    if kind == "signal":
+        os.kill(os.getpid(), 40)  # one without a name
+    if kind == "log":
+        (folder / "log.txt").unlink()
+        os._exit(5)
+    return {kind: 1.0}
+
+
+def test_nothing_that_a_case_does_stops_the_study(tmp_path):
+    # What is kept of a text: its ends, NUL and what is not Unicode written as Python does.
+    kinds = {"t": "text", "e": "error", "p": "printed", "s": "signal", "l": "log"}
+    names = {"n1": "", "n2": ".", "n3": "a|b", "n4": "a\nb"}
+    cases = {name: {"kind": kind} for name, kind in {**kinds, **names}.items()}
+    tally = Study(tmp_path / "s", awkward, cases).run(workers=3, progress=False)
+    assert tally.done == ["t"]
+    table = read_table(tmp_path / "s")
+    assert table["said"][0] == r"a\0b\udcff"
+    reasons = dict(zip(table["case"], table["reason"], strict=True))
+    assert reasons["e"].startswith(r"ValueError: a\0bxx")
+    assert reasons["p"].startswith("ended by exit code 4: xx")
+    assert reasons["p"].endswith(r"xxthe end\0")
+    assert max(map(len, reasons.values())) <= LONGEST_TEXT + len(" ... ")
+    assert (reasons["s"], reasons["l"]) == ("ended by signal 40", "ended by exit code 5")
+    assert all("A value may not be named" in reasons[name] for name in names)
+
+
+def named_like_a_column(folder, *, case):
+    """Takes a parameter whose column would replace the names of the cases."""
+    return {"y": case}
+
+
 def test_changed_parameters_are_refused_or_run_again(tmp_path):
     Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 2}}).run(progress=False)
     changed = Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 3, "label": "new"}})
@@ -199,6 +241,13 @@ def test_refusals(tmp_path, monkeypatch):
         Study(tmp_path, square, {"a": {"x": np.zeros(2)}})
     with pytest.raises(ValueError, match="The case 'a/b' must have a name of letters"):
         Study(tmp_path, square, {"a/b": {"x": 1}})
+    with pytest.raises(ValueError, match="The case 1 must have a name of letters"):
+        Study(tmp_path, square, {1: {"x": 1}})
+    with pytest.raises(ValueError, match="The parameter 'case' of the case 'a' has the name of a"):
+        Study(tmp_path, named_like_a_column, {"a": {"case": 1}})
+    (tmp_path / "file").touch()
+    with pytest.raises(StudyError, match="The study .*file cannot be written: .*Not a directory"):
+        squares(tmp_path / "file").run(progress=False)
     with pytest.raises(ValueError, match="must be at the top level of a module"):
         Study(tmp_path, lambda folder: {}, {})
     with pytest.raises(ValueError, match="workers is 0; one or more cases may run at once"):

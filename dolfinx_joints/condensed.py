@@ -36,8 +36,6 @@ class Condensed:
     Attributes:
         static: Whether there is no inertia.
         loose: Whether there are blocks that nothing but joints supports.
-        springs: Springs across the joints in statics of loose blocks, or None.
-        matrix: The bulk, with these springs.
         used: Whether a step has been solved with it.
     """
 
@@ -53,18 +51,30 @@ class Condensed:
         assert system.contact is not None
         self._system, self._contact, self._options = system, system.contact, options
         self._operator, self._weight = operator, weight
-        linear = options.linear
         self.static, self.used = not effective.mass, False
-        self.springs: JointSprings | None = None
         self._recalled: Mapping[str, Any] = {}
-        self.matrix = EffectiveMatrix(system, effective, linear=linear)
-        self.loose = self.static and not _is_held(self.matrix, free_dofs(system))
+        self._effective = effective
+        self._body = EffectiveMatrix(system, effective, linear=options.linear)
+        self.loose = self.static and not _is_held(self._body, free_dofs(system))
         if self.loose:
-            self.matrix.destroy()
-            self.springs = JointSprings(system)
-            self.matrix = EffectiveMatrix(
-                system, effective, linear=linear, added=self.springs.matrix
-            )
+            self._body.destroy()
+
+    @cached_property
+    def springs(self) -> JointSprings | None:
+        """Springs across the joints in statics of loose blocks, else None (collective)."""
+        return JointSprings(self._system) if self.loose else None
+
+    @cached_property
+    def matrix(self) -> EffectiveMatrix:
+        """The bulk, with these springs (collective when first asked for)."""
+        if self.springs is None:
+            return self._body
+        return EffectiveMatrix(
+            self._system,
+            self._effective,
+            linear=self._options.linear,
+            added=self.springs.matrix,
+        )
 
     @cached_property
     def compliance(self) -> Compliance:
@@ -115,7 +125,8 @@ class Condensed:
         """Free matrices and factor."""
         if "compliance" in self.__dict__:
             self.compliance.destroy()
-        self.matrix.destroy()
+        if not self.loose or "matrix" in self.__dict__:
+            self.matrix.destroy()
 
 
 def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:

@@ -180,12 +180,14 @@ class DynamicRun:
 
     def outcome(self) -> Outcome:
         """Where the run stands."""
+        # A body at rest: both are rounding.
+        moved = self._largest > 1e-10 * float(self.origin.norm())
         return Outcome(
             state=self.state,
             energy=self._ledger.row,
             energy_error=self._ledger.relative_error,
             imbalance=self._ledger.relative_imbalance if self._conserves else None,
-            local_error=self._local_error / self._largest if self._largest else 0.0,
+            local_error=self._local_error / self._largest if moved else 0.0,
             steps=self._steps,
             counts=self._stepper.counts,
             iterations=self._iterations,

@@ -265,7 +265,8 @@ def synthetic_motion(
         raise RecordError(f"dt must be positive and at most duration / 100, got {dt} s.")
     if not (1.0 / duration <= low < high <= 0.5 / dt):
         raise RecordError(
-            f"band must rise within {1.0 / duration:.4g} to {0.5 / dt:.4g} Hz, got {band}."
+            f"band must rise within {1.0 / duration:.4g} Hz (1/duration, {duration:g} s) and "
+            f"{0.5 / dt:.4g} Hz (0.5/dt), got {band}."
         )
     if len(peaks_g) != 3 or not np.all(np.isfinite(peaks_g)) or min(peaks_g) < 0.0:
         raise RecordError(f"peaks_g must be three numbers of at least 0, got {peaks_g}.")

@@ -196,8 +196,8 @@ _DEPARTURES = (
     "of the joints; those of the runs are ours.",
     "Joints. Their number and places, and how high they were active, are read from a small "
     "figure: the lower part, here below a share of the height. That share decides the response: "
-    "on this dam the paper's statements are met most nearly with joints active up to some 0.4 to "
-    "0.55 of the height.",
+    "on this dam the paper's statements are met most nearly with joints active up to 0.5 or 0.6 of "
+    "the height and closed after self weight.",
     "Self weight. Whether it acted before the joints were closed or after is not said. On the "
     "finished dam it opens them before the earthquake, since the crown overhangs upstream.",
     "Signs. The paper prints compression as positive, these files hold it as negative.",

@@ -309,7 +309,7 @@ class _Step:
     def rounding(self, at: _Iterate) -> float:
         """Scaled force that rounding of the gaps may leave."""
         parts = self._reach, *(np.abs(v).max(initial=0.0) for v in (at.force, at.coupled))
-        return 16.0 * float(np.finfo(float).eps) * float(sum(parts))
+        return 64.0 * float(np.finfo(float).eps) * float(sum(parts))
 
     def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
         """Residual and tangent of all points, response of the rank's (collective)."""

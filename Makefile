@@ -8,7 +8,7 @@ RUN := ./with-dolfinx
 PYTHON := $(RUN) python3
 # A rank that waits for one that has failed would wait for ever: tests and demos abort all ranks
 # when an error hits only one, and timeout ends what hangs nevertheless.
-MPI_SECONDS ?= 900
+MPI_SECONDS ?= 1800
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
 MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
 

@@ -24,6 +24,7 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices, meshtags
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.integrate import quad
 
@@ -107,7 +108,11 @@ def skin(comm, cell, place):
     return split_mesh(mesh, tags, joints={}, groups={"skin": 1})
 
 
-@pytest.fixture(scope="module", params=[("hex", 1), ("tet", 1), ("hex", 2), ("tet", 2)])
+# What ranks can change, the partition, is the same for both orders.
+CELLS = [("hex", 1), ("tet", 2), ("tet", 1), ("hex", 2)][: 4 if MPI.COMM_WORLD.size == 1 else 2]
+
+
+@pytest.fixture(scope="module", params=CELLS)
 def wall(request, read, wall_file):
     """A monolithic wall, cells 20/3 m high."""
     cell, order = request.param

@@ -75,7 +75,7 @@ class SurfaceStress:
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
         local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
-        summed = coo_matrix((6 * len(self.nodes), local)).tocsr()
+        shape, parts = (6 * len(self.nodes), local), []
         for start in range(0, len(cells), _CHUNK):
             chunk = cells[start : start + _CHUNK]
             dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
@@ -84,7 +84,14 @@ class SurfaceStress:
             values = evaluate(chunk)[cell, vertex] / count[at][:, None, None]
             i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
             j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
-            summed += coo_matrix((values.ravel(), (i.ravel(), j.ravel())), summed.shape).tocsr()
+            part = coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape)
+            part.sum_duplicates()
+            parts.append((part.data, part.row, part.col))
+        if parts:
+            data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+            summed = coo_matrix((data, (row, column)), shape).tocsr()
+        else:
+            summed = coo_matrix(shape).tocsr()
         block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
         rows = np.empty(len(self.nodes), dtype=np.int64)
         rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))

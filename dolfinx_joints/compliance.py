@@ -10,17 +10,19 @@ A vector of all points is the same on every rank; a rank keeps the rows of S of 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints import GapOperator, diagonal_compliance
+from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.krylov import IterativeSolver
 from dolfinx_joints.linear import BLOCK, EffectiveMatrix
 from dolfinx_joints.lowrank import LowRankMatrix
 from dolfinx_joints.row_matrix import RowMatrix, gathered
+from dolfinx_joints.unit_forces import UnitForces
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -32,9 +34,6 @@ LARGEST_DENSE = 2000
 # Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
 # whose products take a fifth of the time.
 TOLERANCE, ROUGH_TOLERANCE = 1e-12, 1e-4
-
-# Points at which the diagonal is found by solving, where it is not needed exactly.
-SAMPLES = 8
 
 
 class Part(Protocol):
@@ -106,7 +105,7 @@ class Compliance:
         """Solve for unit forces (collective)."""
         self.effective = effective
         self._comm = operator.comm.tompi4py()
-        self._forces = _UnitForces(effective, operator)
+        self._forces = UnitForces(effective, operator)
         size = operator.getSize()[0]
         self.kind = _chosen(kind, size, effective, joints)
         self.split: Split
@@ -117,13 +116,12 @@ class Compliance:
             if joints.points is not None and size > LARGEST_DENSE:
                 self.rough = self._rough(columns, joints)
             return
-        self._scale(_diagonal(effective, operator, self._forces), joints.areas, largest)
+        self._scale(self._forces.diagonal(), joints.areas, largest)
         if self.kind == "free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
             if isinstance(effective.solver, IterativeSolver):
-                self.rough = _Products(
-                    self._forces.rough_product, self.scale, self.dead, self._comm
-                )
+                rough = partial(self._forces.rough_product, tolerance=ROUGH_TOLERANCE)
+                self.rough = _Products(rough, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
         fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
@@ -230,75 +228,6 @@ def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperato
     return "dense" if size <= LARGEST_DENSE or joints.points is None else "compressed"
 
 
-class _UnitForces:
-    """Gaps under unit forces, G column by column.
-
-    Attributes:
-        local: Number of the rank's joint unknowns.
-    """
-
-    def __init__(self, effective: EffectiveMatrix, operator: PETSc.Mat) -> None:
-        """Sort the entries of B^T by column (collective)."""
-        self._effective, self._operator = effective, operator
-        transposed = operator.transpose(PETSc.Mat())
-        starts, numbers, entries = transposed.getValuesCSR()
-        transposed.destroy()
-        order = np.argsort(numbers, kind="stable")
-        self._lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
-        self._numbers, self._entries = numbers[order], entries[order]
-        self.local = operator.getLocalSize()[0]
-        self._points = operator.createVecLeft()
-        self._nodal, self._moved = operator.createVecRight(), operator.createVecRight()
-
-    def gaps(self, numbers: Rows) -> Floats:
-        """Gaps at the rank's points, shape (local, k), under k unit forces (collective)."""
-        firsts = np.searchsorted(self._numbers, numbers)
-        counts = np.searchsorted(self._numbers, numbers, side="right") - firsts
-        columns = np.repeat(np.arange(len(numbers)), counts)
-        within = np.arange(len(columns)) - np.repeat(np.cumsum(counts) - counts, counts)
-        taken = np.repeat(firsts, counts) + within
-        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
-        right[self._lines[taken], columns] = self._entries[taken]
-        moved = self._effective.solver.solve_block(right)
-        size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
-        dense = PETSc.Mat().createDense(
-            size, array=np.asfortranarray(moved), comm=self._operator.comm
-        )
-        product = self._operator.matMult(dense)
-        gaps = product.getDenseArray(readonly=True).copy()
-        product.destroy()
-        dense.destroy()
-        return gaps
-
-    def product(self, forces: Floats) -> Floats:
-        """G F at the rank's points, F of all points (collective)."""
-        self._load(forces)
-        self._effective.solver.solve(self._nodal, self._moved)
-        return self._gaps()
-
-    def rough_product(self, forces: Floats) -> Floats:
-        """G F to `ROUGH_TOLERANCE`, for a bulk solved by iteration (collective)."""
-        assert isinstance(self._effective.solver, IterativeSolver)
-        self._load(forces)
-        self._effective.solver.solve(self._nodal, self._moved, ROUGH_TOLERANCE)
-        return self._gaps()
-
-    def _load(self, forces: Floats) -> None:
-        """Nodal forces of joint forces of all points."""
-        start, stop = self._operator.getOwnershipRange()
-        self._points.setArray(forces[start:stop])
-        self._operator.multTranspose(self._points, self._nodal)
-
-    def _gaps(self) -> Floats:
-        self._operator.mult(self._moved, self._points)
-        return self._points.getArray(readonly=True).copy()
-
-    def destroy(self) -> None:
-        """Free the vectors."""
-        for vector in (self._points, self._nodal, self._moved):
-            vector.destroy()
-
-
 class _Products:
     """S from products with G."""
 
@@ -369,32 +298,3 @@ class _Rows:
         every = np.zeros(self._whole.size)
         every[self._rows] = values
         return self._whole.product(every, self._rows)[self._rows]
-
-
-def _diagonal(effective: EffectiveMatrix, operator: PETSc.Mat, forces: _UnitForces) -> Floats:
-    """Diagonal of G at the rank's points, estimated, shape (local,), [m/N] (collective).
-
-    B diag(A)^-1 B^T, times the ratio of the true one to it at some points, as its median for normal
-    and for tangential directions. The iteration is right with any; with this it is quick.
-    """
-    comm = operator.comm.tompi4py()
-    estimate = diagonal_compliance(operator, effective.held.getDiagonal())
-    every = np.concatenate(comm.allgather(estimate))
-    points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
-    numbers = (3 * points[:, None] + np.arange(3)).ravel()
-    start, stop = operator.getOwnershipRange()
-    gaps = forces.gaps(numbers)
-    here = np.flatnonzero((numbers >= start) & (numbers < stop))
-    found = np.zeros(len(numbers))
-    found[here] = gaps[numbers[here] - start, here]
-    found = np.sum(comm.allgather(found), axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(every[numbers] > 0.0, found / every[numbers], np.nan).reshape(-1, 3)
-    factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]
-    return estimate * np.tile(factors, len(estimate) // 3)
-
-
-def _median(ratio: Floats) -> float:
-    """Median of the numbers among some values, 1 if there is none."""
-    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    return float(np.median(known)) if len(known) else 1.0

@@ -30,6 +30,9 @@ LEAF = 96
 ADMISSIBLE = 4.0
 WORTH = 0.9
 
+# Entries that the store of the blocks grows by.
+GROWTH = 1_000_000
+
 DENSE = -1
 
 # Sums in any order, so that the compiler can take several terms at once; NaN stays NaN.
@@ -150,20 +153,22 @@ class LowRankMatrix:
         self._down, self._across = _unknowns(down), _unknowns(order)
         scale = np.where(scale > 0.0, scale, 1.0)  # held points do not move: zero rows and columns
         self._scales = scale[_unknowns(held)][self._down], scale[self._across]
-        self._table: list[tuple[int, ...]] = []
-        self._parts: list[NDArray[Any]] = []
-        self._filled = 0
+        self._start_over()
         for tree in across:
             for panel in tree.leaves():
                 self._take(panel, columns(self._across[panel.unknowns]))
         self._close()
 
+    def _start_over(self) -> None:
+        """No blocks yet."""
+        self._table: list[tuple[int, ...]] = []
+        self._data, self._filled = np.empty(0, self._dtype), 0
+
     def _close(self) -> None:
-        """Put the blocks one after the other."""
-        self.nbytes = self._filled * self._dtype.itemsize
+        """Give back what the blocks did not fill."""
+        self._data.resize(self._filled, refcheck=False)
+        self.nbytes = self._data.nbytes
         self._blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
-        self._data = np.concatenate([np.empty(0, self._dtype), *self._parts])
-        self._parts.clear()
 
     def _take(self, panel: Cluster, columns: Floats) -> None:
         """Cut the rows of a panel into blocks."""
@@ -199,9 +204,14 @@ class LowRankMatrix:
         self._store(parts)
 
     def _store(self, parts: Sequence[Floats]) -> None:
+        """Put the entries of a block behind those of the others."""
         for part in parts:
-            self._parts.append(part.astype(self._dtype).ravel())
-            self._filled += part.size
+            end = self._filled + part.size
+            if end > len(self._data):
+                # In place: a copy of all blocks would double what they take.
+                self._data.resize(end + GROWTH, refcheck=False)
+            self._data[self._filled : end] = part.ravel()
+            self._filled = end
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
         """The same matrix to a larger tolerance, from the blocks of this one.
@@ -212,7 +222,7 @@ class LowRankMatrix:
         """
         rough = copy(self)
         rough._tolerance, rough._dtype = tolerance, np.dtype(dtype)
-        rough._table, rough._parts, rough._filled = [], [], 0
+        rough._start_over()
         for top, left, height, width, rank, mirrored, start in self._blocks:
             down, across = self._block(height, width, rank, start)
             parts: tuple[Floats, ...] = (across,)

@@ -92,6 +92,7 @@ LEVELS = {
     "krylov": 4.0,
     "linear": 4.1,
     "joint_springs": 4.1,
+    "unit_forces": 4.15,
     "compliance": 4.2,
     "tangent": 4.2,
     "solver": 4.25,

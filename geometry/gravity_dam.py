@@ -136,14 +136,15 @@ KOYNA = GravitySection(
 )
 """The non-overflow monolith of Koyna dam as it is usually analysed, the upstream face vertical."""
 
-PINE_FLAT = battered_section(
-    height=400 * FOOT,
-    base=314.32 * FOOT,
-    crest=32 * FOOT,
-    upstream_slope=0.05,
-    upstream_break=335 * FOOT,
-    downstream_slope=0.78,
-)
+PINE_FLAT_FACES = {
+    "height": 400 * FOOT,
+    "base": 314.32 * FOOT,
+    "crest": 32 * FOOT,
+    "upstream_slope": 0.05,
+    "upstream_break": 335 * FOOT,
+    "downstream_slope": 0.78,
+}
+PINE_FLAT = battered_section(**PINE_FLAT_FACES)
 """The tallest non-overflow monolith of Pine Flat dam."""
 
 SECTIONS = {"koyna": KOYNA, "pine_flat": PINE_FLAT}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -213,6 +214,10 @@ def gravity_dam(
 def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
     """Return the heights of the joints if they lie in the dam and are apart."""
     for name, height in joints.items():
+        if not re.fullmatch(r"\w+", name):
+            raise ValueError(
+                f"A joint is called {name!r}, but its name must be of letters, digits and '_'."
+            )
         if not isinstance(height, Real) or not 0 <= height < section.height:
             raise ValueError(
                 f"Joint {name!r} is at height {height!r}, but it must be at least 0 and below the "
@@ -276,7 +281,10 @@ def main(argv: list[str] | None = None) -> None:
     )
     parser.add_argument("--width", type=float, help="extent of a solid in y [m]; else a plane mesh")
     options = vars(parser.parse_args(argv))
-    options |= {"section": SECTIONS[options["section"]], "joints": dict(options["joints"] or ())}
+    joints = options["joints"] or []
+    if len(dict(joints)) < len(joints):
+        parser.error("argument --joint: every joint needs a name of its own")
+    options |= {"section": SECTIONS[options["section"]], "joints": dict(joints)}
     try:
         path = gravity_dam(options.pop("out"), **options)
     except (ValueError, RuntimeError) as error:

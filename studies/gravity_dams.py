@@ -231,24 +231,24 @@ def main(arguments: list[str] | None = None) -> None:
     for name, published in PUBLISHED.items():
         for order in (1, 2):
             say(f"  {name:<28} order {order}  {convergence(published.dam, order, sizes)}")
-    finest = {"size": sizes[1], "order": 2}
+    cells = {"size": sizes[1], "order": 2}
     say(f"\nagainst published values, order 2, {sizes[1]:g} m")
     for name, published in PUBLISHED.items():
         count = len(published.frequencies)
-        found = frequencies(published.dam, count=count, **finest)
+        found = frequencies(published.dam, count=count, **cells)
         say(f"  {name} ({published.source})")
         for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
             against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
             say(f"    mode {mode}  {ours:8.4f} Hz, {against}")
-    say("\nwhat moves the first frequency, order 2")
+    say("\nwhat moves the first frequency")
     for name, others in INFLUENCES.items():
-        reference = frequencies(PUBLISHED[name].dam, **finest)[0]
+        reference = frequencies(PUBLISHED[name].dam, **cells)[0]
         say(f"  {name}: {reference:.4f} Hz")
         for what, dam in others.items():
-            say(f"    {what:<42} {deviation(frequencies(dam, **finest)[0], reference)}")
+            say(f"    {what:<42} {deviation(frequencies(dam, **cells)[0], reference)}")
     say("\nPine Flat with water, measured on the whole dam")
     for level, period in MEASURED_PINE_FLAT.items():
-        found = frequencies(replace(CHOPRA_PINE_FLAT, water=level), **finest)[0]
+        found = frequencies(replace(CHOPRA_PINE_FLAT, water=level), **cells)[0]
         say(f"  level {level:g} m: {found:.4f} Hz, measured {1 / period:.4f} Hz")
 
 

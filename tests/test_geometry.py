@@ -485,6 +485,11 @@ def test_bad_battered_section():
             {"joints": {"a": -1}},
             "Joint 'a' is at height -1, but it must be at",
         ),
+        (
+            gravity_dam,
+            {"joints": {"a+": 5}},
+            "called 'a.', but its name must be of letters",
+        ),
         (gravity_dam, {"joints": {"a": 5, "b": 5.0}}, "but their heights must differ"),
         (gravity_dam, {"joints": {"a": float("nan")}}, "Joint 'a' is at height nan"),
         (ambiesta, {"size": -5}, r"size is -5, but it must be a positive number \[m\]\."),

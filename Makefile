@@ -50,13 +50,15 @@ demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the da
 	$(PYTHON) demos/01_impact.py
 	$(PYTHON) demos/02_sliding_block.py
 	$(PYTHON) demos/03_ambiesta.py $(DEMO_ARGS)
+	$(PYTHON) demos/04_gravity_dam.py
 
 paper: ## The 1992 paper's runs, figures and report; PAPER_ARGS="--record DIRECTORY"
 	$(PYTHON) -m studies.paper $(PAPER_ARGS)
 
-studies: ## What the paper leaves open, and errors of mesh and step; STUDY_ARGS="--records DIRECTORY"
+studies: ## What the paper leaves open, errors of mesh and step, gravity dams; STUDY_ARGS="--records DIRECTORY"
 	$(PYTHON) -m studies.follow_ups $(STUDY_ARGS)
 	$(PYTHON) -m studies.convergence $(subst --records,--record,$(STUDY_ARGS))
+	$(PYTHON) -m studies.gravity_dams
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
 	$(PYTHON) -m pytest -q -m "not slow" tests
@@ -70,6 +72,7 @@ verify: ## Run the slow verification problems, objectivity on 4 ranks, the demos
 	$(MPIRUN) -n 2 python3 demos/01_impact.py
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
+	$(MPIRUN) -n 2 python3 demos/04_gravity_dam.py
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

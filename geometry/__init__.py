@@ -10,6 +10,7 @@ module                 model
 ``voussoir_arch``      a semicircular arch of voussoirs, plane or solid
 ``inclined_crack``     a large body with an inclined crack, plane or one cell thick
 ``ambiesta``           an arch dam with radial contraction joints
+``gravity_dam``        a monolith of a gravity dam with lift joints, plane or solid
 =====================  =========================================================
 
 All meshes are conforming: a joint is an ordinary interior surface, and the physical group

@@ -91,6 +91,16 @@ def check_elements(order: int, cell: str) -> None:
         raise ValueError(f"cell is {cell!r}, but it must be 'hex' or 'tet'.")
 
 
+def mesh_path(out: str | os.PathLike[str]) -> Path:
+    """Return the path if a .msh file can be written there, else raise ValueError."""
+    path = Path(out)
+    if path.suffix != ".msh":
+        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
+    if not path.parent.is_dir():
+        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
+    return path
+
+
 def write_mesh(
     out: str | os.PathLike[str],
     solid: SolidMesh,
@@ -117,11 +127,7 @@ def write_mesh(
         ValueError: if the name does not end in ".msh", or its folder does not exist.
         RuntimeError: if a cell is turned inside out (scaled Jacobian not above zero).
     """
-    path = Path(out)
-    if path.suffix != ".msh":
-        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
-    if not path.parent.is_dir():
-        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
+    path = mesh_path(out)
     with gmsh_session():
         surfaces = _add_solid(solid)
         if order == 2:

@@ -12,7 +12,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import gmsh
 import numpy as np
 from scipy.optimize import brentq
 
@@ -21,11 +20,9 @@ if not __package__:  # run as a script: make the package importable
 
 from geometry import _base
 from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
+from geometry._plane import write_plane
 
 PLANE_CELLS = ("quad", "tri")
-
-# Gmsh's numbers of the element types of order 1, by number of nodes.
-_TYPES = {2: 1, 3: 2, 4: 3}
 
 
 def inclined_crack(
@@ -84,7 +81,7 @@ def inclined_crack(
     points = _placed(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
-        return _write_plane(out, plane, order, gui=gui)
+        return write_plane(out, plane, order, gui=gui)
     thickness = 2.0 * half_length / _cells_along(half_length, size)
     solid = extrude(plane, np.array([0.0, thickness]), ("faces", "faces"))
     return _base.write_mesh(out, solid, order, gui=gui)
@@ -138,32 +135,6 @@ def crack_axes(angle: float) -> tuple[FloatArray, FloatArray]:
     """Return the unit vectors along and normal to a crack at an angle to the y axis [degrees]."""
     psi = np.radians(angle)
     return np.array([np.sin(psi), np.cos(psi)]), np.array([-np.cos(psi), np.sin(psi)])
-
-
-def _write_plane(out: str | os.PathLike[str], plane: PlaneMesh, order: int, *, gui: bool) -> Path:
-    """Write a plane mesh."""
-    path = Path(out)
-    if path.suffix != ".msh" or not path.parent.is_dir():
-        raise ValueError(
-            f"out is {str(path)!r}, but it must be a '.msh' file in an existing folder."
-        )
-    with _base.gmsh_session():
-        groups = [(2, *item) for item in plane.cells.items()]
-        groups += [(1, *item) for item in plane.edges.items()]
-        entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
-        xyz = np.column_stack([plane.points, np.zeros(len(plane.points))])
-        tags = np.arange(1, len(xyz) + 1)
-        gmsh.model.mesh.addNodes(2, entities[0], tags, xyz.ravel())
-        for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True)):
-            kind = _TYPES[nodes.shape[1]]
-            gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
-            gmsh.model.addPhysicalGroup(dim, [entity], number + 1, name)
-        if order == 2:
-            gmsh.model.mesh.setOrder(2)
-        gmsh.write(str(path))
-        if gui:
-            gmsh.fltk.run()
-    return path
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import gmsh
 import numpy as np
 
 if not __package__:  # run as a script: make the package importable
@@ -20,10 +19,7 @@ if not __package__:  # run as a script: make the package importable
 
 from geometry import _base
 from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
-
-Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-
-_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh's numbers by dimension and number of nodes
+from geometry._plane import write_plane
 
 
 def voussoir_arch(
@@ -102,7 +98,7 @@ def voussoir_arch(
         return r * np.sin(angle), r * np.cos(angle)
 
     if width is None:
-        return _write_plane(out, plane, order, section, gui=gui)
+        return write_plane(out, plane, order, section=section, gui=gui)
 
     def place(reference: FloatArray, _: object) -> FloatArray:
         x, z = section(reference[:, 0], reference[:, 1])
@@ -125,43 +121,6 @@ def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> Plane
     for k in range(voussoirs + 1):
         edges[f"joint_{k + 1}"] = edges_between(cells, p == k * n_along)
     return PlaneMesh(points, {"arch": cells[inside], "abutments": cells[~inside]}, edges)
-
-
-def _write_plane(
-    out: str | os.PathLike[str], plane: PlaneMesh, order: int, section: Section, *, gui: bool
-) -> Path:
-    """Write a plane mesh, every node at its exact place, as `_base.write_mesh` does for solids."""
-    path = Path(out)
-    if path.suffix != ".msh":
-        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
-    if not path.parent.is_dir():
-        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
-    with _base.gmsh_session():
-        _add_plane(plane)
-        if order == 2:
-            gmsh.model.mesh.setOrder(2)
-        tags, reference, _ = gmsh.model.mesh.getNodes()
-        p, q, _ = reference.reshape(-1, 3).T
-        for tag, xy in zip(tags, np.column_stack(section(p, q)), strict=True):
-            gmsh.model.mesh.setNode(tag, [*xy, 0.0], [])
-        gmsh.write(str(path))
-        if gui:
-            gmsh.fltk.run()
-    return path
-
-
-def _add_plane(plane: PlaneMesh) -> None:
-    """Put the mesh into the current model as discrete entities with named groups."""
-    groups = [(2, name, nodes) for name, nodes in plane.cells.items()]
-    groups += [(1, name, nodes) for name, nodes in plane.edges.items()]
-    entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
-    tags = np.arange(1, len(plane.points) + 1)
-    points = np.column_stack([plane.points, np.zeros(len(tags))])
-    gmsh.model.mesh.addNodes(2, entities[0], tags, points.ravel())
-    for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True), 1):
-        kind = _TYPES[dim, nodes.shape[1]]
-        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
-        gmsh.model.addPhysicalGroup(dim, [entity], number, name)
 
 
 def main(argv: list[str] | None = None) -> None:

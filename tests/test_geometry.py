@@ -13,6 +13,14 @@ import pytest
 from geometry import _base, _extrude
 from geometry.ambiesta import ArchDam, ambiesta, mid_crest
 from geometry.arch import Sector
+from geometry.gravity_dam import (
+    FOOT,
+    KOYNA,
+    PINE_FLAT,
+    GravitySection,
+    battered_section,
+    gravity_dam,
+)
 from geometry.jointed_wall import jointed_wall
 from geometry.two_blocks import two_blocks
 from geometry.voussoir_arch import voussoir_arch
@@ -343,6 +351,111 @@ def test_other_dams(tmp_path, shape):
     assert report.volume["concrete"] == pytest.approx(dam_volume(shape), rel=2e-3)
 
 
+# Koyna: two trapezia.  Pine Flat [ft]: the crest down to the base, and a triangle at either face,
+# 16.75 = 0.05 x 335 wide upstream and what is left of the base downstream.
+KOYNA_AREA = 66.5 * (70 + 19.25) / 2 + 36.5 * (19.25 + 14.8) / 2
+PINE_FLAT_AREA = (32 * 400 + 16.75 * 335 / 2 + 265.57 * (265.57 / 0.78) / 2) * FOOT**2
+
+
+@pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
+@pytest.mark.parametrize(
+    ("section", "expected"), [(KOYNA, KOYNA_AREA), (PINE_FLAT, PINE_FLAT_AREA)]
+)
+def test_gravity_dam(tmp_path, cell, order, element, section, expected):
+    assert section.area == pytest.approx(expected, rel=1e-14)
+    joints = {"base": 0.0, "lift": 41.3, "neck": 66.5}
+    path = gravity_dam(
+        tmp_path / "g.msh",
+        section=section,
+        joints=joints,
+        width=15.0,
+        size=9.0,
+        order=order,
+        cell=cell,
+    )
+    report = _base.describe(path)
+    assert report.element == element
+    base = section.thickness(0.0)
+    volume = {"concrete": 15 * expected, "foundation": 15 * 9 * base}
+    assert report.volume == pytest.approx(volume, rel=1e-12)
+    groups = Groups(path)
+    check_groups(groups)
+    sides = {"upstream", "downstream", "crest", "base", "foundation_ends", "front", "back"}
+    assert set(groups.facets) == sides | {"joint_base", "joint_lift", "joint_neck"}
+    for name, height in joints.items():
+        assert set(groups.at(f"joint_{name}")[:, 2]) == {height}
+        cut = 15 * section.thickness(height)
+        assert area(groups, f"joint_{name}") == pytest.approx(cut, rel=1e-12)
+    assert set(groups.at("base")[:, 2]) == {-9.0}
+    assert set(groups.at("crest")[:, 2]) == {section.height}
+    for face in ("upstream", "downstream"):
+        x, _, z = groups.at(face).T
+        np.testing.assert_allclose(x, section.face(face, z), atol=1e-12)
+        assert (z.min(), z.max()) == (0.0, section.height)
+    assert set(groups.at("front")[:, 1]) == {0.0}
+    assert set(groups.at("back")[:, 1]) == {15.0}
+
+
+@pytest.mark.parametrize(
+    ("cell", "order", "corners"), [("hex", 1, 4), ("hex", 2, 4), ("tet", 2, 3)]
+)
+def test_plane_gravity_dam(tmp_path, cell, order, corners):
+    path = gravity_dam(tmp_path / "g.msh", joints={"neck": 66.5}, size=7, order=order, cell=cell)
+    with _base.gmsh_session():
+        gmsh.merge(str(path))
+        total, names = 0.0, set()
+        for dim, physical in gmsh.model.getPhysicalGroups():
+            names.add(gmsh.model.getPhysicalName(dim, physical))
+            (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
+            (kind,), _, (flat,) = gmsh.model.mesh.getElements(dim, entity)
+            size = gmsh.model.mesh.getElementProperties(kind)
+            assert size[1:3] == (dim, order)
+            if dim == 2:
+                assert size[5] == corners
+                total += _base._volume(kind, entity)
+            else:
+                points = [gmsh.model.mesh.getNode(n)[0] for n in np.unique(flat)]
+                if gmsh.model.getPhysicalName(1, physical) == "joint_neck":
+                    x, y, _ = np.transpose(points)
+                    assert set(y) == {66.5}
+                    assert (x.min(), x.max()) == (0.0, 19.25)
+    # Without a joint at height 0 there is no foundation, and the dam stands on the base itself.
+    assert names == {"concrete", "upstream", "downstream", "crest", "base", "joint_neck"}
+    assert total == pytest.approx(KOYNA_AREA, rel=1e-12)
+
+
+def test_pine_flat_by_hand():
+    # The two breaks: 335 ft upstream; downstream where 0.78:1 has taken 314.32 - 32 - 16.75 ft.
+    x, z = 16.75 * FOOT, 265.57 / 0.78 * FOOT
+    assert PINE_FLAT.levels == pytest.approx([0, 335 * FOOT, z, 400 * FOOT])
+    assert PINE_FLAT.face("upstream", PINE_FLAT.height) == pytest.approx(x)
+    assert PINE_FLAT.thickness(PINE_FLAT.height) == pytest.approx(32 * FOOT)
+    assert PINE_FLAT.face("downstream", 0.0) == pytest.approx(314.32 * FOOT)
+
+
+@pytest.mark.parametrize(
+    ("upstream", "downstream", "sentence"),
+    [
+        (((0, 0),), ((0, 9), (9, 5)), "upstream is .* two or more corners .z, x. with z rising"),
+        (((1, 0), (9, 0)), ((0, 9), (9, 5)), "upstream is .* with z rising from 0"),
+        (((0, 0), (9, 0)), ((0, 9), (5, 7), (5, 5)), "downstream is .* with z rising from 0"),
+        (((0, 0), (9, 0)), ((0, 9), (8, 5)), "ends at z = 9 m and the downstream face at 8 m"),
+        (((0, 0), (9, 0)), ((0, 9), (9, 0)), "The section is 0 m thick where it is thinnest"),
+    ],
+)
+def test_bad_gravity_section(upstream, downstream, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        GravitySection(upstream=upstream, downstream=downstream)
+
+
+def test_bad_battered_section():
+    faces = {"height": 10.0, "crest": 1.0, "upstream_slope": 0.1, "downstream_slope": 0.8}
+    with pytest.raises(ValueError, match="upstream_break is at 12 m, but it must be between 0 and"):
+        battered_section(base=8.0, upstream_break=12.0, **faces)
+    with pytest.raises(ValueError, match="The downstream break is at 10.625 m"):
+        battered_section(base=10.0, upstream_break=5.0, **faces)
+
+
 @pytest.mark.parametrize(
     ("model", "options", "sentence"),
     [
@@ -364,6 +477,21 @@ def test_other_dams(tmp_path, shape):
         (voussoir_arch, {"voussoirs": 0}, "voussoirs is 0, but it must be a whole number of at"),
         (voussoir_arch, {"divisions": (1, 1)}, "divisions is .1, 1., but it must be three whole"),
         (voussoir_arch, {"size": -1}, r"size is -1, but it must be a positive number \[m\]\."),
+        (gravity_dam, {"size": 0}, r"size is 0, but it must be a positive number \[m\]\."),
+        (gravity_dam, {"width": -1.0}, "width is -1.0, but it must be a positive number"),
+        (gravity_dam, {"joints": {"a": 103.0}}, "Joint 'a' is at height 103.0, but it must be at"),
+        (
+            gravity_dam,
+            {"joints": {"a": -1}},
+            "Joint 'a' is at height -1, but it must be at",
+        ),
+        (
+            gravity_dam,
+            {"joints": {"a+": 5}},
+            "called 'a.', but its name must be of letters",
+        ),
+        (gravity_dam, {"joints": {"a": 5, "b": 5.0}}, "but their heights must differ"),
+        (gravity_dam, {"joints": {"a": float("nan")}}, "Joint 'a' is at height nan"),
         (ambiesta, {"size": -5}, r"size is -5, but it must be a positive number \[m\]\."),
         (ambiesta, {"size": float("nan")}, "size is nan, but it must be a positive number"),
         (ambiesta, {"cell": "prism"}, "cell is 'prism', but it must be 'hex' or 'tet'."),

@@ -1,0 +1,73 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Plane meshes of triangles and quadrilaterals as ``.msh`` files with named groups."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+from geometry import _base
+from geometry._extrude import FloatArray, PlaneMesh
+
+Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh's numbers by dimension and number of nodes
+
+
+def write_plane(
+    out: str | os.PathLike[str],
+    plane: PlaneMesh,
+    order: int,
+    *,
+    section: Section | None = None,
+    gui: bool = False,
+) -> Path:
+    """Raise the order, move every node to its exact place and write the file.
+
+    Args:
+        out: path of the file; ".msh" is the only format.
+        plane: mesh of order 1, in the plane or in the reference coordinates of ``section``.
+        order: order of the elements, 1 or 2 (complete: 9-node quadrilaterals, 6-node triangles).
+        section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
+            mesh is already in place, and its edges are straight.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if the name does not end in ".msh", or its folder does not exist.
+    """
+    path = _base.mesh_path(out)
+    with _base.gmsh_session():
+        _add_plane(plane)
+        if order == 2:
+            gmsh.model.mesh.setOrder(2)
+        if section is not None:
+            tags, reference, _ = gmsh.model.mesh.getNodes()
+            p, q, _ = reference.reshape(-1, 3).T
+            for tag, xy in zip(tags, np.column_stack(section(p, q)), strict=True):
+                gmsh.model.mesh.setNode(tag, [*xy, 0.0], [])
+        gmsh.write(str(path))
+        if gui:
+            gmsh.fltk.run()
+    return path
+
+
+def _add_plane(plane: PlaneMesh) -> None:
+    """Put the mesh into the current model as discrete entities with named groups."""
+    groups = [(2, name, nodes) for name, nodes in plane.cells.items()]
+    groups += [(1, name, nodes) for name, nodes in plane.edges.items()]
+    entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]
+    tags = np.arange(1, len(plane.points) + 1)
+    points = np.column_stack([plane.points, np.zeros(len(tags))])
+    gmsh.model.mesh.addNodes(2, entities[0], tags, points.ravel())
+    for number, ((dim, name, nodes), entity) in enumerate(zip(groups, entities, strict=True), 1):
+        kind = _TYPES[dim, nodes.shape[1]]
+        gmsh.model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)
+        gmsh.model.addPhysicalGroup(dim, [entity], number, name)

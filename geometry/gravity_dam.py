@@ -1,0 +1,296 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A monolith of a gravity dam with horizontal lift joints, in the plane or as a solid.
+
+python3 geometry/gravity_dam.py --section koyna --joint neck=66.5 --joint base=0 --out koyna.msh
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._extrude import FloatArray, IntArray, PlaneMesh, edges_between, extrude, grid
+from geometry._plane import write_plane
+
+Corners = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class GravitySection:
+    """The cross-section of a gravity dam between two faces made of straight lines.
+
+    x points downstream, z up from the base.
+
+    Args:
+        upstream: corners (z, x) of the upstream face from the base (z = 0) to the crest [m].
+        downstream: corners (z, x) of the downstream face, likewise [m].
+
+    Raises:
+        ValueError: if a face does not rise from 0, the faces do not end at the same height, or
+            they meet.
+    """
+
+    upstream: Corners
+    downstream: Corners
+
+    def __post_init__(self) -> None:
+        for name in ("upstream", "downstream"):
+            corners = np.asarray(getattr(self, name), dtype=float)
+            rises = corners.ndim == 2 and corners.shape[1] == 2 and len(corners) > 1
+            if not rises or corners[0, 0] != 0 or not (np.diff(corners[:, 0]) > 0).all():
+                raise ValueError(
+                    f"{name} is {getattr(self, name)!r}, but it must be two or more corners (z, x) "
+                    "with z rising from 0."
+                )
+        ends = self.upstream[-1][0], self.downstream[-1][0]
+        if ends[0] != ends[1]:
+            raise ValueError(
+                f"The upstream face ends at z = {ends[0]:g} m and the downstream face at "
+                f"{ends[1]:g} m, but both must end at the crest."
+            )
+        thickness = self.thickness(self.levels)
+        if not thickness.min() > 0:  # also when it is not a number
+            raise ValueError(
+                f"The section is {thickness.min():g} m thick where it is thinnest, but the "
+                "downstream face must be downstream of the upstream face everywhere."
+            )
+
+    @property
+    def height(self) -> float:
+        """The height of the crest above the base [m]."""
+        return float(self.upstream[-1][0])
+
+    @property
+    def levels(self) -> FloatArray:
+        """The heights of all corners, ascending [m]."""
+        return np.unique([z for z, _ in (*self.upstream, *self.downstream)])
+
+    @property
+    def area(self) -> float:
+        """The area of the section [m^2]."""
+        return float(np.trapezoid(self.thickness(self.levels), self.levels))
+
+    def face(self, name: str, z: FloatArray) -> FloatArray:
+        """Return x of the ``upstream`` or ``downstream`` face at heights z [m]."""
+        heights, x = np.transpose(getattr(self, name))
+        return np.interp(z, heights, x)
+
+    def thickness(self, z: FloatArray) -> FloatArray:
+        """Return the horizontal distance between the faces at heights z [m]."""
+        return self.face("downstream", z) - self.face("upstream", z)
+
+
+def battered_section(
+    *,
+    height: float,
+    base: float,
+    crest: float,
+    upstream_slope: float,
+    upstream_break: float,
+    downstream_slope: float,
+) -> GravitySection:
+    """Return a section whose faces are inclined below and vertical above a break each.
+
+    The downstream break follows from the other numbers.
+
+    Args:
+        height: of the crest above the base [m].
+        base: thickness at the base [m].
+        crest: thickness at the crest [m].
+        upstream_slope: horizontal over vertical, below ``upstream_break``.
+        upstream_break: height above which the upstream face is vertical [m].
+        downstream_slope: horizontal over vertical, below the downstream break.
+
+    Raises:
+        ValueError: if the faces do not fit together.
+    """
+    heel = upstream_slope * upstream_break
+    bend = (base - crest - heel) / downstream_slope
+    for what, level in (("upstream_break", upstream_break), ("The downstream break", bend)):
+        if not 0 < level < height:
+            raise ValueError(f"{what} is at {level:g} m, but it must be between 0 and {height:g}.")
+    return GravitySection(
+        upstream=((0.0, 0.0), (upstream_break, heel), (height, heel)),
+        downstream=((0.0, base), (bend, heel + crest), (height, heel + crest)),
+    )
+
+
+FOOT = 0.3048  # [m]
+
+KOYNA = GravitySection(
+    upstream=((0.0, 0.0), (103.0, 0.0)),
+    downstream=((0.0, 70.0), (66.5, 19.25), (103.0, 14.8)),
+)
+"""The non-overflow monolith of Koyna dam as it is usually analysed, the upstream face vertical."""
+
+PINE_FLAT_FACES = {
+    "height": 400 * FOOT,
+    "base": 314.32 * FOOT,
+    "crest": 32 * FOOT,
+    "upstream_slope": 0.05,
+    "upstream_break": 335 * FOOT,
+    "downstream_slope": 0.78,
+}
+PINE_FLAT = battered_section(**PINE_FLAT_FACES)
+"""The tallest non-overflow monolith of Pine Flat dam."""
+
+SECTIONS = {"koyna": KOYNA, "pine_flat": PINE_FLAT}
+
+
+def gravity_dam(
+    out: str | os.PathLike[str],
+    *,
+    section: GravitySection = KOYNA,
+    joints: Mapping[str, float] | None = None,
+    width: float | None = None,
+    size: float = 4.0,
+    order: int = 2,
+    cell: str = "hex",
+    gui: bool = False,
+) -> Path:
+    """Mesh a monolith with horizontal joints: x downstream, y up, or a solid with z up.
+
+    A joint called NAME is the group ``joint_NAME``, through the whole section.  One at height 0
+    is the base joint: the dam then stands on a row of cells, the group ``foundation``, with its
+    ends ``foundation_ends``.  Further groups: cells ``concrete``; surfaces ``base`` (what stands
+    on the ground: the bottom of the foundation, or of the dam), ``upstream``, ``downstream``,
+    ``crest``, and of a solid, y in [0, width], ``front`` (y = 0) and ``back``.  All nodes lie on
+    the exact shape.
+
+    Args:
+        out: path of the .msh file.
+        section: the cross-section.
+        joints: heights of the joints above the base by name, each below the crest [m].
+        width: extent in y [m]; None for a plane mesh.
+        size: height of the cells, and their mean width [m]; rounded so that whole cells fit.
+        order: order of the elements, 1 or 2.
+        cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed.
+    """
+    _base.check_elements(order, cell)
+    _base.positive("size", size)
+    if width is not None:
+        _base.positive("width", width)
+    heights = _checked(joints or {}, section)
+    plane = _reference(section, heights, size, cell)
+    across = round(float(plane.points[:, 0].max()))
+
+    def place(p: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        upstream, downstream = section.face("upstream", z), section.face("downstream", z)
+        return upstream + p / across * (downstream - upstream), z
+
+    if width is None:
+        return write_plane(out, plane, order, section=place, gui=gui)
+
+    def place_solid(reference: FloatArray, _: object) -> FloatArray:
+        x, z = place(reference[:, 0], reference[:, 1])
+        return np.column_stack([x, width - reference[:, 2], z])
+
+    layers = np.linspace(0, width, max(1, round(width / size)) + 1)
+    solid = extrude(plane, layers, ("back", "front"))
+    return _base.write_mesh(out, solid, order, place=place_solid, gui=gui)
+
+
+def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
+    """Return the heights of the joints if they lie in the dam and are apart."""
+    for name, height in joints.items():
+        if not re.fullmatch(r"\w+", name):
+            raise ValueError(
+                f"A joint is called {name!r}, but its name must be of letters, digits and '_'."
+            )
+        if not isinstance(height, Real) or not 0 <= height < section.height:
+            raise ValueError(
+                f"Joint {name!r} is at height {height!r}, but it must be at least 0 and below the "
+                f"crest at {section.height:g} [m]."
+            )
+    if len(set(joints.values())) < len(joints):
+        raise ValueError(f"joints is {dict(joints)!r}, but their heights must differ.")
+    return {name: float(height) for name, height in joints.items()}
+
+
+def _reference(
+    section: GravitySection, joints: Mapping[str, float], size: float, cell: str
+) -> PlaneMesh:
+    """Mesh the section in p, the number of cells from the upstream face, and the height z."""
+    fixed = np.unique([*section.levels, *joints.values()])
+    rows = [np.linspace(a, b, max(1, round((b - a) / size)) + 1)[1:] for a, b in pairwise(fixed)]
+    z = np.concatenate([[0.0], *rows])
+    grounded = 0.0 in joints.values()
+    if grounded:
+        z = np.concatenate([[-size], z])
+    across = max(1, round(section.area / section.height / size))
+    points, cells = grid(np.arange(across + 1.0), z, cell)
+    p, height = points.T
+    inside = height[cells].mean(axis=1) > 0
+    groups = {"concrete": cells[inside]}
+    edges: dict[str, IntArray] = {"base": edges_between(cells, height == z[0])}
+    if grounded:
+        groups["foundation"] = cells[~inside]
+        edges["foundation_ends"] = np.concatenate(
+            [edges_between(cells[~inside], p == end) for end in (0, across)]
+        )
+    edges["upstream"] = edges_between(cells[inside], p == 0)
+    edges["downstream"] = edges_between(cells[inside], p == across)
+    edges["crest"] = edges_between(cells, height == section.height)
+    for name, level in joints.items():
+        edges[f"joint_{name}"] = edges_between(cells, height == level)
+    return PlaneMesh(points, groups, edges)
+
+
+def _joint(text: str) -> tuple[str, float]:
+    """Read NAME=HEIGHT."""
+    name, _, height = text.partition("=")
+    try:
+        return name, float(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=HEIGHT") from None
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("A monolith of a gravity dam.", "gravity_dam.msh", 4.0)
+    parser.set_defaults(order=2)
+    parser.add_argument("--section", choices=SECTIONS, default="koyna", help="cross-section")
+    parser.add_argument(
+        "--joint",
+        type=_joint,
+        action="append",
+        dest="joints",
+        metavar="NAME=HEIGHT",
+        help="a horizontal joint at a height above the base [m], base=0 for the base joint",
+    )
+    parser.add_argument("--width", type=float, help="extent of a solid in y [m]; else a plane mesh")
+    options = vars(parser.parse_args(argv))
+    joints = options["joints"] or []
+    if len(dict(joints)) < len(joints):
+        parser.error("argument --joint: every joint needs a name of its own")
+    options |= {"section": SECTIONS[options["section"]], "joints": dict(joints)}
+    try:
+        path = gravity_dam(options.pop("out"), **options)
+    except (ValueError, RuntimeError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    print(path if options["width"] is None else f"{path}: {_base.describe(path)}")
+
+
+if __name__ == "__main__":
+    main()

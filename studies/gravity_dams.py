@@ -1,0 +1,256 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Natural frequencies of the gravity dams Koyna and Pine Flat beside published ones.
+
+    ./with-dolfinx python3 -m studies.gravity_dams
+    ./with-dolfinx python3 -m studies.gravity_dams --quick
+
+One monolith each, on rigid ground, with an empty reservoir or with Westergaard's added mass.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+import dolfinx_joints as dj
+from dolfinx_joints.parallel import abort_on_error, on_root
+from geometry.gravity_dam import (
+    FOOT,
+    KOYNA,
+    PINE_FLAT,
+    PINE_FLAT_FACES,
+    GravitySection,
+    battered_section,
+    gravity_dam,
+)
+from studies.convergence import extrapolated
+
+SIZES = (8.0, 4.0, 2.0)  # of cells [m]
+PSI = 6894.757293168  # [Pa]
+CLOSED = dj.FrictionNoTension(normal_stiffness=1e12, shear_stiffness=4e11, friction_angle_deg=45.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dam:
+    """A monolith on rigid ground.
+
+    Attributes:
+        section: Its cross-section.
+        young: [Pa].
+        poisson: Poisson's ratio.
+        density: [kg/m^3].
+        plane: ``stress`` or ``strain``.
+        water: Level of the reservoir above the base [m]; empty unless given.
+        joints: Heights of closed lift joints by name [m].
+        width: Extent across the valley of a body in space [m]; in the plane unless given.
+        held_sides: Its sides that cannot move across the valley: both for plane strain; one, the
+            plane of symmetry of half a monolith, leaves out its bending across the valley.
+    """
+
+    section: GravitySection
+    young: float
+    poisson: float
+    density: float
+    plane: str
+    water: float | None = None
+    joints: Mapping[str, float] | None = None
+    width: float | None = None
+    held_sides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Published:
+    """Frequencies of a dam as somebody else found them.
+
+    Attributes:
+        dam: The dam.
+        frequencies: The lowest ones [Hz].
+        source: Who says so.
+    """
+
+    dam: Dam
+    frequencies: tuple[float, ...]
+    source: str
+
+
+ABAQUS_KOYNA = Dam(section=KOYNA, young=31.027e9, poisson=0.15, density=2643.0, plane="stress")
+SHARMA_KOYNA = replace(ABAQUS_KOYNA, poisson=0.2, plane="strain")
+GORAI_KOYNA = Dam(
+    section=KOYNA, young=32.68642e9, poisson=0.235, density=2415.82, plane="strain", water=103.0
+)
+CHOPRA_PINE_FLAT = Dam(
+    section=PINE_FLAT, young=3.25e6 * PSI, poisson=0.2, density=2483.0, plane="stress"
+)
+SAMII_PINE_FLAT = Dam(
+    section=PINE_FLAT, young=22.75e9, poisson=0.2, density=2480.0, plane="stress", water=116.19
+)
+
+PUBLISHED = {
+    "Koyna, empty": Published(
+        dam=ABAQUS_KOYNA,
+        frequencies=tuple(w / (2 * np.pi) for w in (18.86, 49.97, 68.16, 98.27)),
+        source="Abaqus Example Problems, Seismic analysis of a concrete gravity dam",
+    ),
+    # Rayleigh damping of 5 % of the first mode, half of it by mass: a = 0.05 omega = 0.9676 / s.
+    "Koyna, empty (from damping)": Published(
+        dam=SHARMA_KOYNA,
+        frequencies=(0.9676 / 0.05 / (2 * np.pi),),
+        source="Sharma, Fujisawa, Murakami 2020",
+    ),
+    "Koyna, full": Published(
+        dam=GORAI_KOYNA, frequencies=(1 / 0.393,), source="Gorai, Maity 2020, compressible water"
+    ),
+    "Pine Flat, empty": Published(
+        dam=CHOPRA_PINE_FLAT,
+        frequencies=(np.sqrt(3.25e6) / (1.4 * 400.0),),
+        source="Fenves, Chopra 1986, T = 1.4 H / sqrt(E) [ft, psi, s] for dams of its kind",
+    ),
+    "Pine Flat, full": Published(
+        dam=SAMII_PINE_FLAT,
+        frequencies=(2.5267,),
+        source="Samii, Lotfi 2007, compressible water",
+    ),
+}
+
+MONOLITH = 50 * FOOT  # width of a monolith of Pine Flat [m]
+
+INFLUENCES = {
+    "Koyna, empty": {
+        "plane strain": replace(ABAQUS_KOYNA, plane="strain"),
+        "Poisson's ratio 0.2": replace(ABAQUS_KOYNA, poisson=0.2),
+        "base 71 m instead of 70 m": replace(
+            ABAQUS_KOYNA,
+            section=replace(KOYNA, downstream=((0.0, 71.0), *KOYNA.downstream[1:])),
+        ),
+        "nine closed lift joints, k_n = 1e12 Pa/m": replace(
+            ABAQUS_KOYNA, joints={f"{z}m": float(z) for z in range(10, 100, 10)}
+        ),
+    },
+    "Pine Flat, empty": {
+        "plane strain": replace(CHOPRA_PINE_FLAT, plane="strain"),
+        "in space, sides held": replace(
+            CHOPRA_PINE_FLAT, width=MONOLITH, held_sides=("front", "back")
+        ),
+        "in space, sides free": replace(
+            CHOPRA_PINE_FLAT, width=MONOLITH / 2, held_sides=("front",)
+        ),
+        "upstream break 10 m lower": replace(
+            CHOPRA_PINE_FLAT,
+            section=battered_section(**{**PINE_FLAT_FACES, "upstream_break": 92.1}),
+        ),
+    },
+    "Pine Flat, full": {"plane strain": replace(SAMII_PINE_FLAT, plane="strain")},
+}
+
+# Periods [s] of the whole dam in forced vibration, by level of the reservoir [m].
+MEASURED_PINE_FLAT = {94.0: 0.288, 105.0: 0.306}
+
+
+def frequencies(
+    dam: Dam, *, size: float, order: int = 2, count: int = 1, comm: MPI.Comm = MPI.COMM_WORLD
+) -> NDArray[np.float64]:
+    """The lowest natural frequencies [Hz], shape (count,) (collective).
+
+    Args:
+        dam: The dam.
+        size: Of the cells [m].
+        order: Of the elements, 1 or 2.
+        count: Number of frequencies.
+        comm: Communicator of the mesh.
+    """
+    found = dj.modes(build(dam, size=size, order=order, comm=comm).system(), count)
+    return found.frequencies
+
+
+def build(
+    dam: Dam,
+    *,
+    size: float,
+    order: int = 2,
+    law: dj.FrictionNoTension = CLOSED,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> dj.Model:
+    """The model of a dam, its base held (collective)."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "dam.msh"
+        options: dict[str, Any] = {"joints": dam.joints, "width": dam.width}
+        on_root(
+            comm, lambda: gravity_dam(path, section=dam.section, size=size, order=order, **options)
+        )
+        jointed = dj.read_msh(path, comm)
+    supports = [dj.Fixed(group="base")]
+    supports += [dj.Fixed(group=side, components="y") for side in dam.held_sides]
+    water = dam.water
+    return dj.Model(
+        jointed,
+        material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
+        joints=law if dam.joints else None,
+        supports=supports,
+        plane=dam.plane,
+        added_mass=[] if water is None else [dj.WestergaardMass(group="upstream", level=water)],
+    )
+
+
+def convergence(dam: Dam, order: int, sizes: Sequence[float]) -> str:
+    """The first frequency on ever finer meshes, its limit and the order of its error."""
+    found = np.array([frequencies(dam, size=size, order=order)[0] for size in sizes])
+    estimate = extrapolated(found, sizes[0] / sizes[1])
+    values = "  ".join(f"{f:8.4f}" for f in found)
+    share = 100 * estimate.error[-1] / estimate.limit
+    rate = f"order {estimate.order:.2f}" if np.isfinite(estimate.order) else "no steady order"
+    return f"{values}   limit {estimate.limit:.4f}, {rate}, error of the finest {share:.1g} %"
+
+
+def deviation(found: float, reference: float) -> str:
+    """The difference in percent of the reference, with its sign."""
+    return f"{100 * (found / reference - 1):+6.2f} %"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Compute and print everything."""
+    parser = argparse.ArgumentParser(description="Frequencies of Koyna and Pine Flat dams.")
+    parser.add_argument("--quick", action="store_true", help="coarser meshes")
+    options = parser.parse_args(arguments)
+    sizes = [size * (2.0 if options.quick else 1.0) for size in SIZES]
+    abort_on_error(MPI.COMM_WORLD)
+
+    def say(text: str) -> None:
+        if MPI.COMM_WORLD.rank == 0:
+            print(text, flush=True)
+
+    say(f"first frequency [Hz] with cells of {', '.join(f'{h:g}' for h in sizes)} m")
+    for name, published in PUBLISHED.items():
+        for order in (1, 2):
+            say(f"  {name:<28} order {order}  {convergence(published.dam, order, sizes)}")
+    cells = {"size": sizes[1], "order": 2}
+    say(f"\nagainst published values, order 2, {sizes[1]:g} m")
+    for name, published in PUBLISHED.items():
+        count = len(published.frequencies)
+        found = frequencies(published.dam, count=count, **cells)
+        say(f"  {name} ({published.source})")
+        for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
+            against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
+            say(f"    mode {mode}  {ours:8.4f} Hz, {against}")
+    say("\nwhat moves the first frequency")
+    for name, others in INFLUENCES.items():
+        reference = frequencies(PUBLISHED[name].dam, **cells)[0]
+        say(f"  {name}: {reference:.4f} Hz")
+        for what, dam in others.items():
+            say(f"    {what:<42} {deviation(frequencies(dam, **cells)[0], reference)}")
+    say("\nPine Flat with water, measured on the whole dam")
+    for level, period in MEASURED_PINE_FLAT.items():
+        found = frequencies(replace(CHOPRA_PINE_FLAT, water=level), **cells)[0]
+        say(f"  level {level:g} m: {found:.4f} Hz, measured {1 / period:.4f} Hz")
+
+
+if __name__ == "__main__":
+    main()

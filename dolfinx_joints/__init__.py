@@ -66,6 +66,7 @@ _HOME = {
     "WestergaardMass": "water",
     "incident_wave": "free_field",
     "mass_proportional": "damping",
+    "modal_damping": "damping_ratios",
     "modes": "modal",
     "propose_stiffness": "stiffness",
     "rayleigh": "damping",

@@ -148,6 +148,7 @@ class FreeField:
         lowest, highest = min(low for low, _ in ends), max(high for _, high in ends)
         base = lowest if self.base is None else self.base
         if highest - self.surface > 1e-9 * (highest - lowest) + 1e-12 or self.surface <= base:
+            lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
             raise ValueError(
                 f"FreeField: surface is {self.surface:g} m; the groups {', '.join(self.groups)} "
                 f"reach from {lowest:g} to {highest:g} m, and it must not be below their top, nor "

@@ -103,6 +103,7 @@ LEVELS = {
     "solver_choice": 4.6,
     "model": 5.0,
     "modal": 5.0,
+    "damping_ratios": 5.1,
     "states": 5.0,
     "schemes": 5.1,
     "energy": 6.0,

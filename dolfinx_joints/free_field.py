@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import ufl
@@ -79,11 +79,13 @@ class FreeField:
         base: Height at which ``incident`` is given; the lowest node of the groups unless given [m].
         components: Letters of the axes that the wave moves; all of them unless given.
         highest_frequency: Up to which delays between levels are resolved [Hz].
+        absolute: Displacements under it are absolute, so it excludes a motion of the ground.
 
     Raises:
         ValueError: A parameter is out of its range.
     """
 
+    absolute: ClassVar[bool] = True
     groups: Sequence[str]
     incident: Callable[[float], Any]
     surface: float
@@ -140,12 +142,7 @@ class FreeField:
                 f"FreeField: the group {missing[0]!r} has no viscous boundary; add "
                 f"ViscousBoundary(group={missing[0]!r}) to the supports."
             )
-        z = model.V.tabulate_dof_coordinates()[:, model.gdim - 1]
-        heights = np.concatenate([z[model.nodes(group)] for group in self.groups])
-        ends = model.jointed.mesh.comm.allgather(
-            (float(heights.min(initial=np.inf)), float(heights.max(initial=-np.inf)))
-        )
-        lowest, highest = min(low for low, _ in ends), max(high for _, high in ends)
+        lowest, highest = _heights(model, self.groups)
         base = lowest if self.base is None else self.base
         if highest - self.surface > 1e-9 * (highest - lowest) + 1e-12 or self.surface <= base:
             lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
@@ -231,11 +228,7 @@ def _levels(
     owned = share.getLocalSize()
     heights = scalar.tabulate_dof_coordinates()[:owned, model.gdim - 1]
     place = (heights - base) / spacing
-    acting = np.concatenate([_range(model, group) for group in groups])
-    comm = model.jointed.mesh.comm
-    lowest = min(comm.allgather(float(acting.min(initial=np.inf))))
-    highest = max(comm.allgather(float(acting.max(initial=-np.inf))))
-    first, last = ((end - base) / spacing for end in (lowest, highest))
+    first, last = ((end - base) / spacing for end in _heights(model, groups))
     forces = []
     for level in range(int(np.floor(first)) - 1, int(np.floor(last)) + 3):
         share.setArray(_cubic(place - level))
@@ -248,10 +241,14 @@ def _levels(
     return forces
 
 
-def _range(model: Model, group: str) -> Floats:
-    """Heights of the nodes of a group [m]."""
+def _heights(model: Model, groups: Sequence[str]) -> tuple[float, float]:
+    """Heights of the lowest and the highest node of the groups [m] (collective)."""
     z = model.V.tabulate_dof_coordinates()[:, model.gdim - 1]
-    return np.asarray(z[model.nodes(group)])
+    acting = np.concatenate([z[model.nodes(group)] for group in groups])
+    ends = model.jointed.mesh.comm.allgather(
+        (float(acting.min(initial=np.inf)), float(acting.max(initial=-np.inf)))
+    )
+    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _cubic(offset: Floats) -> Floats:

@@ -329,8 +329,8 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(
-            "The initial acceleration could not be found: the mass matrix is singular (is an extra "
-            "mass negative?)."
+            "The initial acceleration could not be found: the mass matrix is singular (has a part "
+            "of the body mass in some directions only?)."
         )
     ksp.destroy()
     return a

@@ -11,9 +11,11 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import ufl
 from mpi4py import MPI
 
 from dolfinx_joints import (
+    Checkpoints,
     Elastic,
     EnergyConsistent,
     Fixed,
@@ -114,6 +116,24 @@ def test_stiff_block_on_massless_rock(column, case, scheme):
     moved.axpy(-1.0, before)
     top = moved.getArray(readonly=True).reshape(-1, 3)[model.nodes("top"), 2]
     assert np.allclose(top, a / omega**2, rtol=1e-3)  # cos(3 pi / 2) = 0
+
+
+def test_mass_in_one_direction_is_refused(column):
+    """Rock with an extra mass along (1, 0, 1) alone, pushed across it by a sudden load."""
+
+    def moved(u, v):
+        along = ufl.as_vector([1.0, 0.0, 1.0])
+        return 1e3 * ufl.inner(u, along) * ufl.inner(v, along) * ufl.dx
+
+    model = Model(
+        column(joints=[]),
+        material=MASSLESS,
+        supports=[Fixed(group="base", components="z")],
+        loads=[Traction(group="top", value=(1e5, 0.0, -1e5))],
+        extra_mass=moved,
+    )
+    with pytest.raises(JointsError, match="singular .has a part of the body mass in some dir"):
+        Simulation(model).dynamics(dt=0.01, steps=1)
 
 
 def test_massless_rock_that_is_damped_goes_on(dam):
@@ -273,6 +293,18 @@ def test_dam_stays_at_rest_when_dashpots_take_over(dam):
     assert moved.norm() < 1e-10 * static.displacement.norm()
 
 
+def test_kept_forces_leave_remaining_supports_alone(dam):
+    """Kept where the body is still held, they would be taken off its reactions."""
+    materials, supports = {"rock": ROCK, "dam": CONCRETE}, [Fixed(group="base")]
+    one = Model(dam([]), material=materials, supports=supports, loads=[Gravity()])
+    first = Simulation(one).statics().reaction
+    loads = [Gravity(), SupportForces(reaction=first)]
+    other = Model(dam([]), material=materials, supports=supports, loads=loads)
+    again = Simulation(other).statics().reaction.copy()
+    again.axpy(-1.0, first)
+    assert again.norm() < 1e-10 * first.norm()
+
+
 def test_energies_of_a_dam_shaken_by_waves(dam):
     """Joint, dashpots, Rayleigh damping and the free field: every line, to rounding."""
     damping = rayleigh(ratio=0.05, frequencies=(5.0, 25.0))
@@ -287,6 +319,84 @@ def test_energies_of_a_dam_shaken_by_waves(dam):
     assert outcome.energy_error < 1e-9
     assert outcome.energy.input_by_load["FreeField"] > 0.0
     assert outcome.energy.viscous > 0.0
+
+
+class Stop:
+    """Ends a run at a step."""
+
+    def __init__(self, at):
+        self.at = at
+
+    def start(self, model, stage, steps, first):
+        pass
+
+    def resume(self, model, stage, steps, last, memory):
+        pass
+
+    def memory(self):
+        return {}
+
+    def record(self, record):
+        if record.step == self.at:
+            raise InterruptedError
+
+    def finish(self, status, summary):
+        pass
+
+
+def test_interrupted_run_goes_on(dam, new_path):
+    """With dashpots, free field and kept forces: the same to the bit on one process."""
+    waves = FreeField(
+        groups=SIDES, incident=lambda t: (0.1 * math.sin(30.0 * t) ** 2, 0.0), surface=4.0
+    )
+    arguments = {"dt": 0.005, "steps": 30, "loads": [waves]}
+    whole = swapped(dam)[0].dynamics(**arguments)
+    where = Checkpoints(new_path("run.ckpt"), every=8)
+    broken = swapped(dam)[0]
+    broken.monitors.append(Stop(19))
+    with pytest.raises(InterruptedError):
+        broken.dynamics(**arguments, checkpoint=where)
+    again = swapped(dam)[0]
+    again.monitors.append(Stop(-1))
+    rest = again.dynamics(**arguments, checkpoint=where, resume=True)
+    difference = rest.state.displacement.copy()
+    difference.axpy(-1.0, whole.state.displacement)
+    allowed = 0.0 if MPI.COMM_WORLD.size == 1 else 1e-10
+    assert difference.norm() <= allowed * whole.state.displacement.norm()
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("space", [False, True])
+def test_dashpots_of_two_materials(blocks_file, two_rectangles_file, read, space, plane):
+    """Velocity u on an area A: u.C u = A (rho c_p u_n^2 + rho c_s u_t^2), of the cells there.
+
+    In plane stress c_p is that of a plate, (E / (rho (1 - nu^2)))^.5. Sides hang on both blocks.
+    """
+    file = blocks_file(angle=0.0) if space else two_rectangles_file(angle=0.0)
+    supports = [ViscousBoundary(group=group) for group in ("base", "top", "sides")]
+    materials = {"lower": ROCK, "upper": CONCRETE}
+    model = Model(read(file, joints=[]), material=materials, supports=supports, plane=plane)
+    gdim = model.gdim
+
+    def of(solid):
+        e, nu, rho = solid.young, solid.poisson, solid.density
+        modulus = e * (1 - nu) / (1 + nu) / (1 - 2 * nu)
+        if plane == "stress" and not space:
+            modulus = e / (1 - nu**2)
+        return math.sqrt(rho * modulus), math.sqrt(rho * e / 2 / (1 + nu))
+
+    (p_low, s_low), (p_up, s_up) = of(ROCK), of(CONCRETE)
+    sides = 4.0 if space else 2.0  # each block has so many of 1 m^2
+    normal = 2.0  # of them face any horizontal direction
+    vertical = p_low + p_up + sides * (s_low + s_up)
+    across = s_low + s_up + normal * (p_low + p_up) + (sides - normal) * (s_low + s_up)
+    for axis in range(gdim):
+        u = model.mass.createVecRight()
+        u.setArray(np.tile(np.eye(gdim)[axis], u.getLocalSize() // gdim))
+        force = u.duplicate()
+        model.system().damping_force(u, force)
+        expected = vertical if axis == gdim - 1 else across
+        assert force.dot(u) == pytest.approx(expected, rel=1e-12)
 
 
 def test_incident_wave_is_half_the_velocity():
@@ -335,6 +445,11 @@ def test_what_is_refused(dam):
         load(model("base"), groups="base")
     with pytest.raises(ValueError, match="FreeField: incident is 1.0; it must be a function"):
         load(model("base"), incident=1.0)
+    wave = FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)
+    with pytest.raises(ValueError, match="motion is given beside a FreeField"):
+        Simulation(model("base")).dynamics(
+            dt=0.01, steps=1, loads=[wave], motion=lambda t: (0.0, 0.0, 0.0)
+        )
     with pytest.raises(ValueError, match="outcrop is 3; it must be a Motion"):
         incident_wave(3)
     with pytest.raises(ValueError, match="group is 7; it must be the name"):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import ufl
 
 from dolfinx_joints.checks import check_kind_of
@@ -43,16 +44,22 @@ class ViscousBoundary:
         return ufl.inner(impedance(jointed, body, u), v) * jointed.ds(self.group)
 
 
-def absorbing_groups(supports: Sequence[Any]) -> tuple[str, ...]:
-    """Groups with a viscous boundary.
+def absorbing_groups(jointed: JointedMesh, supports: Sequence[Any]) -> tuple[str, ...]:
+    """Groups with a viscous boundary (collective).
 
     Raises:
-        ValueError: One has two.
+        MeshError: A group does not exist.
+        ValueError: A facet would have dashpots twice.
     """
     groups = [support.group for support in supports if isinstance(support, ViscousBoundary)]
-    twice = [group for group in groups if groups.count(group) > 1]
-    if twice:
-        raise ValueError(f"The group {twice[0]!r} has two viscous boundaries; give one.")
+    if groups:
+        facets = np.concatenate([jointed.facets(group) for group in groups])
+        twice = len(facets) - len(np.unique(facets))
+        if any(jointed.mesh.comm.allgather(twice > 0)):
+            raise ValueError(
+                f"The viscous boundaries on {', '.join(groups)} have facets in common; a facet may "
+                "have dashpots once."
+            )
     return tuple(groups)
 
 

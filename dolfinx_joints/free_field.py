@@ -97,7 +97,9 @@ class FreeField:
         """Check the parameters."""
         named = isinstance(self.groups, list | tuple) and len(self.groups) > 0
         named = named and all(isinstance(group, str) for group in self.groups)
-        check_kind_of("FreeField: groups", self.groups, named, "names of facet groups, in a list")
+        named = named and len(set(self.groups)) == len(self.groups)
+        wanted = "names of facet groups, each once, in a list"
+        check_kind_of("FreeField: groups", self.groups, named, wanted)
         check_kind_of(
             "FreeField: incident", self.incident, callable(self.incident), "a function of time"
         )
@@ -117,6 +119,7 @@ class FreeField:
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
         gdim = model.gdim
+        self._check_incident(gdim)
         base = self._base(model)
         lame, shear, density = _rock(model, self.groups)
         letters = "xyz"[:gdim] if self.components is None else self.components
@@ -133,6 +136,19 @@ class FreeField:
                     found.append((force, _delayed(velocity, axis, delay)))
         largest = max((force.norm() for force, _ in found), default=0.0)
         return [(f, factor) for f, factor in found if f.norm() > ROUNDING * largest]
+
+    def _check_incident(self, gdim: int) -> None:
+        """Refuse a wave that gives no velocity for each axis."""
+        at_zero = self.incident(0.0)
+        try:
+            numbers = np.asarray(at_zero, dtype=np.float64)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.ndim != 1 or len(numbers) < gdim or not np.all(np.isfinite(numbers[:gdim])):
+            raise ValueError(
+                f"FreeField: incident gives {at_zero!r} at t = 0 s; it must give {gdim} finite "
+                "velocities, one per axis."
+            )
 
     def _base(self, model: Model) -> float:
         """Height of the base, once groups and heights are checked (collective)."""

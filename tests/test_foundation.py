@@ -424,7 +424,7 @@ def test_what_is_refused(dam):
         supports = [ViscousBoundary(group=group) for group in groups]
         return Model(jointed, material=material, supports=supports)
 
-    with pytest.raises(ValueError, match="'base' has two viscous boundaries; give one"):
+    with pytest.raises(ValueError, match="on base, base have facets in common; a facet"):
         model("base", "base")
     with pytest.raises(MeshError, match="no facet group 'bas'"):
         model("bas")
@@ -443,6 +443,11 @@ def test_what_is_refused(dam):
         load(model("base"), base=5.0)
     with pytest.raises(ValueError, match="FreeField: groups is 'base'; it must be names"):
         load(model("base"), groups="base")
+    with pytest.raises(ValueError, match="FreeField: groups is .*; it must be names .* each once"):
+        load(model("base"), groups=["base", "base"])
+    for gives in (0.0, (0.0,), (0.0, math.nan), "abc", None):
+        with pytest.raises(ValueError, match="at t = 0 s; it must give 2 finite velocities"):
+            load(model("base"), incident=lambda t, gives=gives: gives)
     with pytest.raises(ValueError, match="FreeField: incident is 1.0; it must be a function"):
         load(model("base"), incident=1.0)
     wave = FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)

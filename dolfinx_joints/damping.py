@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_kind_of, check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +66,41 @@ def mass_proportional(*, ratio: float, frequency: float) -> Rayleigh:
     return Rayleigh(mass_factor=2.0 * ratio * omega)
 
 
-def rayleigh(*, ratio: float, frequencies: tuple[float, float]) -> Rayleigh:
-    """C = a M + b K with one damping ratio at two frequencies [Hz].
+def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, float]) -> Rayleigh:
+    """C = a M + b K with given damping ratios at two frequencies [Hz].
+
+    Args:
+        ratio: One ratio for both, or one for each.
+        frequencies: The two frequencies [Hz].
 
     Raises:
-        ValueError: The ratio or a frequency is out of its range, or the frequencies are equal.
+        ValueError: A ratio or a frequency is out of its range, the frequencies are equal, or the
+            ratios differ so much that a or b would be negative.
     """
-    one, two = _checked(ratio, *frequencies)
+    ratios, given = _pair(ratio, "ratio"), _pair(frequencies, "frequencies")
+    one, two = (_checked(r, f)[0] for r, f in zip(ratios, given, strict=True))
     if one == two:
-        raise ValueError(f"Both frequencies are {frequencies[0]} Hz; they must differ.")
-    return Rayleigh(
-        mass_factor=2.0 * ratio * one * two / (one + two),
-        stiffness_factor=2.0 * ratio / (one + two),
-    )
+        raise ValueError(f"Both frequencies are {given[0]} Hz; they must differ.")
+    # From (a / omega + b omega) / 2 = ratio at both.
+    scale = 2.0 / (two**2 - one**2)
+    b = scale * (ratios[1] * two - ratios[0] * one)
+    a = scale * one * two * (ratios[0] * two - ratios[1] * one)
+    smallest = -1e-14 * max(ratios)  # rounding where one of them is zero
+    if b * max(one, two) < smallest or a / max(one, two) < smallest:
+        share = min(given) / max(given)
+        raise ValueError(
+            f"ratio is {ratios} at {given} Hz, which needs a negative factor of "
+            f"{'K' if b < 0 else 'M'}; the second over the first must be from {share:.4g} to "
+            f"{1.0 / share:.4g} for these frequencies."
+        )
+    return Rayleigh(mass_factor=max(a, 0.0), stiffness_factor=max(b, 0.0))
+
+
+def _pair(value: Any, name: str) -> tuple[Any, Any]:
+    """Two values, or one for both where it is a ratio."""
+    if name == "ratio" and not isinstance(value, list | tuple):
+        return value, value
+    two = isinstance(value, list | tuple) and len(value) == 2
+    wanted = "a number or a pair of numbers" if name == "ratio" else "a pair of numbers"
+    check_kind_of(name, value, two, wanted)
+    return value[0], value[1]

@@ -16,6 +16,7 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.absorbing import ViscousBoundary, absorbing_groups
 from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.contact import Contact, InitialGap
 from dolfinx_joints.damping import Rayleigh
@@ -41,7 +42,7 @@ class Model:
         jointed: The mesh; without joints the body is monolithic and no joint code runs.
         material: One material, or one per named cell group.
         joints: One law for all joints, or one per joint name; not needed without joints.
-        supports: Fixed and prescribed components, springs.
+        supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
         damping: Rayleigh damping, its stiffness part of the bulk alone; none unless given.
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
@@ -64,6 +65,7 @@ class Model:
         operator: Joint operator, None without joints.
         contact: Joints with their laws, None without joints.
         constraints: Constrained dofs.
+        absorbing: Groups with a viscous boundary.
         mass: M [kg].
         body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
@@ -150,14 +152,20 @@ class Model:
             if extra_mass is not None or added_mass:
                 body = self._matrix(self.body.mass_form(u, v))
                 self.body_mass = self._redistributed(body, self.operator, degree).mass
+        self.absorbing = absorbing_groups(jointed, supports)
+        dashpots = [
+            s.form(jointed, self.body, u, v) for s in supports if isinstance(s, ViscousBoundary)
+        ]
+        if extra_damping is not None:
+            dashpots.append(self._extra(extra_damping))
         self.rayleigh, self.dashpots = rayleigh, None
         if rayleigh.stiffness_factor and (springs or extra_stiffness is not None):
             # Springs and extra forms are part of K but do not damp.
             self.rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
-            bulk_damping = self._matrix(rayleigh.stiffness_factor * bulk, extra_damping)
+            bulk_damping = self._matrix(rayleigh.stiffness_factor * bulk, None, *dashpots)
             self.dashpots = _blocked(bulk_damping)
-        elif extra_damping is not None:
-            self.dashpots = _blocked(self._matrix(self._extra(extra_damping)))
+        elif dashpots:
+            self.dashpots = _blocked(self._matrix(dashpots[0], None, *dashpots[1:]))
         self._symmetric = symmetric
 
     def _redistributed(

@@ -208,6 +208,10 @@ class Simulation:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
             _check_motion(motion, self.model.gdim)
+            if any(getattr(load, "absolute", False) for load in (*self.model.loads, *loads)):
+                raise ValueError(
+                    "motion is given beside a FreeField, which moves the ground already; give one."
+                )
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)

@@ -22,6 +22,9 @@ from dolfinx_joints.system import MatrixSystem
 # Spacing of the differences that give the first velocity and acceleration of moving supports [s].
 SPACING = 1e-4
 
+# Of the loads or elastic forces, that may be left where there is no mass at the start.
+LARGEST_FORCE = 1e-6
+
 
 @dataclass(frozen=True, kw_only=True)
 class DynamicState:
@@ -249,6 +252,8 @@ def initial_state(
         assert response is not None
         system.contact.operator.force(response.traction, work)
         force.axpy(-1.0, work)
+    if velocity is None:
+        _check_massless(system, force, max(load.norm(), elastic_force.norm()))
     a = _balance(system, force)
     reaction = force.duplicate()
     system.mass.mult(a, reaction)
@@ -272,15 +277,41 @@ def initial_state(
     )
 
 
-def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
-    """Acceleration with M a = force at the free dofs with mass and zero at all others.
+def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> None:
+    """Refuse a start from rest with massless parts, joints aside, out of balance (collective).
 
-    Only dofs that joints act on may be without mass.
+    No inertia takes up that force: it would swing in them from step to step for ever.
     """
-    resting = np.zeros(force.getLocalSize(), dtype=bool)
+    comm = force.comm.tompi4py()
+    if not sum(comm.allgather(len(system.massless))):
+        return
+    alone = np.zeros(force.getLocalSize(), dtype=bool)
+    alone[system.massless] = True
+    alone[system.constrained] = False
     if system.contact is not None:
-        resting[system.massless] = joint_dofs(system.contact.operator)[system.massless]
+        alone &= ~joint_dofs(system.contact.operator)
+    left = float(np.abs(force.getArray(readonly=True)[alone]).max(initial=0.0))
+    left = max(comm.allgather(left))
+    if left > LARGEST_FORCE * scale:
+        raise JointsError(
+            f"A part of the body without mass is not in balance at the start: a nodal force of "
+            f"{left:.3g} N is left; let its loads start at zero, or begin from statics()."
+        )
+
+
+def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
+    """Acceleration with M a = force at the free dofs with mass and zero at all others."""
+    resting = np.zeros(force.getLocalSize(), dtype=bool)
     resting[system.constrained] = True
+    free_dofs = int((~resting).sum())
+    resting[system.massless] = True
+    left = [free_dofs, int((~resting).sum())]
+    free_dofs, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
+    if free_dofs and not moving:
+        raise JointsError(
+            "The body has no mass: all densities are zero, which dynamics cannot do with; "
+            "quasi_statics can."
+        )
     free = force.duplicate()
     free.setArray(np.where(resting, 0.0, 1.0))
     mass = system.mass.copy()
@@ -298,8 +329,8 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(
-            "The initial acceleration could not be found: the mass matrix is singular (is some "
-            "density zero?)."
+            "The initial acceleration could not be found: the mass matrix is singular (has a part "
+            "of the body mass in some directions only?)."
         )
     ksp.destroy()
     return a

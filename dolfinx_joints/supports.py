@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Supports on named groups: fixed or prescribed components, and distributed springs."""
+"""Supports on named groups: fixed or prescribed components, springs, viscous boundaries."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from dolfinx_joints.absorbing import ViscousBoundary
 from dolfinx_joints.checks import check_kind_of, check_number
 from dolfinx_joints.mesh import JointedMesh
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def _components(components: str, gdim: int) -> list[int]:
+def components_of(components: str, gdim: int) -> list[int]:
+    """Numbers of the axes that letters name, each once."""
     check_kind_of("components", components, isinstance(components, str), "letters of axes")
     wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
     if wrong or not components or len(set(components)) != len(components):
@@ -109,7 +111,7 @@ class Spring:
         ) * jointed.ds(self.group)
 
 
-Support = Fixed | Prescribed | Spring
+Support = Fixed | Prescribed | Spring | ViscousBoundary
 
 
 class Constraints:
@@ -121,7 +123,7 @@ class Constraints:
     Args:
         jointed: The mesh with its facet groups.
         V: The displacement space.
-        supports: The supports; springs are ignored here.
+        supports: The supports; springs and viscous boundaries are ignored here.
 
     Attributes:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
@@ -143,9 +145,10 @@ class Constraints:
         for support in supports:
             if not isinstance(support, Support):
                 raise ValueError(
-                    f"{support!r} is no support; supports are Fixed, Prescribed and Spring."
+                    f"{support!r} is no support; supports are Fixed, Prescribed, Spring and "
+                    "ViscousBoundary."
                 )
-            if isinstance(support, Spring):
+            if isinstance(support, Spring | ViscousBoundary):
                 continue
             named = (
                 support.component
@@ -154,7 +157,7 @@ class Constraints:
                 if support.components is None
                 else support.components
             )
-            components = _components(named, gdim)
+            components = components_of(named, gdim)
             facets = jointed.facets(support.group)
             blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
             blocks = blocks[blocks < owned].astype(np.int64)
@@ -163,7 +166,7 @@ class Constraints:
                 self._prescribed.append((dofs, support))
             else:
                 fixed.append(dofs)
-        held = [s.group for s in supports if not isinstance(s, Spring)]
+        held = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
         self.groups = tuple(dict.fromkeys(held))
         every = fixed + [dofs for dofs, _ in self._prescribed]
         self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)

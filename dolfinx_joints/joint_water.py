@@ -16,9 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_kind_of, check_number
-from dolfinx_joints.errors import MeshError
+from dolfinx_joints.joint_pressures import (
+    WaterInJoint,
+    given_pressure,
+    joint_points,
+    label,
+    opening_force,
+)
 from dolfinx_joints.loads import TimeFactor, always
-from dolfinx_joints.parallel import raised_together
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -123,7 +128,7 @@ class Uplift:
     def __post_init__(self) -> None:
         """Check the parameters."""
         _check_joint(self)
-        _check_pressure(f"{_name(self)}: pressure", self.pressure)
+        _check_pressure(f"{label(self)}: pressure", self.pressure)
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that push the faces apart (collective)."""
@@ -177,7 +182,7 @@ class JointWater:
     def __post_init__(self) -> None:
         """Check the parameters."""
         _check_joint(self)
-        name = _name(self)
+        name = label(self)
         check_number(f"{name}: level", self.level, lambda _: True, "finite", unit="m")
         for what, unit in (("aperture", "m"), ("density", "kg/m^3"), ("gravity", "m/s^2")):
             value = getattr(self, what)
@@ -209,66 +214,8 @@ class JointWater:
         Returns:
             At the local joint points, zero in other joints, shape (n,), [Pa].
         """
-        from dolfinx_joints.joint_water_state import WaterInJoint
-
-        water = WaterInJoint(_name(self), self, model)
+        water = WaterInJoint(label(self), self, model)
         return water.pressure(water.by_opening(joints.state.gap))
-
-
-def joint_points(model: Model, load: Uplift | JointWater) -> NDArray[np.bool_]:
-    """Which of the local joint points belong to the joint of a load, shape (n,).
-
-    Raises:
-        MeshError: There is no such joint.
-    """
-    names = () if model.operator is None else model.operator.names
-    if model.operator is None or load.joint not in names:
-        known = ", ".join(names) or "none"
-        raise MeshError(f"{_name(load)}: there is no such joint; the joints are: {known}.")
-    return np.asarray(model.operator.joint == names.index(load.joint))
-
-
-def given_pressure(
-    model: Model, load: Uplift | JointWater, what: str, here: NDArray[np.bool_]
-) -> Floats:
-    """A pressure that is a number or a function, at the points ``here``, zero elsewhere [Pa].
-
-    Collective.
-
-    Raises:
-        ValueError: The function gives something else than one pressure per point.
-    """
-    assert model.operator is not None
-    value, places = getattr(load, what), model.operator.points[here]
-    everywhere = np.zeros(len(here))
-    with raised_together(model.operator.comm):
-        found = np.asarray(value(places) if callable(value) else value)
-        good = found.dtype.kind in "if" and found.shape in ((), (len(places),))
-        if not (good and (np.isfinite(found) & (found >= 0.0)).all()):
-            least = f", smallest value {found.min():g} Pa" if good and found.size else ""
-            raise ValueError(
-                f"{_name(load)}: {what} gave an array of shape {found.shape} for {len(places)} "
-                f"points{least}; it must give one finite pressure of zero or more for each."
-            )
-        everywhere[here] = found
-    return everywhere
-
-
-def opening_force(model: Model, pressure: Floats) -> PETSc.Vec:
-    """B^T (w p e_n), [N] (collective).
-
-    Args:
-        model: The model.
-        pressure: P at the local joint points, shape (n,), [Pa].
-    """
-    assert model.operator is not None
-    traction = np.zeros((len(pressure), 3))
-    traction[:, 0] = pressure
-    return model.operator.force(traction, model.mass.createVecRight())
-
-
-def _name(load: Any) -> str:
-    return f"{type(load).__name__} in {load.joint!r}"
 
 
 def _check_joint(load: Any) -> None:

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import JointsError
-from dolfinx_joints.joint_paths import OpenPaths
-from dolfinx_joints.joint_water import JointWater, given_pressure, joint_points, opening_force
+from dolfinx_joints.joint_pressures import Codes, WaterInJoint, Wetness, opening_force
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -31,70 +29,9 @@ if TYPE_CHECKING:
     from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
-Codes = NDArray[np.int8]
 
 # Solves of one static load step before openings and pressures are given up.
 MOST_SOLVES = 100
-
-
-class Wetness(IntEnum):
-    """What the water does at a joint point."""
-
-    CLOSED = 0  # the pressure of the closed joint; also points of joints without water
-    FULL = 1  # the pressure of the reservoir
-    DRAINED = 2  # none
-
-
-class WaterInJoint:
-    """One `JointWater` at the local joint points.
-
-    Args:
-        name: Name of the load.
-        load: The load.
-        model: The model.
-
-    Attributes:
-        name: Name of the load.
-        load: The load.
-        here: Points of its joint, shape (n,).
-    """
-
-    def __init__(self, name: str, load: JointWater, model: Model) -> None:
-        """Find both pressures of each point (collective)."""
-        self.name, self.load, self.here = name, load, joint_points(model, load)
-        assert model.operator is not None
-        depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)
-        full = np.where(self.here, load.density * load.gravity * depth, 0.0)
-        closed = given_pressure(model, load, "closed", self.here)
-        self._pressures = np.stack([closed, full, np.zeros(len(full))])
-        self._paths: OpenPaths | None = None
-        if load.reached_from is not None:
-            self._paths = OpenPaths(model, load.joint, load.reached_from)
-
-    def pressure(self, codes: Codes) -> Floats:
-        """Pressure at the local points, zero in other joints, shape (n,), [Pa]."""
-        pressure: Floats = np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
-        return pressure
-
-    def by_opening(self, gap: Floats) -> Codes:
-        """What a gap (n, 3) [m] leads to, CLOSED in other joints (collective)."""
-        wet = self._open(gap)
-        if self._paths is not None:
-            wet = self._paths.reached(wet)
-        return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
-
-    def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """What a time step from a state leads to, CLOSED in other joints (collective)."""
-        if self.load.in_dynamics == "follows":
-            return self.by_opening(gap)
-        own = np.where(self.here, codes, Wetness.CLOSED).astype(np.int8)
-        if self.load.in_dynamics == "drained":
-            now = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
-            own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
-        return own
-
-    def _open(self, gap: Floats) -> NDArray[np.bool_]:
-        return np.asarray(self.here & (gap[:, 0] > self.load.aperture))
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,18 @@ def test_uplift_takes_weight_off_the_joint(cell, rule):
     np.testing.assert_allclose(reaction[-1], weight, rtol=1e-10)
 
 
+def test_a_rigid_joint_with_water():
+    """The loose block again, at first in statics and then shaken; the joint takes W - U."""
+    model = model_of(blocks(), dj.Gravity(), base_water(), law=dj.RigidJoint(friction_angle_deg=45))
+    simulation = dj.Simulation(model)
+    state = simulation.statics()
+    uplift = 0.5 * GAMMA * (2.5 - FOOT) * LENGTH
+    found = global_traction(model, state.joints)[1]
+    assert found == pytest.approx(uplift - WEIGHT, rel=1e-10)
+    outcome = simulation.dynamics(dt=0.002, steps=60, motion=shaking)
+    assert outcome.energy_error < 1e-9
+
+
 def test_total_stress_is_effective_stress_less_pressure():
     """A column between fixed ends, no weight: the pressure only presses the halves apart.
 
@@ -247,14 +259,32 @@ def test_half_open_joint(cell, rule, area):
     assert abs(top + resultant - contact) < 1e-10 * scale
 
 
+def test_pressure_follows_its_factor_of_time():
+    """The halves are apart by 1 mm, and by f p L/E more, nu = 0."""
+    young = 24e9
+    water = dj.JointWater(joint="joint", level=FOOT + 10.0, factor=lambda t: t)
+    model = model_of(
+        blocks(),
+        water,
+        held=("base", "top"),
+        material=dj.Elastic(young=young, poisson=0.0, density=0.0),
+        initial_gaps={"joint": 1e-3},
+    )
+    simulation = dj.Simulation(model)
+    for factor in (1.0, 0.25):
+        gap = simulation.quasi_statics([factor]).joints.state.gap[:, 0]
+        wider = factor * 10.0 * GAMMA * (HEIGHT + FOOT) / young
+        np.testing.assert_allclose(gap, 1e-3 + wider, rtol=1e-12)
+
+
 def test_water_keeps_a_joint_open_that_it_does_not_open():
     """The halves are pulled apart by U against an interference of 0.1 mm, nu = 0.
 
     Dry the gap is U - 0.1 mm; wet it is wider by p L/E = 0.01225 mm. At U = 0.095 mm both closed
     and open are in balance: closed on the way up, open on the way down.
     """
-    level, interference, young = 101.0, 1e-4, 24e9
-    wider = GAMMA * (level - FOOT) * (HEIGHT + FOOT) / young * 0.1
+    interference, young = 1e-4, 24e9
+    wider = GAMMA * 10.0 * (HEIGHT + FOOT) / young
     water = dj.JointWater(joint="joint", level=FOOT + 10.0)
     model = model_of(
         blocks(),
@@ -564,6 +594,40 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
     resumed = run(checkpoint=kept, resume=True)
     np.testing.assert_array_equal(resumed.water, whole.water)
     np.testing.assert_array_equal(resumed.displacement.array, whole.displacement.array)
+
+
+@pytest.mark.parametrize("in_dynamics", ["follows", "drained"])
+def test_a_stage_that_goes_on_keeps_its_water(in_dynamics):
+    """Two stages of 34 steps are one of 68; the second begins with the joint open."""
+
+    def run(*stages):
+        water = base_water(in_dynamics=in_dynamics)
+        model = model_of(blocks(), dj.Gravity(), water)
+        simulation = dj.Simulation(model)
+        simulation.statics()
+        state, waters = None, []
+        for steps in stages:
+            state = simulation.dynamics(dt=0.002, steps=steps, motion=shaking, start=state).state
+            waters.append(set(np.concatenate(COMM.allgather(state.water))))
+        return state, waters
+
+    whole, _ = run(68)
+    parts, waters = run(34, 34)
+    code = Wetness.FULL if in_dynamics == "follows" else Wetness.DRAINED
+    assert code in waters[0]
+    np.testing.assert_array_equal(parts.water, whole.water)
+    parts.displacement.axpy(-1.0, whole.displacement)
+    assert parts.displacement.norm() < 1e-9 * whole.displacement.norm()
+
+
+def test_water_given_to_a_stage_alone():
+    """Its work is in the ledger as that of a load of the model is."""
+    model = model_of(blocks(), dj.Gravity())
+    simulation = dj.Simulation(model)
+    simulation.statics()
+    outcome = simulation.dynamics(dt=0.002, steps=60, motion=shaking, loads=[base_water()])
+    assert abs(outcome.energy.input_by_load["JointWater_joint"]) > 1.0
+    assert outcome.imbalance < 1e-9
 
 
 def test_runs_with_other_water_are_refused(new_path):

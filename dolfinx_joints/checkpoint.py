@@ -201,9 +201,15 @@ class CheckpointKeeper:
         vectors = {
             name: self._vector(value)
             for name, value in tree.items()
-            if name not in ("time", "joints") and value is not None
+            if name not in ("time", "joints", "water") and value is not None
         }
-        return DynamicState(time=tree["time"], joints=self._response(tree["joints"]), **vectors)
+        water = tree.get("water")
+        return DynamicState(
+            time=tree["time"],
+            joints=self._response(tree["joints"]),
+            water=None if water is None else water[self._mine()],
+            **vectors,
+        )
 
     def _static(self, tree: Tree) -> StaticState:
         reports = []
@@ -219,14 +225,18 @@ class CheckpointKeeper:
             reports=reports,
         )
 
+    def _mine(self) -> slice:
+        """The rank's joint points among all (collective)."""
+        operator = self._model.operator
+        assert operator is not None
+        stop = operator.comm.scan(len(operator.areas))
+        return slice(stop - len(operator.areas), stop)
+
     def _response(self, tree: Tree | None) -> Response | None:
         """The response of the rank's joint points."""
         if tree is None:
             return None
-        operator = self._model.operator
-        assert operator is not None
-        stop = operator.comm.scan(len(operator.areas))
-        mine = slice(stop - len(operator.areas), stop)
+        mine = self._mine()
 
         def own(part: Tree) -> Tree:
             return {

@@ -96,7 +96,7 @@ class EnergyLedger:
             strain=state.strain_energy,
             joint_elastic=self._elastic(state),
             input=0.0,
-            input_by_load=dict.fromkeys(self._system.load_names or ["load"], 0.0),
+            input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
             viscous=0.0,
             joint_friction=self._none,
             joint_numerical=self._none,

@@ -65,6 +65,8 @@ def fingerprint(
         values = np.array([factor(float(t)) for t in times])
         both = np.array([float(vector.dot(weights)), float(vector.norm())])
         facts[name] = np.concatenate([facts.get(name, np.zeros(0)), np.outer(both, values).ravel()])
+    if system.water is not None:
+        facts |= system.water.facts(times)
     if system.contact is not None:
         contact = system.contact
         facts["joints"] = ", ".join(contact.operator.names)

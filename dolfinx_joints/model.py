@@ -250,6 +250,12 @@ class Model:
         loads = (*self.loads, *extra_loads)
         each = zip(_names(loads), loads, strict=True)
         named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]
+        in_joints = {n: w for n, w in zip(_names(loads), loads, strict=True) if _follows(w)}
+        water = None
+        if in_joints:
+            from dolfinx_joints.joint_water_state import JointWaters
+
+            water = JointWaters(self, in_joints)
         return MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -262,6 +268,7 @@ class Model:
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
+            water=water,
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
@@ -313,7 +320,13 @@ def _names(loads: Sequence[Load]) -> list[str]:
 
 
 def _group(load: Any) -> list[str]:
-    return [load.group] if isinstance(getattr(load, "group", None), str) else []
+    where = getattr(load, "group", None) or getattr(load, "joint", None)
+    return [where] if isinstance(where, str) else []
+
+
+def _follows(load: Any) -> bool:
+    """Whether a load depends on the state of the joints."""
+    return hasattr(load, "in_dynamics")
 
 
 def _factor(load: Any) -> tuple[Any, bool]:

@@ -92,6 +92,7 @@ class Simulation:
         Raises:
             ValueError: ``steps`` is not positive.
             ConvergenceError: A load step did not converge.
+            JointsError: Water in a joint and its openings do not come to agree.
         """
         check_count("steps", steps, 1, "at least one load step is needed")
         factors = np.arange(1, steps + 1) / steps
@@ -129,6 +130,9 @@ class Simulation:
             if resume and self.static is not None:
                 self.static.displacement.copy(u)
                 joints = self.static.joints.state if self.static.joints else None
+            if system.water is not None and joints is not None:
+                system.water.enter(joints.gap)
+                solver = system.water.settling(solver)
             held, reports = system.constrained, []
             elastic_force, load, b, x = (u.duplicate() for _ in range(4))
             system.stiffness.mult(u, elastic_force)
@@ -292,6 +296,7 @@ class Simulation:
             displacement=origin.displacement,
             velocity=start.velocity if start else velocity,
             joints=origin.joints,
+            water=start.water if start else None,
         )
 
     def _check_prescribed(self, system: MatrixSystem, u: PETSc.Vec) -> None:

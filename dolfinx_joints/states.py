@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.contact import Rule
@@ -43,6 +44,8 @@ class DynamicState:
         joints: Response of the joints, None without joints.
         remainder: What rounding left of the last step's equation at the free dofs, None at the
             start [N]. Taken into the next step it does not add up over many of them.
+        water: What the water in ``load`` does at the local joint points (`Wetness`), shape (n,),
+            None where no load depends on the joints.
     """
 
     time: float
@@ -55,6 +58,7 @@ class DynamicState:
     elastic_force: PETSc.Vec
     joints: Response | None
     remainder: PETSc.Vec | None = None
+    water: NDArray[np.int8] | None = None
 
     @property
     def kinetic_energy(self) -> float:
@@ -210,6 +214,7 @@ def initial_state(
     displacement: PETSc.Vec | None = None,
     velocity: PETSc.Vec | None = None,
     joints: JointState | Response | None = None,
+    water: NDArray[np.int8] | None = None,
 ) -> DynamicState:
     """State whose acceleration balances the forces at the start of the motion (collective).
 
@@ -220,6 +225,7 @@ def initial_state(
         velocity: v [m/s], zero unless given.
         joints: State of the joints, asked for their tractions at ``displacement``, or the response
             that led there, taken as it is; at rest at ``displacement`` unless given.
+        water: `DynamicState.water`; by the openings unless given.
     """
     system = solver.system
     u = system.stiffness.createVecRight() if displacement is None else displacement.copy()
@@ -235,6 +241,9 @@ def initial_state(
     if rates is not None:
         v.getArray()[system.constrained] = rates[0]
         moving.getArray()[system.constrained] = rates[1]
+    if system.water is not None and system.contact is not None:
+        known = joints.state if isinstance(joints, Response) else joints
+        water = system.water.enter(system.contact.gap(u) if known is None else known.gap, water)
     load = system.load(time, u.duplicate())
     force = load.copy()
     work = u.duplicate()
@@ -274,6 +283,7 @@ def initial_state(
         momentum=momentum,
         elastic_force=elastic_force,
         joints=response,
+        water=water,
     )
 
 

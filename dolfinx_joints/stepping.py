@@ -118,7 +118,7 @@ class Stepper:
             pieces = finest >> self._level
             shortest = pieces == 1
             try:
-                after, report = self._scheme.advance(self._solver, state, dt * pieces / finest)
+                after, report = self._try(state, dt * pieces / finest)
             except ConvergenceError as failure:
                 self.counts.failed += 1
                 if shortest:
@@ -137,6 +137,15 @@ class Stepper:
             yield state, report, row
             if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
                 self._level -= 1
+
+    def _try(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
+        """A step of the scheme, under the water that the state at its start leads to."""
+        water = self._solver.system.water
+        if water is None or state.joints is None or state.water is None:
+            return self._scheme.advance(self._solver, state, dt)
+        water.begin_step(state.water, state.joints.state.gap)
+        after, report = self._scheme.advance(self._solver, state, dt)
+        return replace(after, water=water.codes), report
 
     def memory(self) -> dict[str, Any]:
         """What later steps depend on."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,9 @@ from dolfinx_joints.contact import Contact
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Law
+
+if TYPE_CHECKING:
+    from dolfinx_joints.joint_water_state import JointWaters
 
 Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]
@@ -44,6 +47,7 @@ class MatrixSystem:
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
         symmetric: Whether K and C are symmetric.
         components: Displacement components per node.
+        water: Loads that depend on the state of the joints, None for none.
     """
 
     mass: PETSc.Mat
@@ -57,6 +61,7 @@ class MatrixSystem:
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
     components: int = 1
+    water: JointWaters | None = None
 
     @classmethod
     def from_arrays(
@@ -171,6 +176,8 @@ class MatrixSystem:
         out.set(0.0)
         for factor, vector in zip(factors, self._vectors, strict=True):
             out.axpy(float(factor), vector)
+        if self.water is not None:
+            self.water.add(out, time, scale)
         return out
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
@@ -181,7 +188,13 @@ class MatrixSystem:
         for name, mean, vector in zip(names, means, self._vectors, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
-        return works
+        return works if self.water is None else works | self.water.work(x, start, end)
+
+    @property
+    def names_of_works(self) -> list[str]:
+        """Names that `work_of_loads` gives."""
+        fixed = dict.fromkeys(self.load_names or ["load"])
+        return [*fixed, *([] if self.water is None else self.water.names)]
 
     @cached_property
     def _vectors(self) -> list[PETSc.Vec]:

@@ -125,7 +125,7 @@ class Simulation:
             solver = make_solver(system, self._newton, self._kind, static_steps=len(path))
             u = system.stiffness.createVecRight()
             u.set(0.0)
-            joints = system.contact.at_rest(u) if system.contact else None
+            joints = system.resistance.at_rest(u) if system.resistance else None
             if resume and self.static is not None:
                 self.static.displacement.copy(u)
                 joints = self.static.joints.state if self.static.joints else None

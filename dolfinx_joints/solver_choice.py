@@ -53,7 +53,7 @@ def make_solver(
     contact = system.contact
     if system.bulk is not None:
         if kind == "condensed" or (contact is not None and contact.rigid):
-            rigid = "" if kind == "condensed" else ", which rigid joints need"
+            rigid = "" if kind == "condensed" else ", which rigid joints need,"
             raise JointsError(
                 f"The condensed solver{rigid} takes a linear body; plastic cells (of "
                 f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "

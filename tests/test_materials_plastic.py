@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -189,3 +191,23 @@ def test_refused(changes, sentence):
     given = {"elastic": ROCK, "cohesion": C, "friction_angle_deg": PHI, **changes}
     with pytest.raises(ValueError, match=sentence):
         DruckerPrager(**given)
+
+
+def test_an_elastic_scene_imports_nothing_of_it():
+    code = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from dolfinx.mesh import create_unit_square, meshtags
+import dolfinx_joints as dj
+mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
+none = np.zeros(0, dtype=np.int32)
+jointed = dj.split_mesh(mesh, meshtags(mesh, 1, none, none), joints={}, groups={})
+model = dj.Model(jointed, material=dj.Elastic(young=1e9, poisson=0.2, density=1.0))
+dj.Simulation(model)
+names = ("plasticity", "plastic_bulk", "bulk_points", "orthotropic")
+print([name for name in names if f"dolfinx_joints.{name}" in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"

@@ -14,8 +14,6 @@ flow settles there. A tube of radii a < b without friction bursts at p = 2 c ln(
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -304,25 +302,3 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     warm = Temperature(value=10.0, reference=0.0, expansion=1e-5)
     with pytest.raises(ValueError, match="Temperature acts on cells of DruckerPrager"):
         Model(block(comm), material=rock(), loads=[Gravity(), warm])
-
-
-def test_an_elastic_scene_imports_nothing_of_it(comm):
-    if comm.rank:
-        return  # one process of its own is enough
-    code = """
-import sys
-import numpy as np
-from mpi4py import MPI
-from dolfinx.mesh import create_unit_square, meshtags
-import dolfinx_joints as dj
-mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
-none = np.zeros(0, dtype=np.int32)
-jointed = dj.split_mesh(mesh, meshtags(mesh, 1, none, none), joints={}, groups={})
-model = dj.Model(jointed, material=dj.Elastic(young=1e9, poisson=0.2, density=1.0))
-dj.Simulation(model)
-names = ("plasticity", "plastic_bulk", "bulk_points", "orthotropic")
-print([name for name in names if f"dolfinx_joints.{name}" in sys.modules])
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "[]"

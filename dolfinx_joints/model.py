@@ -335,9 +335,7 @@ def _check_temperatures(
 
 def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
     """Whether two cell groups, or the whole body, have cells in common (collective)."""
-    if not (one and other):
-        return True
-    common = np.intersect1d(jointed.cells(one), jointed.cells(other))
+    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
     return bool(jointed.mesh.comm.allreduce(len(common)))
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.bulk_points import SIZE, StrainOperator, StrainTangent
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.contact import Contact, Rule, StatusCounts
 from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.laws import JointState, Response
@@ -67,6 +68,9 @@ class PlasticBulk:
     Attributes:
         operator: Strain operator of the cells.
         kinds: Kinds of the laws.
+
+    Raises:
+        ValueError: A law has no method ``step``.
     """
 
     def __init__(
@@ -78,6 +82,9 @@ class PlasticBulk:
         contact: Contact | None,
     ) -> None:
         """Build the strain operator (collective)."""
+        for law in laws.values():
+            wanted = "a law with the methods end_point and step"
+            check_kind_of("A plastic material", law, hasattr(law, "step"), wanted)
         topology = jointed.mesh.topology
         every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         groups = {name: jointed.cells(name) if name else every for name in laws}

@@ -322,6 +322,8 @@ class Simulation:
         text = f"{outcome.solver} solver"
         if outcome.solver == "monolithic" and missing:
             text += f" (no local solution in {', '.join(missing)})"
+        if self.model.bulk is not None:
+            text += f" (plastic cells of {', '.join(self.model.bulk.kinds)})"
         if outcome.end_point_laws:
             text += f", end-point law in {', '.join(outcome.end_point_laws)}"
         return text

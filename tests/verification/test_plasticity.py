@@ -180,9 +180,9 @@ def test_bursting_tube(comm):
     simulation = Simulation(model)
     state = simulation.quasi_statics([0.5, 0.8, 0.9, 0.97, 0.995])
     stress = state.joints.bulk.stress
-    assert model.bulk.yielding(state.joints) > 0.9 * model.bulk.operator.num_points
-    # Where it yields, the difference of the principal stresses of the plane is 2 c: the stress out
-    # of the plane has settled near their mean.
+    # By Tresca the front has come to r with 1 - r^2/4 + 2 ln r = 0.995 2 ln 2, r = 1.88 m.
+    assert model.bulk.yielding(state.joints) > 0.85 * model.bulk.operator.num_points
+    # Nowhere is the difference of the principal stresses of the plane above 2 c.
     spread = np.hypot(stress[:, 0] - stress[:, 1], 2.0 * stress[:, 5])
     assert np.all(spread < 2.0 * C * (1 + 1e-9))
     with pytest.raises(ConvergenceError, match="points of the bulk at their limit"):

@@ -103,7 +103,15 @@ class Checkpoints:
         motion: Callable[[float], Any] | None,
         times: NDArray[np.float64],
     ) -> CheckpointKeeper:
-        """What writes and reads the checkpoints of one run; see `fingerprint` (collective)."""
+        """What writes and reads the checkpoints of one run; see `fingerprint` (collective).
+
+        Raises:
+            CheckpointError: The model has plastic cells.
+        """
+        if model.bulk is not None:
+            raise CheckpointError(
+                "Checkpoints do not hold the state of plastic cells; run this model without them."
+            )
         nodes = NodeGather(model)
         facts = fingerprint(model, system, nodes, settings, motion, times)
         return CheckpointKeeper(self, model, nodes, facts)

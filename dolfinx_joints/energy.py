@@ -24,7 +24,7 @@ class EnergyRow:
 
     Attributes:
         kinetic: v.M v / 2.
-        strain: u.K u / 2, bulk and springs.
+        strain: u.K u / 2, bulk and springs; in plastic cells that of the elastic strain.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
         input_by_load: Work of each load by name.
@@ -32,7 +32,8 @@ class EnergyRow:
         joint_friction: Work done against friction in each joint, shape (number of joints,).
         joint_numerical: What each joint took in besides, lost or (negative) made up by the time
             scheme where it opens, closes or slides within a step, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction.
+        error: stored - stored at the start - input + viscous + friction + plastic.
+        plastic: Plastic work of the bulk.
     """
 
     kinetic: float
@@ -44,6 +45,7 @@ class EnergyRow:
     joint_friction: Floats
     joint_numerical: Floats
     error: float
+    plastic: float = 0.0
 
     @cached_property
     def joint(self) -> float:
@@ -93,7 +95,7 @@ class EnergyLedger:
         """Begin at a state (collective)."""
         self.row = EnergyRow(
             kinetic=state.kinetic_energy,
-            strain=state.strain_energy,
+            strain=self._strain(state),
             joint_elastic=self._elastic(state),
             input=0.0,
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
@@ -116,9 +118,11 @@ class EnergyLedger:
         numerical = work.joints - (elastic - last.joint_elastic) - friction
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous, rubbed = last.viscous + work.viscous, last.joint_friction + friction
-        kinetic, strain = state.kinetic_energy, state.strain_energy
+        plastic = last.plastic + self._plastic(state)
+        kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
-        missing = stored - self._at_start - entered + viscous + float(rubbed.sum())
+        lost = viscous + float(rubbed.sum()) + plastic
+        missing = stored - self._at_start - entered + lost
         return EnergyRow(
             kinetic=kinetic,
             strain=strain,
@@ -132,11 +136,12 @@ class EnergyLedger:
             joint_friction=rubbed,
             joint_numerical=last.joint_numerical + numerical,
             error=missing if np.isfinite(missing) else float("inf"),
+            plastic=plastic,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
         """Account for one accepted step."""
-        losses = row.viscous + row.friction
+        losses = row.viscous + row.friction + row.plastic
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
         self._error = max(self._error, abs(row.error))
         self._imbalance = max(self._imbalance, abs(row.imbalance))
@@ -168,3 +173,15 @@ class EnergyLedger:
         if self._system.contact is None or state.joints is None:
             return self._none
         return self._system.contact.stored_energy(state.joints.state)
+
+    def _strain(self, state: DynamicState) -> float:
+        """Elastic energy of bulk and springs."""
+        bulk, joints = self._system.bulk, state.joints
+        if bulk is None or joints is None:
+            return state.strain_energy
+        return state.strain_energy + bulk.elastic_correction(joints.state)
+
+    def _plastic(self, state: DynamicState) -> float:
+        """Plastic work of the step that led to a state."""
+        bulk, joints = self._system.bulk, state.joints
+        return 0.0 if bulk is None or joints is None else bulk.dissipation(joints)

@@ -47,6 +47,7 @@ class ConvergenceError(JointsError, RuntimeError):
         stick: number of sticking joint points.
         slip: number of sliding joint points.
         joint: name of the joint with the largest residual.
+        yielding: number of points of plastic cells at their limit.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class ConvergenceError(JointsError, RuntimeError):
         stick: int | None = None,
         slip: int | None = None,
         joint: str | None = None,
+        yielding: int | None = None,
     ) -> None:
         """Keep the facts and build the message."""
         self.stage = stage
@@ -74,6 +76,7 @@ class ConvergenceError(JointsError, RuntimeError):
         self.stick = stick
         self.slip = slip
         self.joint = joint
+        self.yielding = yielding
         super().__init__(self._sentence())
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
@@ -100,5 +103,7 @@ class ConvergenceError(JointsError, RuntimeError):
             details.append(f"joint points {', '.join(counts)}")
         if self.joint is not None:
             details.append(f"worst joint {self.joint!r}")
+        if self.yielding is not None:
+            details.append(f"{self.yielding} points of the bulk at their limit")
         text = text[0].upper() + text[1:]
         return f"{text}{': ' if details else ''}{'; '.join(details)}."

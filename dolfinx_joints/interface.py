@@ -30,7 +30,8 @@ from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.corrections import Correction
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import STATIC, Cache, Effective, EffectiveMatrix, free_dofs
-from dolfinx_joints.solver import NewtonOptions, SolveReport, joint_failure
+from dolfinx_joints.resistance import JointResistance
+from dolfinx_joints.solver import NewtonOptions, SolveReport, solve_failure
 from dolfinx_joints.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -257,8 +258,9 @@ class InterfaceSolver:
             if given_up and relative <= accepted:
                 return at, iteration, relative
             if given_up:
-                raise joint_failure(
-                    self._contact, at.response, step.state, iteration, relative, self.options
+                joints = JointResistance(self._contact)
+                raise solve_failure(
+                    joints, at.response, step.state, iteration, relative, self.options
                 )
             if iteration:
                 inner = min(first, (size / last) ** 2)

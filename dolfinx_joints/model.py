@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -20,7 +20,7 @@ from dolfinx_joints.absorbing import ViscousBoundary, absorbing_groups
 from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.contact import Contact, InitialGap
 from dolfinx_joints.damping import Rayleigh
-from dolfinx_joints.elasticity import Elastic, ElasticBody
+from dolfinx_joints.elasticity import Elastic, ElasticBody, Material, is_plastic
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import JointOperator
 from dolfinx_joints.laws import Law
@@ -32,6 +32,9 @@ from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
 from dolfinx_joints.thermal import Temperature
 
+if TYPE_CHECKING:
+    from dolfinx_joints.plastic_bulk import PlasticBulk
+
 BilinearForm = Callable[[Any, Any], Any]
 
 
@@ -40,7 +43,8 @@ class Model:
 
     Args:
         jointed: The mesh; without joints the body is monolithic and no joint code runs.
-        material: One material, or one per named cell group.
+        material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
+            such as `DruckerPrager`.
         joints: One law for all joints, or one per joint name; not needed without joints.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
@@ -64,6 +68,7 @@ class Model:
         body: Material fields and stress recovery.
         operator: Joint operator, None without joints.
         contact: Joints with their laws, None without joints.
+        bulk: Cells with plastic materials, None without such cells.
         constraints: Constrained dofs.
         absorbing: Groups with a viscous boundary.
         mass: M [kg].
@@ -83,7 +88,7 @@ class Model:
         self,
         jointed: JointedMesh,
         *,
-        material: Elastic | Mapping[str, Elastic],
+        material: Material | Mapping[str, Material],
         joints: Law | Mapping[str, Law] | None = None,
         supports: Sequence[Support] = (),
         loads: Sequence[Load] = (),
@@ -131,6 +136,9 @@ class Model:
             self.contact = Contact(self.operator, joints, initial_gaps)
         elif joints is not None and isinstance(joints, Mapping) and joints:
             raise MeshError(f"The mesh has no joints, but laws were given for {', '.join(joints)}.")
+        by_group = material if isinstance(material, Mapping) else {"": material}
+        _check_temperatures(jointed, by_group, self.loads)
+        laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
         bulk = self.body.stiffness_form(u, v)
         springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
@@ -145,6 +153,7 @@ class Model:
             self.mass = _without_zeros(total)
         self.stiffness = _blocked(self._matrix(bulk, extra_stiffness, *springs))
         self.stiffness.setNearNullSpace(self._rigid_modes())
+        self.bulk = self._plastic_bulk(laws, plane) if laws else None
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
             self.redistribution = self._redistributed(self.mass, self.operator, degree)
@@ -167,6 +176,16 @@ class Model:
         elif dashpots:
             self.dashpots = _blocked(self._matrix(dashpots[0], None, *dashpots[1:]))
         self._symmetric = symmetric
+
+    def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
+        """The cells with plastic materials."""
+        from dolfinx_joints.plastic_bulk import PlasticBulk
+
+        if self.gdim == 2 and plane == "stress":
+            raise ValueError(
+                "Plastic materials are for plane='strain' or bodies in space; plane is 'stress'."
+            )
+        return PlasticBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
 
     def _redistributed(
         self, mass: PETSc.Mat, operator: JointOperator, degree: int
@@ -262,6 +281,7 @@ class Model:
             rayleigh=self.rayleigh,
             dashpots=self.dashpots,
             contact=self.contact,
+            bulk=self.bulk,
             patterns=[pattern for _, pattern in named],
             load_names=[name for name, _ in named],
             constrained=self.constraints.dofs,
@@ -306,6 +326,32 @@ class Model:
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _check_temperatures(
+    jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
+) -> None:
+    """Refuse temperatures where their stress is no pressure, or unknown to a plastic law.
+
+    Raises:
+        ValueError: One acts on cells that are not isotropic and elastic.
+    """
+    for load in loads:
+        if not isinstance(load, Temperature):
+            continue
+        for name, each in materials.items():
+            if isinstance(each, Elastic) or not _share_cells(jointed, load.cells, name):
+                continue
+            raise ValueError(
+                f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
+                "cells only, name those by cells=."
+            )
+
+
+def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
+    """Whether two cell groups, or the whole body, have cells in common (collective)."""
+    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
+    return bool(jointed.mesh.comm.allreduce(len(common)))
 
 
 def _names(loads: Sequence[Load]) -> list[str]:

@@ -97,6 +97,8 @@ class ResultsMonitor:
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
+            if model.bulk is not None:
+                writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             if self._envelopes is not None:
                 found = self._envelopes
@@ -186,6 +188,8 @@ class ResultsMonitor:
             for term in JOINT_ENERGY_TERMS:
                 value = getattr(record.energy, f"joint_{term}")[i]
                 energies[f"joints/{name}/{term}"] = value
+        if self._model.bulk is not None:
+            energies["plastic"] = record.energy.plastic
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)

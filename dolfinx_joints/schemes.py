@@ -52,6 +52,11 @@ class _Midpoint:
             ConvergenceError: The joints did not converge.
         """
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
+        if system.bulk is not None and self.rule != "step":
+            raise ValueError(
+                f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
+                "middle, which plastic cells cannot do; take EnergyConsistent."
+            )
         load = system.load(time, state.load.duplicate())
         known = [(0.5, load), (0.5, state.load)]
         known += [(rate, state.momentum), (-1.0, state.elastic_force)]
@@ -227,8 +232,8 @@ class _Alpha:
         if old:
             # Of the start, so that what is left at the supports is their force at the end.
             b.axpy(old / share, state.reaction)
-            if system.contact is not None and state.joints is not None:
-                b.axpy(-old / share, system.contact.operator.force(state.joints.traction, work))
+            if system.resistance is not None and state.joints is not None:
+                b.axpy(-old / share, system.resistance.force_at_end(state.joints, work))
         return b
 
 

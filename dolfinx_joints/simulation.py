@@ -126,7 +126,7 @@ class Simulation:
             solver = make_solver(system, self._newton, self._kind, static_steps=len(path))
             u = system.stiffness.createVecRight()
             u.set(0.0)
-            joints = system.contact.at_rest(u) if system.contact else None
+            joints = system.resistance.at_rest(u) if system.resistance else None
             if resume and self.static is not None:
                 self.static.displacement.copy(u)
                 joints = self.static.joints.state if self.static.joints else None
@@ -331,6 +331,8 @@ class Simulation:
         text = f"{outcome.solver} solver"
         if outcome.solver == "monolithic" and missing:
             text += f" (no local solution in {', '.join(missing)})"
+        if self.model.bulk is not None:
+            text += f" (plastic cells of {', '.join(self.model.bulk.kinds)})"
         if outcome.end_point_laws:
             text += f", end-point law in {', '.join(outcome.end_point_laws)}"
         return text

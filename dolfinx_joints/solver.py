@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step, monolithic reference path: Newton on A x + B^T (w t(g + B x)) = b.
 
+Plastic cells add forces of their own in the same way (`plastic_bulk`).
+
 x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K;
 statics (k = 1) and every time step are solved by the same code, which does not know what time is.
 In changes, nothing is lost to the rounding of large displacements that hardly move.
@@ -18,9 +20,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_number
-from dolfinx_joints.contact import Contact, Rule, StatusCounts
+from dolfinx_joints.contact import Rule, StatusCounts
 from dolfinx_joints.errors import ConvergenceError, JointsError
-from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import (
     LINEAR,
@@ -29,6 +30,7 @@ from dolfinx_joints.linear import (
     EffectiveMatrix,
     free_dofs,
 )
+from dolfinx_joints.resistance import Resistance
 from dolfinx_joints.system import MatrixSystem
 from dolfinx_joints.tangent import Tangent
 
@@ -142,13 +144,13 @@ class NewtonSolver:
     def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
         """Make the work vectors (collective)."""
         self.system = system
-        self.name = "linear" if system.contact is None else "monolithic"
+        self._resistance = system.resistance
+        self.name = "linear" if self._resistance is None else "monolithic"
         self.options = options or NewtonOptions()
         self.free = free_dofs(system)
         self._correction = self.free.duplicate()
-        product = None
-        if system.contact is not None:
-            product = JointTangent(system.contact.operator, self.free)
+        resistance = self._resistance
+        product = None if resistance is None else resistance.tangent_matrix(self.free)
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
@@ -181,11 +183,11 @@ class NewtonSolver:
             JointsError: A factorization failed.
         """
         tangent: Tangent = self._tangents(effective)
-        contact = self.system.contact
-        if contact is None or state is None:
+        resistance = self._resistance
+        if resistance is None or state is None:
             return None, solve_without_joints(tangent.effective, b, x, self.free)
-        balance = _Balance(self, tangent.effective, contact, b, x, state, rule)
-        return self._iterate(contact, tangent, balance, x, state)
+        balance = _Balance(self, tangent.effective, resistance, b, x, state, rule)
+        return self._iterate(resistance, tangent, balance, x, state)
 
     def memory(self) -> dict[str, Any]:
         """Nothing: every solve starts from its arguments alone."""
@@ -196,7 +198,7 @@ class NewtonSolver:
 
     def _iterate(
         self,
-        contact: Contact,
+        resistance: Resistance,
         tangent: Tangent,
         balance: _Balance,
         x: PETSc.Vec,
@@ -209,13 +211,13 @@ class NewtonSolver:
         while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
-                raise joint_failure(contact, response, state, iteration, residual, options)
-            factorizations += self._correct(contact, tangent, response, balance)
+                raise solve_failure(resistance, response, state, iteration, residual, options)
+            factorizations += self._correct(resistance, tangent, response, balance)
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
         if balance.rule == "step" and norm > 0.0:
-            factorizations += self._correct(contact, tangent, response, balance)
+            factorizations += self._correct(resistance, tangent, response, balance)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
         balance.change.copy(x)
@@ -223,25 +225,23 @@ class NewtonSolver:
             iterations=iteration,
             factorizations=factorizations,
             residual=norm / (balance.scale or 1.0),
-            counts=contact.counts(response.status),
+            counts=resistance.counts(response),
         )
 
     def _correct(
-        self, contact: Contact, tangent: Tangent, response: Response, balance: _Balance
+        self, resistance: Resistance, tangent: Tangent, response: Response, balance: _Balance
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 
         Where the tangent is singular, because on the way a block is held by no closed and sticking
-        point, a small part of the closed joints' stiffness is added: the correction only, not the
-        equilibrium, depends on it.
+        point or because plastic cells flow, a small part of the stiffness of closed joints and
+        elastic cells is added: the correction only, not the equilibrium, depends on it.
 
         Raises:
             JointsError: The body is not held even so.
         """
         for part in REGULARISATIONS:
-            values = response.tangent
-            if part:
-                values = values + part * contact.closed_tangent()
+            values = resistance.tangent(response, part)
             try:
                 return int(tangent.update(values).solve(balance.at_free, self._correction))
             except JointsError as error:
@@ -279,13 +279,13 @@ class _Balance:
         self,
         solver: NewtonSolver,
         matrix: EffectiveMatrix,
-        contact: Contact,
+        resistance: Resistance,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState,
         rule: Rule,
     ) -> None:
-        self._matrix, self._contact, self._state, self.rule = matrix, contact, state, rule
+        self._matrix, self._resistance, self._state, self.rule = matrix, resistance, state, rule
         self._free, self._right = solver.free, b
         self._relative = solver.options.relative_tolerance
         self._force = b.duplicate()
@@ -296,8 +296,8 @@ class _Balance:
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the free dofs."""
-        response = self._contact.respond(change, self._state, self.rule)
-        self._contact.operator.force(response.traction, self._force)
+        response = self._resistance.respond(change, self._state, self.rule)
+        self._resistance.force(response, self._force)
         self._matrix.full.mult(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))
         self._trial_scale = max(float(norm) for norm in norms)
@@ -313,14 +313,11 @@ class _Balance:
         self.scale = max(self._first_scale, self._trial_scale)
 
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
-        """What rounding may leave of A x, and of joint forces that follow from the gaps."""
-        operator = self._contact.operator
-        largest = np.abs(response.state.gap).max(axis=1, initial=0.0)
-        stiffness = operator.areas * np.abs(response.tangent).max(axis=(1, 2), initial=0.0)
-        error = stiffness * np.maximum(largest, float(change.norm(PETSc.NormType.NORM_INFINITY)))
-        squares = sum(operator.comm.allgather(float(error @ error)))
+        """What rounding may leave of A x, and of forces that follow from laws."""
+        largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
+        laws = self._resistance.rounding(response, largest)
         bulk = self._matrix.norm * float(change.norm())
-        return 4.0 * float(np.finfo(float).eps) * (bulk + squares**0.5)
+        return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
 
     @property
     def tolerance(self) -> float:
@@ -336,22 +333,18 @@ def solve_without_joints(
     return SolveReport(iterations=1, factorizations=int(factored), residual=0.0, counts=None)
 
 
-def joint_failure(
-    contact: Contact,
+def solve_failure(
+    resistance: Resistance,
     response: Response,
     state: JointState,
     iteration: int,
     residual: float,
     options: NewtonOptions,
 ) -> ConvergenceError:
-    """What to raise when an iteration on the joints did not converge (collective)."""
-    counts = contact.counts(response.status)
+    """What to raise when an iteration on joints and plastic cells did not converge (collective)."""
     return ConvergenceError(
         iteration=iteration,
         residual=residual,
         tolerance=options.relative_tolerance,
-        open=counts.open,
-        stick=counts.stick,
-        slip=counts.slip,
-        joint=contact.worst_joint(np.abs(response.state.gap - state.gap).sum(axis=1)),
+        **resistance.failure(response, state),
     )

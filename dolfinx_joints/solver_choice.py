@@ -51,6 +51,15 @@ def make_solver(
     """
     check_kind(kind)
     contact = system.contact
+    if system.bulk is not None:
+        if kind == "condensed" or (contact is not None and contact.rigid):
+            rigid = "" if kind == "condensed" else ", which rigid joints need,"
+            raise JointsError(
+                f"The condensed solver{rigid} takes a linear body; plastic cells (of "
+                f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "
+                "stiffness."
+            )
+        return NewtonSolver(system, options)
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.without_local(rule)

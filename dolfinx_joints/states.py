@@ -41,7 +41,7 @@ class DynamicState:
             time, or their mean over the last step where the scheme knows no other [N].
         momentum: M v [N s].
         elastic_force: K u [N].
-        joints: Response of the joints, None without joints.
+        joints: Response of the joints and of plastic cells, None without both.
         remainder: What rounding left of the last step's equation at the free dofs, None at the
             start [N]. Taken into the next step it does not add up over many of them.
         water: What the water in ``load`` does at the local joint points (`Wetness`), shape (n,),
@@ -67,7 +67,7 @@ class DynamicState:
 
     @property
     def strain_energy(self) -> float:
-        """u.K u / 2 of bulk and springs [J] (collective)."""
+        """u.K u / 2 of bulk and springs, plastic strains apart [J] (collective)."""
         return 0.5 * float(self.displacement.dot(self.elastic_force))
 
 
@@ -165,8 +165,8 @@ class Products:
             system.dashpots.mult(x, self.reaction)
             residual.axpy(effective.damping, self.reaction)
             self.viscous += effective.damping * float(self.reaction.dot(x))
-        if system.contact is not None and joints is not None:
-            residual.axpy(1.0, system.contact.operator.force(joints.traction, self.reaction))
+        if system.resistance is not None and joints is not None:
+            residual.axpy(1.0, system.resistance.force(joints, self.reaction))
         norm = float(residual.norm())
         if not np.isfinite(norm):
             raise ConvergenceError(iteration=1, residual=norm)
@@ -254,12 +254,12 @@ def initial_state(
     system.mass.mult(moving, work)
     force.axpy(-1.0, work)
     response = None
-    if system.contact is not None:
+    if system.resistance is not None:
         response = joints if isinstance(joints, Response) else None
         if not isinstance(joints, Response):
-            response = system.contact.trial(u, joints or system.contact.at_rest(u))
+            response = system.resistance.trial(u, joints or system.resistance.at_rest(u))
         assert response is not None
-        system.contact.operator.force(response.traction, work)
+        system.resistance.force_at_end(response, work)
         force.axpy(-1.0, work)
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))

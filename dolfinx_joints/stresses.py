@@ -41,13 +41,18 @@ class SurfaceStress:
         own: Positions in ``nodes`` of those of this rank, shape (own,).
 
     Raises:
-        ValueError: The model is plane.
+        ValueError: The model is plane or has plastic cells.
     """
 
     def __init__(self, model: Model, nodes: NodeGather) -> None:
         """Assemble the matrix (collective)."""
         if model.gdim != 3:
             raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
+        if model.bulk is not None:
+            raise ValueError(
+                "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
+                "displacements alone do not tell."
+            )
         self._comm = model.jointed.mesh.comm
         self.nodes: Ints = np.unique(boundary_facets(model, nodes))
         owned = model.V.dofmap.index_map.size_local

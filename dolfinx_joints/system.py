@@ -17,6 +17,10 @@ from dolfinx_joints.contact import Contact
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Law
+from dolfinx_joints.resistance import JointResistance, Resistance
+
+if TYPE_CHECKING:
+    from dolfinx_joints.plastic_bulk import PlasticBulk
 
 if TYPE_CHECKING:
     from dolfinx_joints.joint_water_state import JointWaters
@@ -41,6 +45,7 @@ class MatrixSystem:
         rayleigh: Factors of M and K in C.
         dashpots: What C holds besides, None for nothing [N s/m].
         contact: The joints, or None.
+        bulk: Cells with plastic materials, whose elastic part K holds, or None.
         patterns: Nodal forces [N] with their factors of time [s].
         load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
         constrained: Owned constrained dofs, local numbers.
@@ -55,6 +60,7 @@ class MatrixSystem:
     rayleigh: Rayleigh = field(default_factory=Rayleigh)
     dashpots: PETSc.Mat | None = None
     contact: Contact | None = None
+    bulk: PlasticBulk | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
     constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
@@ -124,6 +130,13 @@ class MatrixSystem:
             contact=contact,
             patterns=patterns,
         )
+
+    @cached_property
+    def resistance(self) -> Resistance | None:
+        """What resists by laws: joints, plastic cells, or both; None for a linear system."""
+        if self.bulk is not None:
+            return self.bulk
+        return None if self.contact is None else JointResistance(self.contact)
 
     @cached_property
     def massless(self) -> NDArray[np.int64]:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints import JointTangent
 from dolfinx_joints.linear import DirectSolver, EffectiveMatrix
+from dolfinx_joints.resistance import TangentMatrix
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Tangent:
 
     Args:
         matrix: A.
-        product: B^T (w D) B; None where there are no joints.
+        product: B^T (w D) B and what plastic cells add; None where there is neither.
         options: PETSc options of the LU solver, without prefix.
 
     Attributes:
@@ -32,7 +32,7 @@ class Tangent:
     def __init__(
         self,
         matrix: EffectiveMatrix,
-        product: JointTangent | None,
+        product: TangentMatrix | None,
         options: Mapping[str, Any] | None,
     ) -> None:
         """Nothing is added up yet."""

@@ -1,0 +1,313 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Bodies of plastic cells against exact limit loads; any number of ranks.
+
+Pressed between smooth plates with a pressure q on its sides, a block carries at most, by
+Mohr-Coulomb,
+
+    N q + 2 c sqrt(N),    N = (1 + sin phi)/(1 - sin phi),
+
+which the cone fitted to compression tests gives in space, and the one fitted to plane strain as the
+flow settles there. A tube of radii a < b without friction bursts at p = 2 c ln(b/a).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx import mesh as dmesh
+
+from dolfinx_joints import (
+    CheckpointError,
+    Checkpoints,
+    ConvergenceError,
+    DruckerPrager,
+    Elastic,
+    EnergyConsistent,
+    Fixed,
+    FrictionNoTension,
+    GeneralizedAlpha,
+    Gravity,
+    ImplicitContact,
+    JointsError,
+    Model,
+    Newmark,
+    Prescribed,
+    Pressure,
+    Results,
+    ResultsMonitor,
+    RigidJoint,
+    Simulation,
+    Temperature,
+    split_mesh,
+)
+from dolfinx_joints.probes import NodeGather
+from dolfinx_joints.stresses import SurfaceStress
+
+pytestmark = pytest.mark.mpi
+
+ELASTIC = Elastic(young=1e9, poisson=0.3, density=2000.0)
+C, PHI, SIDE = 1e6, 30.0, 0.5e6
+N = (1 + math.sin(math.radians(PHI))) / (1 - math.sin(math.radians(PHI)))
+LIMIT = N * SIDE + 2 * C * math.sqrt(N)
+LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=40.0)
+
+
+def rock(**changes):
+    given = {"elastic": ELASTIC, "cohesion": C, "friction_angle_deg": PHI, **changes}
+    return DruckerPrager(**given)
+
+
+def block(comm, kind="hexahedron", *, joint=False, cells=2):
+    """A unit square or cube; facets ``x-``, ``x+``, ...; halves ``low`` and ``high``."""
+    cell = getattr(dmesh.CellType, kind)
+    if kind in ("hexahedron", "tetrahedron"):
+        mesh = dmesh.create_unit_cube(comm, cells, cells, cells, cell)
+    else:
+        mesh = dmesh.create_unit_square(comm, cells, cells, cell)
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    found = {
+        2 * i + side + 1: dmesh.locate_entities_boundary(
+            mesh, dim - 1, lambda x, i=i, side=side: np.isclose(x[i], side)
+        )
+        for i in range(dim)
+        for side in (0, 1)
+    }
+    if joint:
+        found[9] = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[dim - 1], 0.5))
+    facets = np.concatenate(list(found.values()))
+    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
+    order = np.argsort(facets)
+    low = dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9)
+    owned = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    halves = np.where(np.isin(owned, low), 11, 12).astype(np.int32)
+    return split_mesh(
+        mesh,
+        dmesh.meshtags(mesh, dim - 1, facets[order], values[order]),
+        joints={"joint": 9} if joint else {},
+        groups={f"{'xyz'[i]}{'-+'[s]}": 2 * i + s + 1 for i in range(dim) for s in (0, 1)},
+        cell_tags=dmesh.meshtags(mesh, dim, owned, halves),
+        cell_groups={"low": 11, "high": 12},
+    )
+
+
+def pressed(jointed, material, **options):
+    """On smooth plates at its lower faces, pushed from above, with pressure on its sides."""
+    axes = "xyz"[: jointed.mesh.geometry.dim]
+    plates = [Fixed(group=f"{a}-", components=a) for a in axes]
+    push = Prescribed(group=f"{axes[-1]}+", component=axes[-1], value=lambda t: -t)
+    sides = [Pressure(group=f"{a}+", value=SIDE) for a in axes[:-1]]
+    return Model(jointed, material=material, supports=[*plates, push], loads=sides, **options)
+
+
+def standing(jointed, material, *, pressure=2.9e6, **options):
+    """On smooth plates, pressed from above by a pressure that swings by a part of itself."""
+    axes = "xyz"[: jointed.mesh.geometry.dim]
+    axis = axes[-1]
+    load = Pressure(
+        group=f"{axis}+", value=pressure, factor=lambda t: 1.0 + 0.4 * math.sin(200.0 * t)
+    )
+    joints = LAW if jointed.joint_names else None
+    plates = [Fixed(group=f"{a}-", components=a) for a in axes]
+    return Model(
+        jointed, material=material, joints=joints, supports=plates, loads=[load], **options
+    )
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("dilatancy", [None, 10.0])
+def test_triaxial_compression(comm, kind, dilatancy):
+    # Whatever the dilatancy: both side pressures are given. The block shortens by 2 %, the limit
+    # is met at some 0.5 %.
+    model = pressed(block(comm, kind), rock(dilatancy_angle_deg=dilatancy))
+    state = Simulation(model).quasi_statics(np.linspace(0.0, 0.02, 6))
+    assert -model.resultant(state.reaction, "z+")[2] == pytest.approx(LIMIT, rel=1e-10)
+    assert model.bulk.yielding(state.joints) == model.bulk.operator.num_points
+    # All stresses alike, and the plastic strain the same everywhere.
+    wanted = [-SIDE, -SIDE, -LIMIT, 0.0, 0.0, 0.0]
+    stress = state.joints.bulk.stress
+    np.testing.assert_allclose(stress, np.tile(wanted, (len(stress), 1)), atol=1e-9 * LIMIT)
+    cells = model.bulk.accumulated(state.joints.state).x.array
+    np.testing.assert_allclose(cells, cells[0], rtol=1e-8)
+    assert cells[0] > 0.01
+
+
+@pytest.mark.parametrize(("kind", "degree"), [("quadrilateral", 1), ("triangle", 2)])
+def test_plane_strain_compression(comm, kind, degree):
+    # The stress out of the plane settles exponentially with the plastic flow.
+    model = pressed(block(comm, kind), rock(fit="plane strain"), degree=degree)
+    state = Simulation(model).quasi_statics(np.linspace(0.0, 0.06, 13))
+    assert -model.resultant(state.reaction, "y+")[1] == pytest.approx(LIMIT, rel=1e-10)
+
+
+def quarter_tube(comm, cells):
+    """Radii 1 and 2 m, the right angle between planes of symmetry."""
+    mesh = dmesh.create_rectangle(
+        comm, [[1.0, 0.0], [2.0, math.pi / 2]], [cells, 2 * cells], dmesh.CellType.quadrilateral
+    )
+    mesh.topology.create_connectivity(1, 2)
+    places = {
+        1: lambda x: np.isclose(x[0], 1.0),
+        2: lambda x: np.isclose(x[1], 0.0),
+        3: lambda x: np.isclose(x[1], math.pi / 2),
+    }
+    found = {tag: dmesh.locate_entities_boundary(mesh, 1, where) for tag, where in places.items()}
+    facets = np.concatenate(list(found.values()))
+    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
+    order = np.argsort(facets)
+    tags = dmesh.meshtags(mesh, 1, facets[order], values[order])
+    r, angle = mesh.geometry.x[:, 0].copy(), mesh.geometry.x[:, 1].copy()
+    mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = r * np.cos(angle), r * np.sin(angle)
+    return split_mesh(mesh, tags, joints={}, groups={"inside": 1, "flat": 2, "upright": 3})
+
+
+def test_bursting_tube(comm):
+    # Upper bound theorem: finite elements carry the exact load, and little more.
+    burst = 2.0 * C * math.log(2.0)
+    model = Model(
+        quarter_tube(comm, 6),
+        material=rock(friction_angle_deg=0.0, fit="plane strain"),
+        degree=2,
+        supports=[Fixed(group="flat", components="y"), Fixed(group="upright", components="x")],
+        loads=[Pressure(group="inside", value=burst, factor=lambda t: t)],
+    )
+    simulation = Simulation(model)
+    state = simulation.quasi_statics([0.5, 0.8, 0.9, 0.97, 0.995])
+    stress = state.joints.bulk.stress
+    # By Tresca the front has come to r with 1 - r^2/4 + 2 ln r = 0.995 2 ln 2, r = 1.88 m.
+    assert model.bulk.yielding(state.joints) > 0.85 * model.bulk.operator.num_points
+    # Nowhere is the difference of the principal stresses of the plane above 2 c.
+    spread = np.hypot(stress[:, 0] - stress[:, 1], 2.0 * stress[:, 5])
+    assert np.all(spread < 2.0 * C * (1 + 1e-9))
+    with pytest.raises(ConvergenceError, match="points of the bulk at their limit"):
+        simulation.quasi_statics([1.02])
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron", "quadrilateral", "triangle"])
+def test_below_the_limit_it_is_elastic(comm, kind):
+    strong, plain = (
+        standing(block(comm, kind), {"low": low, "high": ELASTIC})
+        for low in (rock(cohesion=1e9), ELASTIC)
+    )
+    wanted, found = (Simulation(model).statics().displacement for model in (plain, strong))
+    found.axpy(-1.0, wanted)
+    assert found.norm() < 1e-12 * wanted.norm()
+    runs = [Simulation(m).dynamics(dt=2e-4, steps=5).state.displacement for m in (plain, strong)]
+    runs[1].axpy(-1.0, runs[0])
+    assert runs[1].norm() < 1e-11 * runs[0].norm()
+
+
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("kind", ["quadrilateral", "hexahedron"])
+def test_energy_balance_counts_plastic_work(comm, kind, joint, new_path):
+    # Exact for the midpoint scheme at any step, whatever yields, opens and slides.
+    fit = "compression" if kind == "hexahedron" else "plane strain"
+    low = rock(dilatancy_angle_deg=10.0, fit=fit)
+    jointed = block(comm, kind, joint=joint)
+    model = standing(jointed, {"low": low, "high": ELASTIC})
+    path = new_path("plastic.h5")
+    monitor = ResultsMonitor(path, points={"top": [0.5] * (model.gdim - 1) + [1.0]})
+    simulation = Simulation(model, monitors=[monitor])
+    simulation.statics(steps=2)
+    outcome = simulation.dynamics(dt=1e-3, steps=30, scheme=EnergyConsistent())
+    row = outcome.energy
+    assert outcome.solver == "monolithic"
+    assert outcome.imbalance < 1e-12
+    assert row.plastic > 0.2 * row.stored
+    assert row.stored + row.plastic + row.friction + row.numerical == pytest.approx(
+        row.input + simulation_start(simulation, model), rel=1e-10
+    )
+    if comm.rank == 0:
+        with Results(path) as results:
+            plastic = results.series("energy", "plastic")
+        assert plastic[-1] == row.plastic
+        assert np.all(np.diff(plastic) >= 0.0)
+
+
+def simulation_start(simulation, model):
+    """Stored energy of the static state: half of the work of stresses on elastic strains."""
+    static = simulation.static
+    force = static.displacement.duplicate()
+    model.stiffness.mult(static.displacement, force)
+    strain = 0.5 * force.dot(static.displacement)
+    strain += model.bulk.elastic_correction(static.joints.state)
+    if model.contact is None:
+        return strain
+    return strain + float(model.contact.stored_energy(static.joints.state).sum())
+
+
+def test_stored_energy_is_that_of_the_elastic_strain(comm):
+    # sigma : C^-1 sigma / 2 of the uniform stress on a block of 1 m3, by hand.
+    model = pressed(block(comm), rock())
+    simulation = Simulation(model)
+    simulation.quasi_statics(np.linspace(0.0, 0.02, 6))
+    s, nu = np.array([-SIDE, -SIDE, -LIMIT]), ELASTIC.poisson
+    wanted = ((1 + nu) * s @ s - nu * s.sum() ** 2) / (2 * ELASTIC.young)
+    assert simulation_start(simulation, model) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("scheme", [Newmark(), GeneralizedAlpha(spectral_radius=0.9)])
+def test_end_point_schemes_agree_as_steps_get_short(comm, scheme):
+    found = []
+    for chosen in (EnergyConsistent(), scheme):
+        material = rock(dilatancy_angle_deg=10.0, fit="plane strain")
+        model = standing(block(comm, "quadrilateral"), material)
+        simulation = Simulation(model)
+        simulation.statics(steps=2)
+        found.append(simulation.dynamics(dt=1e-4, steps=100, scheme=chosen))
+    exact, other = (outcome.state.displacement for outcome in found)
+    plastic = [outcome.energy.plastic for outcome in found]
+    assert plastic[0] > 0.2 * found[0].energy.stored
+    assert plastic[1] == pytest.approx(plastic[0], rel=0.02)
+    other.axpy(-1.0, exact)
+    assert other.norm() < 0.02 * exact.norm()
+
+
+def test_the_answer_does_not_depend_on_the_ranks(comm):
+    # The same run by each rank alone.
+    from mpi4py import MPI
+
+    tops = []
+    for each in (comm, MPI.COMM_SELF):
+        model = standing(block(each, joint=True), {"low": rock(), "high": ELASTIC})
+        simulation = Simulation(model)
+        simulation.statics()
+        outcome = simulation.dynamics(dt=1e-3, steps=10)
+        tops.append((outcome.energy.plastic, outcome.state.displacement.norm()))
+    np.testing.assert_allclose(tops[0], tops[1], rtol=1e-8)
+
+
+class HalfALaw:
+    elastic = ELASTIC
+
+    def end_point(self, strain, state):
+        raise NotImplementedError
+
+
+def test_what_it_does_not_do_is_said(comm, new_path):
+    jointed = block(comm, joint=True)
+    model = standing(jointed, rock())
+    with pytest.raises(JointsError, match=r"condensed solver takes a linear body; .*DruckerPrager"):
+        Simulation(model, solver="condensed").statics()
+    rigid = Model(jointed, material=rock(), joints=RigidJoint(friction_angle_deg=30.0))
+    with pytest.raises(JointsError, match="condensed solver, which rigid joints need, takes"):
+        Simulation(rigid).statics()
+    with pytest.raises(ValueError, match="ImplicitContact asks laws for the end .* take Energy"):
+        Simulation(model).dynamics(dt=1e-3, steps=1, scheme=ImplicitContact())
+    with pytest.raises(CheckpointError, match="do not hold the state of plastic cells"):
+        Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=Checkpoints(new_path("c.h5")))
+    with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
+        SurfaceStress(model, NodeGather(model))
+    with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):
+        standing(block(comm, "triangle"), rock(), plane="stress")
+    warm = Temperature(value=10.0, reference=0.0, expansion=1e-5)
+    with pytest.raises(ValueError, match="Temperature acts on cells of DruckerPrager"):
+        Model(block(comm), material=rock(), loads=[Gravity(), warm])
+    with pytest.raises(ValueError, match="must be a law with the methods end_point and step"):
+        Model(block(comm), material=HalfALaw())

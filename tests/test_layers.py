@@ -106,6 +106,8 @@ LEVELS = {
     "energy": 6.0,
     "stepping": 6.1,
     "stages": 6.2,
+    "construction": 6.3,
+    "static_run": 6.4,
     "dynamic_run": 6.3,
     "fingerprint": 6.3,
     "checkpoint": 6.4,

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -122,7 +123,7 @@ def check_blocks_stand(model: Model) -> None:
     block = on_root(comm, lambda: _blocks(np.concatenate(cells)))[nodes.number]
     owned = model.V.dofmap.index_map.size_local
     points = model.V.tabulate_dof_coordinates()[:owned, : model.gdim]
-    count = comm.allreduce(int(block.max(initial=-1)), _largest) + 1
+    count = comm.allreduce(int(block.max(initial=-1)), MPI.MAX) + 1
     stiffness, centres = _against_rigid_motions(model, block[:owned], points, count)
     for i in range(count):
         motions = stiffness.shape[1]
@@ -135,10 +136,6 @@ def check_blocks_stand(model: Model) -> None:
                 f"against {held} of {motions} rigid motions; while joints are free each block "
                 "must stand by itself: give it a support, or keep the joints active."
             )
-
-
-def _largest(one: int, other: int) -> int:
-    return max(one, other)
 
 
 def _blocks(cells: NDArray[np.int64]) -> NDArray[np.int64]:

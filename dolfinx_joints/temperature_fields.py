@@ -112,12 +112,10 @@ class ReservoirTemperature:
         y = np.maximum(depth, 0.0)
         mean = self.deep_mean + (self.surface_mean - self.deep_mean) * np.exp(-0.04 * y)
         amplitude = self.surface_amplitude * np.exp(-0.018 * y)
-        lag = (2.15 - 1.30 * np.exp(-0.085 * y)) * MONTH / DAY
+        lag = np.asarray((2.15 - 1.30 * np.exp(-0.085 * y)) * MONTH / DAY, dtype=np.float64)
         water = _swing(mean, amplitude, lag, self.air.warmest_day - day)
         dry = self.air.parts(points, day)
-        mean, cosine, sine = (
-            np.where(depth > 0.0, w, a) for w, a in zip(water, dry, strict=True)
-        )
+        mean, cosine, sine = (np.where(depth > 0.0, w, a) for w, a in zip(water, dry, strict=True))
         return mean, cosine, sine
 
 
@@ -140,8 +138,7 @@ def steady_temperature(jointed: JointedMesh, faces: Mapping[str, Face]) -> Any:
         ValueError: No face is given, a value is not finite, or a block has no such face.
         MeshError: There is no such group.
     """
-    (mean,) = _solve(jointed, faces, 0.0, [lambda parts: parts[0][:, None]], diffusivity=None)
-    return mean
+    return _solve(jointed, _face_values(jointed, faces, 0.0)[:, :1], None)
 
 
 def seasonal_temperatures(
@@ -172,11 +169,132 @@ def seasonal_temperatures(
     """
     check_number("diffusivity", diffusivity, lambda v: v > 0, "positive", unit="m^2/s")
     _check_day("day", day)
-    mean = _solve(jointed, faces, day, [lambda p: p[0][:, None]], diffusivity=None)[0]
-    swing = [lambda p: np.column_stack([p[1], p[2]])]
-    cosine, sine = _solve(jointed, faces, day, swing, diffusivity=diffusivity)[0].split()
+    values = _face_values(jointed, faces, day)
+    mean = _solve(jointed, values[:, :1], None)
+    swing = _solve(jointed, values[:, 1:], diffusivity)
     return [
         Temperature(value=mean, reference=reference, expansion=expansion),
-        Temperature(value=cosine, reference=0.0, expansion=expansion, factor=_cosine),
-        Temperature(value=sine, reference=0.0, expansion=expansion, factor=_sine),
+        Temperature(value=swing[0], reference=0.0, expansion=expansion, factor=_cosine),
+        Temperature(value=swing[1], reference=0.0, expansion=expansion, factor=_sine),
     ]
+
+
+def _cosine(time: float) -> float:
+    return math.cos(FREQUENCY * time)
+
+
+def _sine(time: float) -> float:
+    return math.sin(FREQUENCY * time)
+
+
+def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
+    """Parts of mean + amplitude cos(w (t - lag)), warmest ``days`` after t = 0; lag in days."""
+    phase = FREQUENCY * DAY * (days + lag)
+    return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
+
+
+def _check_day(name: str, day: float) -> None:
+    check_number(name, day, lambda v: 0 <= v <= 366, "between 0 and 366", unit="days")
+
+
+def _space(jointed: JointedMesh, components: int) -> Any:
+    """Lagrange space of the degree of the mesh."""
+    from dolfinx import fem
+
+    shape = () if components == 1 else (components,)
+    return fem.functionspace(jointed.mesh, ("Lagrange", jointed.shape.degree, shape))
+
+
+def _face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
+    """Parts of the given temperatures at the nodes, shape (n, 3), NaN where none is given."""
+    from dolfinx import fem
+
+    good = isinstance(faces, Mapping) and bool(faces)
+    check_kind_of("faces", faces, good, "a temperature per facet group")
+    space = _space(jointed, 1)
+    gdim = jointed.mesh.geometry.dim
+    points = space.tabulate_dof_coordinates()[:, :gdim]
+    values = np.full((len(points), 3), np.nan)
+    for group, face in faces.items():
+        facets = jointed.facets(group)
+        nodes = fem.locate_dofs_topological(space, jointed.mesh.topology.dim - 1, facets)
+        with raised_together(jointed.mesh.comm):
+            values[nodes] = _parts(group, face, points[nodes], day)
+    return values
+
+
+def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
+    """Mean, cosine and sine of one face at its nodes, shape (n, 3)."""
+    name = f"The temperature of {group!r}"
+    if isinstance(face, AnnualWave | ReservoirTemperature):
+        return np.column_stack(face.parts(points, day))
+    if not callable(face):
+        check_number(name, face, lambda _: True, "finite")
+    mean = np.asarray(face(points) if callable(face) else face)
+    if mean.dtype.kind not in "if" or mean.shape not in ((), (len(points),)):
+        raise ValueError(
+            f"{name} has shape {mean.shape}; for {len(points)} points it must be a number or have "
+            f"shape ({len(points)},)."
+        )
+    if not np.all(np.isfinite(mean)):
+        raise ValueError(f"{name} is not finite at some of its points.")
+    return np.column_stack([mean * np.ones(len(points)), np.zeros((len(points), 2))])
+
+
+def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> Any:
+    """Field with given values at some nodes, NaN at the others (collective).
+
+    Args:
+        jointed: The mesh.
+        given: Shape (n, components).
+        diffusivity: None for a steady field, else that of the cosine and sine parts [m^2/s].
+    """
+    from dolfinx import fem
+    from dolfinx.fem import petsc as fem_petsc
+
+    components = given.shape[1]
+    space = _space(jointed, components)
+    t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
+    form = (diffusivity or 1.0) * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+    if diffusivity is not None:
+        form += FREQUENCY * (t[1] * q[0] - t[0] * q[1]) * ufl.dx
+    matrix = fem_petsc.assemble_matrix(fem.form(form))
+    matrix.assemble()
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    owned = given[: b.getLocalSize() // components].ravel()
+    known = np.isfinite(owned)
+    rows = (np.flatnonzero(known) + matrix.getOwnershipRange()[0]).astype(PETSc.IntType)
+    sides = [np.where(known, owned, 0.0)]
+    if diffusivity is None:
+        sides.append(known.astype(np.float64))
+    loads = []
+    for values in sides:
+        x.setArray(values)
+        matrix.mult(x, b)
+        loads.append(np.where(known, values, -b.getArray()))
+    matrix.zeroRowsColumns(rows, diag=1.0)
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.setOperators(matrix)
+    found = []
+    for load in loads:
+        b.setArray(load)
+        x.set(0.0)
+        ksp.solve(b, x)
+        found.append(x.getArray().copy())
+    for thing in (ksp, matrix, b, x):
+        thing.destroy()
+    comm = jointed.mesh.comm
+    # Where all faces are at 1 so is the body, unless a block has no such face.
+    isolated = [float(np.abs(ones - 1.0).max(initial=0.0)) for ones in found[1:]]
+    if not all(comm.allgather(all(error < ISOLATED for error in isolated))):
+        raise ValueError(
+            "A block has no face with a given temperature; joints let no heat through, so name a "
+            "facet group of each block in faces."
+        )
+    field = fem.Function(space, name="temperature")
+    field.x.array[: len(found[0])] = found[0]
+    field.x.scatter_forward()
+    return field

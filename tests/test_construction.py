@@ -221,6 +221,32 @@ def test_a_run_stays_at_rest_after_grouting(comm, wall, law):
     assert outcome.imbalance is None or outcome.imbalance < 1e-12
 
 
+def test_weight_carried_before_is_no_load_later(comm, wall):
+    """A shaken wall moves about its weighed state as one without weight does about zero."""
+
+    def shaking(time):
+        return 3.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.0])
+
+    moves = []
+    for loads in ([], [Gravity()]):
+        model = wall(loads)
+        run = Simulation(model)
+        if loads:
+            run.statics(joints="free")
+            run.grout()
+        outcome = run.dynamics(dt=2e-3, steps=20, motion=shaking)
+        moved = outcome.state.displacement.copy()
+        if loads:
+            moved.axpy(-1.0, run.static.displacement)
+        moves.append((moved, outcome.state.joints.state.gap))
+    (one, gap), (other, same_gap) = moves
+    assert comm.allreduce(int((gap[:, 0] > 1e-7).sum())) > 0  # joints have opened
+    np.testing.assert_allclose(same_gap, gap, rtol=0, atol=1e-9 * largest(comm, gap))
+    size = one.norm()
+    other.axpy(-1.0, one)
+    assert other.norm() < 1e-9 * size
+
+
 def test_grouted_gaps_that_opened_in_the_cold(comm, wall):
     """Active joints: points that carry nothing are closed, tractions of the others stay."""
     pull = [Traction(group="x_max", value=(1e5, 0.0, 0.0))]

@@ -331,6 +331,20 @@ def test_a_block_that_does_not_stand_is_refused(wall):
     Simulation(wall([Gravity()], supports=springs)).statics(joints="free")
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_plane_block_that_does_not_stand_is_refused(read, two_rectangles_file, order):
+    """The upper of two blocks rests on the joint alone."""
+    model = Model(
+        read(two_rectangles_file(order=order)),
+        material=CONCRETE,
+        joints=LAW,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+    )
+    with pytest.raises(JointsError, match=r"at joint_1, is held .* against 0 of 3 rigid motions"):
+        Simulation(model).statics(joints="free")
+
+
 def test_without_joints_grouting_is_nothing(read, wall_file):
     path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
     model = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])

@@ -15,6 +15,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "abort_on_error": "parallel",
+    "AnnualWave": "temperature_fields",
     "BaseMotion": "loads",
     "CheckpointError": "errors",
     "Checkpoints": "checkpoint",
@@ -55,8 +56,10 @@ _HOME = {
     "ResultsError": "errors",
     "ResultsMonitor": "monitors",
     "redistribute": "redistribution",
+    "ReservoirTemperature": "temperature_fields",
     "RigidJoint": "rigid",
     "SeepageLine": "joint_water",
+    "seasonal_temperatures": "temperature_fields",
     "SiltPressure": "water",
     "Simulation": "simulation",
     "Spring": "supports",
@@ -64,6 +67,8 @@ _HOME = {
     "StepControl": "stepping",
     "StiffnessProposal": "stiffness",
     "Temperature": "thermal",
+    "TemperatureError": "errors",
+    "temperature_from_file": "temperature_file",
     "Traction": "loads",
     "ViscousBoundary": "absorbing",
     "Uplift": "joint_water",
@@ -78,6 +83,7 @@ _HOME = {
     "read_msh": "mesh",
     "read_record": "record_reading",
     "split_mesh": "mesh",
+    "steady_temperature": "temperature_fields",
     "stiffness_proportional": "damping",
     "synthetic_motion": "records",
 }

@@ -153,6 +153,31 @@ class CheckpointKeeper:
         }
         on_root(self._comm, lambda: write_checkpoint(self._path, tree))
 
+    def save_static(self, static: StaticState) -> None:
+        """Write the end of a static stage alone (collective).
+
+        Raises:
+            CheckpointError: It cannot be written.
+        """
+        tree = {"run": self._facts, "static": self._kept(static)}
+        on_root(self._comm, lambda: write_checkpoint(self._path, tree))
+
+    def load_static(self) -> StaticState:
+        """What `save_static` wrote (collective).
+
+        Raises:
+            CheckpointError: There is no such file, it is damaged, or of another model.
+        """
+
+        def read() -> Tree:
+            tree = read_checkpoint(self._path, ("run", "static"))
+            difference = first_difference(tree["run"], self._facts)
+            if difference is not None:
+                raise CheckpointError(f"{self._path} is of another model; {difference}.")
+            return tree
+
+        return self._static(on_root(self._comm, read)["static"])
+
     def load(self, monitors: list[Any]) -> _Saved:
         """What the last checkpoint holds (collective).
 
@@ -231,6 +256,8 @@ class CheckpointKeeper:
             joints=self._response(tree["joints"]),
             reaction=self._vector(tree["reaction"]),
             reports=reports,
+            joints_free=tree.get("joints_free", False),
+            missing=tuple(tree.get("missing", ())),
         )
 
     def _mine(self) -> slice:
@@ -254,3 +281,9 @@ class CheckpointKeeper:
             }
 
         return Response(**{**own(tree), "state": JointState(**own(tree["state"]))})
+
+
+def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
+    """What writes and reads a static state of a model (collective)."""
+    at_zero = np.zeros(1)
+    return Checkpoints(path).keeper(model, model.system(), {}, None, at_zero)

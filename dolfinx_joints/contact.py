@@ -102,7 +102,11 @@ class Contact:
 
     def at_rest(self, u: Any) -> JointState:
         """State without shear traction at the displacement ``u`` (collective)."""
-        state = JointState.at_rest(self.gap(u), variables=self._variables)
+        return self.resting(self.gap(u))
+
+    def resting(self, gap: Floats) -> JointState:
+        """State without shear traction and without history at a gap, shape (n, 3), [m]."""
+        state = JointState.at_rest(gap, variables=self._variables)
         for law, points in self._laws:
             if hasattr(law, "initial_variables"):
                 first = law.initial_variables(state.gap[points])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -14,6 +15,7 @@ from petsc4py import PETSc
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
+from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.stages import Monitor, Outcome, Record
@@ -193,4 +195,21 @@ class DynamicRun:
             iterations=self._iterations,
             solver=self._solver.name,
             end_point_laws=self._end_point_laws,
+        )
+
+
+def warn_of(outcome: Outcome) -> None:
+    """Say what makes a run doubtful."""
+    if outcome.energy_error > LARGE_ENERGY_ERROR:
+        warnings.warn(
+            f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
+            "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
+            "smaller step.",
+            stacklevel=3,
+        )
+    if outcome.local_error > LARGE_LOCAL_ERROR:
+        warnings.warn(
+            f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
+            "displacement; take a smaller one.",
+            stacklevel=3,
         )

@@ -26,6 +26,10 @@ class CheckpointError(JointsError, ValueError):
     """A checkpoint that cannot be written, or a run that cannot be continued from one."""
 
 
+class TemperatureError(JointsError, ValueError):
+    """A file of temperatures that cannot be used."""
+
+
 class StudyError(JointsError, ValueError):
     """A study, a row or a table of one that cannot be used."""
 

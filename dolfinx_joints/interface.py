@@ -305,7 +305,8 @@ class _Step:
         self.condensed, self._contact, self._mine = condensed, contact, mine
         self._compliance, self._areas = condensed.compliance, areas
         self._free_gap, self.state, self._rule = free_gap, state, rule
-        reach = float(np.abs(free_gap.ravel() / self._compliance.scale[mine]).max(initial=0.0))
+        passed = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
+        reach = float((passed / self._compliance.scale[mine]).max(initial=0.0))
         self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
 
     def rounding(self, at: _Iterate) -> float:

@@ -259,14 +259,21 @@ class Model:
         mass.mult(uniform, force)
         return force
 
-    def system(self, extra_loads: Sequence[Load] = ()) -> MatrixSystem:
-        """The system with the model's loads and ``extra_loads`` (collective)."""
+    def system(
+        self, extra_loads: Sequence[Load] = (), *, only: Sequence[Load] | None = None
+    ) -> MatrixSystem:
+        """The system with the model's loads and ``extra_loads`` (collective).
+
+        Args:
+            extra_loads: Loads besides the model's own.
+            only: Those of the model's loads that act; all of them unless given.
+        """
         if any(isinstance(load, Temperature) for load in extra_loads):
             raise ValueError(
                 "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
                 "time, since stresses are recovered with the temperatures of the model."
             )
-        loads = (*self.loads, *extra_loads)
+        loads = (*(self.loads if only is None else only), *extra_loads)
         each = zip(_names(loads), loads, strict=True)
         named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]
         in_joints = {n: w for n, w in zip(_names(loads), loads, strict=True) if _follows(w)}

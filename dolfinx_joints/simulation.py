@@ -8,28 +8,27 @@ The loop knows no files, plots or progress bars: monitors do.
 from __future__ import annotations
 
 import time as clock
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
-from dolfinx_joints.dynamic_run import DynamicRun
-from dolfinx_joints.errors import ConvergenceError
-from dolfinx_joints.linear import STATIC
+from dolfinx_joints.dynamic_run import DynamicRun, warn_of
+from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
-from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import NewtonOptions, StepSolver
 from dolfinx_joints.solver_choice import check_kind, make_solver
 from dolfinx_joints.stages import Monitor, Outcome, StaticState
-from dolfinx_joints.states import DynamicState, Products, Scheme, initial_state
+from dolfinx_joints.states import DynamicState, Scheme, initial_state
+from dolfinx_joints.static_run import check_acting, check_complete, check_grouted, march
 from dolfinx_joints.stepping import StepControl, check_step, located
 from dolfinx_joints.system import MatrixSystem
 
@@ -78,25 +77,64 @@ class Simulation:
         self._watch = SmallDisplacements(model.contact)
         check_kind(solver)
 
-    def statics(self, *, steps: int = 1) -> StaticState:
-        """Apply the model's loads in equal steps from zero, joints active (collective).
+    def statics(
+        self, *, steps: int = 1, loads: Sequence[Load] | None = None, joints: str = "active"
+    ) -> StaticState:
+        """Bring loads to their values at time zero in equal steps (collective).
 
-        Friction depends on the path, so the number of steps matters where joints slide. Loads
-        with a time factor and prescribed displacements are taken at time zero. The body is loaded
-        as it stands, joints closed and stress-free: self weight then presses vertical joints by
-        arch and Poisson action only, and no construction sequence is followed.
+        Goes on from the last static stage, from zero without one: loads that acted at its end stay
+        if they are named again, and go if they are not. Friction depends on the path, so the number
+        of steps matters where joints slide.
 
         Args:
             steps: Number of load steps.
+            loads: Those of the model's loads that act at the end; all of them unless given.
+            joints: ``active``, or ``free``: blocks stand alone, joints carry nothing until
+                `grout`. A run may begin so.
 
         Raises:
-            ValueError: ``steps`` is not positive.
+            ValueError: ``steps`` is not positive, a load is not the model's, or ``joints`` is
+                unknown.
+            JointsError: Joints are free and should have been grouted, or should be free and have
+                been active; a block does not stand without its joints.
             ConvergenceError: A load step did not converge.
             JointsError: Water in a joint and its openings do not come to agree.
         """
         check_count("steps", steps, 1, "at least one load step is needed")
-        factors = np.arange(1, steps + 1) / steps
-        return self._statics([(None, float(f)) for f in factors])
+        kinds = ("active", "free")
+        check_kind_of("joints", joints, joints in kinds, "'active' or 'free'")
+        acting = self.model.loads if loads is None else loads
+        check_acting(self.model, acting)
+        free = joints == "free"
+        if free:
+            from dolfinx_joints.construction import check_may_be_free
+
+            check_may_be_free(self.model, self.static, acting)
+        shares = np.arange(1, steps + 1) / steps
+        return self._statics([(None, float(share)) for share in shares], acting, free=free)
+
+    def grout(self, joints: Sequence[str] | None = None, *, gap: float = 0.0) -> StaticState:
+        """Close joints free of stress where they stand after a static stage (collective).
+
+        Where a joint carries nothing, free or open, its gap and slip count anew from here; points
+        in contact stay as they are. Joints that were free and are not named stay open by what
+        their blocks have moved apart, and are active from now on as well.
+
+        Args:
+            joints: Names of the joints to be grouted, all of them unless given.
+            gap: What the grout leaves open [m].
+
+        Raises:
+            ValueError: ``gap`` is negative, or ``joints`` no list of names.
+            JointsError: There was no static stage.
+            MeshError: A name stands for no joint.
+        """
+        from dolfinx_joints.construction import grouted
+
+        if self.static is None:
+            raise JointsError("There is nothing to grout yet: run statics(joints='free') before.")
+        self.static = grouted(self.model, self.static, joints, gap)
+        return self.static
 
     def quasi_statics(self, times: Sequence[float]) -> StaticState:
         """Equilibrium at each of a sequence of times, in order (collective).
@@ -115,50 +153,61 @@ class Simulation:
         check_count("The number of times", len(path), 1, "at least one is needed")
         for time in path:
             check_number("A time", time, lambda _: True, "finite", unit="s")
-        return self._statics([(float(t), 1.0) for t in path], resume=True)
+        return self._statics([(float(t), 1.0) for t in path], self.model.loads)
 
     def _statics(
-        self, path: list[tuple[float | None, float]], *, resume: bool = False
+        self,
+        path: Sequence[tuple[float | None, float]],
+        acting: Sequence[Load],
+        *,
+        free: bool = False,
     ) -> StaticState:
-        """March through (time, load factor), time None for a ramp at time zero."""
+        """March from the last static state; see `march`."""
+        if not free:
+            check_grouted(self.static)
         with self._phase("static"):
-            system = self.model.system()
-            solver = make_solver(system, self._newton, self._kind, static_steps=len(path))
-            u = system.stiffness.createVecRight()
-            u.set(0.0)
-            joints = system.resistance.at_rest(u) if system.resistance else None
-            if resume and self.static is not None:
-                self.static.displacement.copy(u)
-                joints = self.static.joints.state if self.static.joints else None
-            if system.water is not None and joints is not None:
-                system.water.enter(joints.gap)
-                solver = system.water.settling(solver)
-            held, reports = system.constrained, []
-            elastic_force, load, b, x = (u.duplicate() for _ in range(4))
-            system.stiffness.mult(u, elastic_force)
-            for step, (time, scale) in enumerate(path, start=1):
-                system.load(time or 0.0, load, scale=scale)
-                b.waxpy(-1.0, elastic_force, load)
-                x.set(0.0)
-                at_supports = system.prescribed(time or 0.0, scale=scale)
-                x.getArray()[held] = at_supports - u.array[held]
-                try:
-                    response, report = solver.solve(STATIC, b, x, joints)
-                    products = Products(solver, STATIC, b, x, response)
-                except ConvergenceError as failure:
-                    self._watch.warn("in a static stage")
-                    raise located(failure, stage="static", step=step, time=time) from None
-                u.axpy(1.0, x)
-                elastic_force.axpy(1.0, products.stiffness)
-                if response:
-                    joints = response.state
-                    self._watch.see(joints.gap)
-                reports.append(report)
-            self._watch.warn("in a static stage")
-            self.static = StaticState(
-                displacement=u, joints=response, reaction=products.reaction, reports=reports
+            self.static = march(
+                self.model,
+                self.static,
+                path,
+                acting,
+                free=free,
+                newton=self._newton,
+                kind=self._kind,
+                watch=self._watch,
             )
-            free_petsc_garbage(self.model.jointed.mesh.comm)
+        return self.static
+
+    def save_static(self, path: str | Path) -> None:
+        """Keep the end of the last static stage in a file, to go on from it later (collective).
+
+        A file that is there already is replaced at once.
+
+        Args:
+            path: The file.
+
+        Raises:
+            JointsError: There was no static stage.
+            CheckpointError: The file cannot be written.
+        """
+        if self.static is None:
+            raise JointsError("There is no static state to save yet: run statics() before.")
+        from dolfinx_joints.checkpoint import static_keeper
+
+        static_keeper(path, self.model).save_static(self.static)
+
+    def load_static(self, path: str | Path) -> StaticState:
+        """Go on from a static state of the same model that was saved (collective).
+
+        Args:
+            path: The file that `save_static` wrote, on any number of ranks.
+
+        Raises:
+            CheckpointError: There is no such file, it is damaged, or of another model.
+        """
+        from dolfinx_joints.checkpoint import static_keeper
+
+        self.static = static_keeper(path, self.model).load_static()
         return self.static
 
     def dynamics(
@@ -217,6 +266,9 @@ class Simulation:
                     "motion is given beside a FreeField, which moves the ground already; give one."
                 )
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        if not resume and start is None:
+            check_grouted(self.static)
+            check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
         with self._phase("set-up of the dynamic stage"):
@@ -256,7 +308,7 @@ class Simulation:
         self._watch.warn(f"by t = {run.state.time:.4g} s")
         outcome = run.outcome()
         if self.model.jointed.mesh.comm.rank == 0:
-            _warn_of(outcome)
+            warn_of(outcome)
         return outcome
 
     def _step(self, run: DynamicRun, dt: float) -> None:
@@ -345,23 +397,6 @@ class Simulation:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
-
-
-def _warn_of(outcome: Outcome) -> None:
-    """Say what makes a run doubtful."""
-    if outcome.energy_error > LARGE_ENERGY_ERROR:
-        warnings.warn(
-            f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
-            "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
-            "smaller step.",
-            stacklevel=3,
-        )
-    if outcome.local_error > LARGE_LOCAL_ERROR:
-        warnings.warn(
-            f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
-            "displacement; take a smaller one.",
-            stacklevel=3,
-        )
 
 
 def _check_motion(motion: Any, gdim: int) -> None:

@@ -97,12 +97,16 @@ class StaticState:
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at free dofs [N].
         reports: How the solves went, one per load step.
+        joints_free: Whether the joints carried nothing: blocks stood alone.
+        missing: Loads of the model that did not act.
     """
 
     displacement: PETSc.Vec
     joints: Response | None
     reaction: PETSc.Vec
     reports: list[SolveReport]
+    joints_free: bool = False
+    missing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -30,7 +31,8 @@ class Temperature:
     Attributes:
         value: T, a number, a function of the place x (UFL) that gives a UFL expression, or a scalar
             DOLFINx function on the model's mesh [degrees C or K].
-        reference: T_0, at which the body is free of stress and the joints are closed [like T].
+        reference: T_0, at which the body is free of stress and the joints are closed [like T]; or
+            one per named cell group, such as the closure temperatures of blocks.
         expansion: Coefficient of linear thermal expansion alpha [1/K].
         cells: Name of the cell group concerned, the whole body unless given.
         factor: Multiplier f of T - T_0 at a time [s]; 1 unless given.
@@ -40,7 +42,7 @@ class Temperature:
     """
 
     value: Any
-    reference: float
+    reference: float | Mapping[str, float]
     expansion: float
     cells: str | None = None
     factor: TimeFactor = always
@@ -49,7 +51,10 @@ class Temperature:
         """Check the parameters."""
         if not callable(self.value):
             check_number("Temperature: value", self.value, lambda _: True, "finite")
-        check_number("Temperature: reference", self.reference, lambda _: True, "finite")
+        if not isinstance(self.reference, Mapping):
+            check_number("Temperature: reference", self.reference, lambda _: True, "finite")
+        for group, value in _by_group(self.reference).items():
+            check_number(f"Temperature: reference of {group!r}", value, lambda _: True, "finite")
         check_number(
             "Temperature: expansion",
             self.expansion,
@@ -71,7 +76,32 @@ class Temperature:
 
     def blocked_stress(self, model: Model) -> Any:
         """Pressure that it makes in a body held still (UFL), [Pa]."""
-        return model.body.blocked_stress(self.expansion * (self._field(model) - self.reference))
+        change = self._field(model) - self._reference(model)
+        return model.body.blocked_stress(self.expansion * change)
+
+    def _reference(self, model: Model) -> Any:
+        """T_0 as a number, or as a function of degree 0."""
+        from dolfinx import fem
+
+        if not isinstance(self.reference, Mapping):
+            return self.reference
+        jointed = model.jointed
+        space = fem.functionspace(jointed.mesh, ("DG", 0))
+        field, count = fem.Function(space), np.zeros(len(space.dofmap.list), dtype=np.int64)
+        for group, value in self.reference.items():
+            cells = jointed.cells(group)
+            field.x.array[space.dofmap.list[cells, 0]] = value
+            count[cells] += 1
+        owned = jointed.mesh.topology.index_map(model.gdim).size_local
+        concerned = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
+        wrong = int((count[concerned[concerned < owned]] != 1).sum())
+        if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
+            where = "the mesh" if self.cells is None else repr(self.cells)
+            raise ValueError(
+                f"Temperature: {wrong} cells have no reference or several; its groups, "
+                f"{', '.join(self.reference) or 'none'}, must cover {where} without overlap."
+            )
+        return field
 
     def _field(self, model: Model) -> Any:
         """T as a number or a UFL expression."""
@@ -90,3 +120,8 @@ class Temperature:
         if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):
             raise ValueError("Temperature: value lives on another mesh than jointed.mesh.")
         return value
+
+
+def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
+    """Reference temperatures by cell group, none where there is one for all."""
+    return reference if isinstance(reference, Mapping) else {}

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The arch dam of the 1992 paper as a case: numbers in, a results file out.
 
-The dam stands on a rigid base, its basin is empty. Self weight acts first, with the joints active;
-then the ground shakes in three directions. Damping is a constant matrix, 2 % at 5 Hz. Another dam
-is made by other numbers::
+The dam stands on a rigid base, its basin is empty. Self weight acts first, with the joints active
+or before they are grouted; then the ground shakes in three directions. Damping is a constant
+matrix, 2 % at 5 Hz. Another dam is made by other numbers::
 
     run(Case(height=100.0, crest_length=300.0, joints=20, size=12.0, steps=410), "joints", folder)
 """
@@ -73,12 +73,11 @@ class Case:
         friction_angle_deg: Of the joints [degrees].
         normal_stiffness: k_n of the joints [Pa/m].
         shear_ratio: k_s/k_n.
-        gap: Of all joints, before self weight acts [m]: where it stays open afterwards, the first
-            state of the results file says.
+        gap: Of all joints [m]: before self weight acts (where it stays open afterwards, the first
+            state of the results file says), or what the grout leaves.
         self_weight: ``finished``: it acts on the finished dam, and the joints with it. ``grouted``:
-            it has been carried before the joints were grouted, and leaves them closed and free of
-            traction. The body being linear, that is a run without weight: displacements count from
-            the state under it, and stresses are what is added to its own.
+            the blocks carry it alone, then their joints are closed free of stress. A crest arch is
+            not cut, and ties the blocks in both.
         scheme: ``ec``, energy-consistent, or ``newmark``, average acceleration.
         time_step: [s].
         steps: Number of time steps.
@@ -222,8 +221,23 @@ def make_mesh(case: Case, folder: str | Path, comm: Any = MPI.COMM_WORLD) -> Pat
     return on_root(comm, make)
 
 
-def build(case: Case, which: Which, mesh: Path, comm: Any = MPI.COMM_WORLD) -> dj.Model:
-    """The dam as a monolith ("linear") or cut at its joints ("joints") (collective)."""
+def build(
+    case: Case,
+    which: Which,
+    mesh: Path,
+    comm: Any = MPI.COMM_WORLD,
+    *,
+    loads: Sequence[Any] = (),
+) -> dj.Model:
+    """The dam as a monolith ("linear") or cut at its joints ("joints") (collective).
+
+    Args:
+        case: The case.
+        which: One of the two.
+        mesh: What `make_mesh` wrote.
+        comm: MPI communicator of the mesh.
+        loads: Loads besides self weight.
+    """
     check_kind_of("which", which, which in get_args(Which), " or ".join(get_args(Which)))
     cut = which == "joints"
     jointed = dj.read_msh(mesh, comm, joints=None if cut else [])
@@ -232,7 +246,7 @@ def build(case: Case, which: Which, mesh: Path, comm: Any = MPI.COMM_WORLD) -> d
         material=CONCRETE,
         joints=case.law() if cut else None,
         supports=list(SUPPORTS),
-        loads=[dj.Gravity()] if case.self_weight == "finished" else [],
+        loads=[dj.Gravity(), *loads],
         damping=DAMPING,
         initial_gaps=dict.fromkeys(jointed.joint_names, case.gap) if case.gap else None,
     )
@@ -263,7 +277,7 @@ def simulate(
     envelopes: bool = False,
     monitors: Sequence[Any] = (),
 ) -> Finished:
-    """Self weight in four load steps with the joints active, then the earthquake (collective).
+    """Static loads in four steps as the case says, then the earthquake (collective).
 
     Args:
         case: The case.
@@ -288,8 +302,11 @@ def simulate(
         envelopes=envelopes,
     )
     simulation = dj.Simulation(model, monitors=[recorded, *monitors], solver=solver)
-    if model.loads:
-        simulation.statics(steps=LOAD_STEPS)
+    if case.self_weight == "grouted":
+        weight = [load for load in model.loads if isinstance(load, dj.Gravity)]
+        simulation.statics(joints="free", loads=weight)
+        simulation.grout(gap=case.gap)
+    simulation.statics(steps=LOAD_STEPS)
     outcome = simulation.dynamics(
         dt=case.time_step, steps=case.steps, motion=motion, scheme=SCHEMES[case.scheme]
     )

@@ -162,6 +162,17 @@ def test_each_block_has_a_reference(comm):
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
 
 
+def test_one_load_with_a_reference_per_block(comm):
+    """The same openings as with a load for each block."""
+    load = Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)
+    model = model_of(bar(comm), [load])
+    state = Simulation(model).statics()
+    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
+    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
+    found = SurfaceStress(model, NodeGather(model))(state.displacement, 0.0)
+    assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
+
+
 def test_field_on_the_mesh(comm):
     """A DOLFINx function of degree 0: the openings of the block-wise temperatures above."""
     jointed = bar(comm)
@@ -258,6 +269,7 @@ def test_refusals(comm):
     for wrong, message in (
         ({"value": "cold"}, "value is 'cold'; it must be finite"),
         ({"reference": float("inf")}, "reference is inf; it must be finite"),
+        ({"reference": {"low": "warm"}}, "reference of 'low' is 'warm'; it must be finite"),
         ({"expansion": -1.0}, "expansion is -1.0 1/K; it must be zero or more"),
         ({"cells": 3}, "cells is 3; it must be the name of a cell group"),
     ):
@@ -271,6 +283,8 @@ def test_refusals(comm):
         ({"value": x[0]}, "value lives on another mesh than jointed.mesh"),
         ({"value": lambda x: 1.0 / (x[0] - x[0])}, "value is not finite in the whole of its cells"),
         ({"factor": 2.0}, "factor is 2.0; it must be a function of time"),
+        ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; its groups, low,"),
+        ({"reference": {}}, r"32 cells have no reference or several; its groups, none,"),
     ):
         with pytest.raises(ValueError, match=message):
             model_of(jointed, [Temperature(**{**good, **wrong})]).system()

@@ -1,0 +1,277 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Temperatures in a body from those of its faces, and from files.
+
+A wall [0, L] x [0, d] x [0, H], its faces y = 0 and y = d at given temperatures. Expected:
+
+    steady          T0 + (T1 - T0) y / d, whatever the joints across x
+    over the year   Re(e^{iwt} A cosh(q (y - d/2)) / cosh(q d/2)), q = sqrt(i w / kappa),
+                    both faces at A cos(wt); far inside a thick wall exp(-y sqrt(w / 2 kappa))
+    reservoir       Zhu (1997): at depth y the mean c + (m - c) e^{-0.04 y}, the amplitude
+                    A e^{-0.018 y}, the lag 2.15 - 1.30 e^{-0.085 y} months
+"""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx import fem
+
+from dolfinx_joints import (
+    AnnualWave,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    MeshError,
+    Model,
+    ReservoirTemperature,
+    Simulation,
+    Temperature,
+    TemperatureError,
+    seasonal_temperatures,
+    steady_temperature,
+    temperature_from_file,
+)
+from dolfinx_joints.temperature_fields import DAY, FREQUENCY, MONTH, YEAR
+
+pytestmark = pytest.mark.mpi
+
+D = 4.0
+FACES = ("y_min", "y_max")
+LAW = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """``wall(cells, order)``: two blocks of 2 m, 4 m thick and 3 m high."""
+
+    def make(cells=4, order=1):
+        path = wall_file(
+            length=4.0, thickness=D, height=3.0, divisions=(2, cells, 1), joints=1, order=order
+        )
+        return read(path)
+
+    return make
+
+
+def places(field):
+    """Coordinates of the nodes of a field, shape (n, 3), ghosts included."""
+    return field.function_space.tabulate_dof_coordinates()
+
+
+def nodal(value, jointed):
+    """A scalar UFL value at the nodes of the mesh."""
+    space = fem.functionspace(jointed.mesh, ("Lagrange", jointed.shape.degree))
+    f = fem.Function(space)
+    points = space.element.interpolation_points
+    points = points() if callable(points) else points
+    f.interpolate(fem.Expression(value, points, comm=jointed.mesh.comm))
+    return f.x.array, space.tabulate_dof_coordinates()
+
+
+def test_linear_through_the_thickness(wall):
+    jointed = wall()
+    field = steady_temperature(jointed, {"y_min": 4.0, "y_max": lambda x: 16.0 + 0.0 * x[:, 0]})
+    np.testing.assert_allclose(field.x.array, 4.0 + 12.0 * places(field)[:, 1] / D, rtol=1e-12)
+
+
+def test_uniform(wall):
+    """Where all faces have it, and the mean of what swings."""
+    faces = dict.fromkeys(FACES, AnnualWave(mean=9.0, amplitude=7.0))
+    field = steady_temperature(wall(), faces)
+    np.testing.assert_allclose(field.x.array, 9.0, rtol=1e-12)
+
+
+def test_cold_that_is_linear_through_the_thickness(wall):
+    """An open joint opens on average by alpha times the mean cooling times the length.
+
+    By reciprocity (Maysel): a uniform pull on the joint's faces makes a uniform stress along x,
+    whose trace times alpha dT, summed over the body, is the pull times the mean opening. Blocks
+    are held in planes of symmetry and at x = 0 and 4 m along x.
+    """
+    jointed = wall(4)
+    field = steady_temperature(jointed, {"y_min": 4.0, "y_max": 10.0})
+    cold = Temperature(value=field, reference={"concrete": 12.0}, expansion=1e-5)
+    model = Model(
+        jointed,
+        material=Elastic(young=25e9, poisson=0.2, density=2400.0),
+        joints=LAW,
+        supports=[
+            Fixed(group="x_min", components="x"),
+            Fixed(group="x_max", components="x"),
+            Fixed(group="y_min", components="y"),
+            Fixed(group="base", components="z"),
+        ],
+        loads=[cold],
+    )
+    gap = Simulation(model).statics().joints.state.gap[:, 0]
+    mean = model.contact.integral(gap) / model.contact.integral(np.ones(len(gap)))
+    assert mean == pytest.approx(1e-5 * 5.0 * 4.0, rel=1e-9)
+
+
+def exact_wave(y, diffusivity):
+    """Complex amplitude for a swing of 1 on both faces."""
+    q = cmath.sqrt(1j * FREQUENCY / diffusivity)
+    return np.cosh(q * (y - 0.5 * D)) / cmath.cosh(q * 0.5 * D)
+
+
+def wave_error(jointed, diffusivity):
+    """Largest error of a swing of 10 K, relative, and the three loads."""
+    faces = dict.fromkeys(FACES, AnnualWave(mean=9.0, amplitude=10.0, warmest_day=0.0))
+    loads = seasonal_temperatures(
+        jointed, faces, reference=12.0, expansion=1e-5, diffusivity=diffusivity, day=0.0
+    )
+    cosine, x = nodal(loads[1].value, jointed)
+    sine, _ = nodal(loads[2].value, jointed)
+    exact = 10.0 * exact_wave(x[:, 1], diffusivity)
+    # Re((a + ib) e^{iwt}) = a cos wt - b sin wt.
+    error = max(
+        np.abs(cosine - exact.real).max(initial=0.0), np.abs(sine + exact.imag).max(initial=0.0)
+    )
+    return max(jointed.mesh.comm.allgather(float(error))) / 10.0, loads
+
+
+def test_season_inside_a_wall(wall):
+    """The error falls with the square of the cells, and the middle hardly sees the season."""
+    coarse, fine = (wave_error(wall(cells), 1e-7)[0] for cells in (8, 16))
+    assert fine < 6e-3
+    assert coarse / fine == pytest.approx(4.0, rel=0.15)
+    assert abs(exact_wave(0.5 * D, 1e-7)) < 0.3
+
+
+def test_a_thin_wall_follows_the_season(wall):
+    """With much diffusivity the body has the temperature of its faces."""
+    error, loads = wave_error(wall(2), 1.0)
+    assert error < 1e-4
+    factors = [load.factor(0.25 * YEAR) for load in loads]
+    np.testing.assert_allclose(factors, [1.0, 0.0, 1.0], atol=1e-12)
+    assert [load.reference for load in loads] == [12.0, 0.0, 0.0]
+    middle, x = nodal(loads[1].value, wall(2))
+    np.testing.assert_allclose(middle[np.isclose(x[:, 1], 2.0)], 10.0, rtol=1e-3)
+
+
+def total(parts, days):
+    """Temperature so many days after t = 0."""
+    mean, cosine, sine = parts
+    phase = FREQUENCY * DAY * days
+    return mean + cosine * math.cos(phase) + sine * math.sin(phase)
+
+
+def test_waves_of_air_and_water():
+    air = AnnualWave(mean=10.0, amplitude=9.0, warmest_day=200.0)
+    points = np.array([[0.0, 0.0, 60.0], [0.0, 0.0, 50.0], [1.0, 2.0, 30.0]])
+    # t = 0 is day 50: the air is warmest 150 days later and coldest half a year after that.
+    parts = air.parts(points, 50.0)
+    np.testing.assert_allclose(total(parts, 150.0), 19.0, rtol=1e-14)
+    np.testing.assert_allclose(total(parts, 150.0 + 365.25 / 2), 1.0, rtol=1e-13)
+    water = ReservoirTemperature(
+        level=50.0, air=air, surface_mean=12.0, surface_amplitude=8.0, deep_mean=5.0
+    )
+    parts = water.parts(points, 50.0)
+    assert total(parts, 150.0)[0] == pytest.approx(19.0, rel=1e-14)  # in the air
+    mean, amplitude = 5.0 + 7.0 * math.exp(-0.8), 8.0 * math.exp(-0.36)  # 20 m deep
+    assert parts[0][2] == pytest.approx(mean, rel=1e-14)
+    lag = (2.15 - 1.30 * math.exp(-1.7)) * MONTH / DAY
+    assert total(parts, 150.0 + lag)[2] == pytest.approx(mean + amplitude, rel=1e-13)
+    assert np.hypot(parts[1][2], parts[2][2]) == pytest.approx(amplitude, rel=1e-14)
+
+
+def written(comm, path, text):
+    """The path of a file that rank 0 has written."""
+    if comm.rank == 0:
+        path.write_text(text, encoding="utf-8")
+    comm.barrier()
+    return path
+
+
+CORNERS = [(x, y, z) for x in (0.0, 4.0) for y in (-1.0, 4.0) for z in (0.0, 3.0)]
+TABLE = "x,y,z,T\n" + "".join(f"{x},{y},{z},{3 * x - y + 2 * z + 7}\n" for x, y, z in CORNERS)
+# What lies at 9 m and above where it should be at 0 to 4 m.
+IN_MM = "x,y,z,T\n" + "".join(f"{9e3 + x},{9e3 + y},{9e3 + z},5\n" for x, y, z in CORNERS)
+
+
+def test_points_of_a_file(comm, wall, new_path):
+    """Linear data come back at every node, comments and empty lines do not count."""
+    path = written(comm, new_path("t.csv"), "# from the thermal model\n\n" + TABLE)
+    field = temperature_from_file(path, wall())
+    x, y, z = places(field).T
+    np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
+
+
+def test_nodes_outside_take_the_nearest_point(comm, wall, new_path):
+    lower = "".join(f"{x},{y},{z},5\n" for x, y, _ in CORNERS for z in (0.0, 2.5))
+    rows = sorted(set(lower.split()))
+    path = written(comm, new_path("t.csv"), "x,y,z,T\n" + "\n".join(rows))
+    with pytest.raises(TemperatureError, match=r"no point within 0.2 m of the node at .*, 3\) m"):
+        temperature_from_file(path, wall(), reach=0.2)
+    field = temperature_from_file(path, wall(), reach=3.0)
+    np.testing.assert_allclose(field.x.array, 5.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; its first line must be x,y,z,T"),
+        ("# nothing\n\n", "is empty"),
+        ("x,y,T\n0,0,1\n", "line 1: the columns are x,y,T; they must be x,y,z,T, in m"),
+        ("1,2,3,4\n", "line 1: the columns are 1,2,3,4"),
+        ("x [mm],y,z,T\n1,2,3,4\n", r"line 1: the columns are x \[mm\],y,z,T"),
+        (TABLE + "1,2,3\n", "line 10: 3 values, the columns are x,y,z,T"),
+        (TABLE + "1,2,3,4,5\n", "line 10: 5 values"),
+        (TABLE + "1,2,3,warm\n", "line 10: T is 'warm'; it must be a number"),
+        (TABLE + "1,2,nan,4\n", "line 10: z is nan; it must be finite"),
+        (TABLE + "0,-1,0,9\n", "names 1 points more than once"),
+        ("x,y,z,T\n", "has 0 points that span 0 of 3 dimensions"),
+        ("x,y,z,T\n0,0,0,1\n1,0,0,1\n0,1,0,1\n1,1,0,1\n", "has 4 points that span 2 of 3"),
+        (IN_MM, "no point within 1 m of the node"),
+    ],
+)
+def test_malformed_files(comm, wall, new_path, text, message):
+    path = written(comm, new_path("t.csv"), text)
+    with pytest.raises(TemperatureError, match=message):
+        temperature_from_file(path, wall())
+
+
+def test_no_text(comm, wall, new_path):
+    path = new_path("t.csv")
+    with pytest.raises(TemperatureError, match="cannot be read as text"):
+        temperature_from_file(path, wall())
+    if comm.rank == 0:
+        path.write_bytes(b"\x89HDF\xff\xfe\x00")
+    comm.barrier()
+    with pytest.raises(TemperatureError, match="cannot be read as text"):
+        temperature_from_file(path, wall())
+
+
+def test_refusals(wall):
+    """One sentence each, on all ranks."""
+    jointed = wall()
+    for faces, message in (
+        ({}, "faces is {}; it must be a temperature per facet group"),
+        (4.0, "faces is 4.0; it must be a temperature per facet group"),
+        ({"y_min": math.nan}, "The temperature of 'y_min' is nan; it must be finite"),
+        ({"y_min": "cold"}, "The temperature of 'y_min' is 'cold'"),
+        ({"x_min": 4.0}, "A block has no face with a given temperature; joints let no heat"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            steady_temperature(jointed, faces)
+    with pytest.raises(MeshError, match="no facet group 'north'"):
+        steady_temperature(jointed, {"north": 4.0})
+    good = {"reference": 12.0, "expansion": 1e-5}
+    faces = {"y_min": AnnualWave(mean=9.0, amplitude=5.0)}
+    for wrong, message in (
+        ({"diffusivity": 0.0}, r"diffusivity is 0.0 m\^2/s; it must be positive"),
+        ({"day": 400}, "day is 400 days; it must be between 0 and 366"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            seasonal_temperatures(jointed, faces, **good, **wrong)
+    with pytest.raises(ValueError, match="AnnualWave: amplitude is -1.0; it must be zero or more"):
+        AnnualWave(mean=9.0, amplitude=-1.0)
+    with pytest.raises(ValueError, match="air is 9.0; it must be an AnnualWave"):
+        ReservoirTemperature(
+            level=50.0, air=9.0, surface_mean=12.0, surface_amplitude=8.0, deep_mean=5.0
+        )

@@ -95,9 +95,11 @@ class Scene:
             friction_angle_deg=angle,
         )
 
-    def read(self, path: Path, *, tied: bool = False) -> dj.JointedMesh:
+    def read(
+        self, path: Path, *, tied: bool = False, comm: MPI.Comm = MPI.COMM_WORLD
+    ) -> dj.JointedMesh:
         """The mesh, split at the joints unless they are tied (collective)."""
-        return dj.read_msh(path, MPI.COMM_WORLD, joints=[] if tied else None)
+        return dj.read_msh(path, comm, joints=[] if tied else None)
 
     def model(self, jointed: dj.JointedMesh, law: Law | None) -> dj.Model:
         """The assembled model, with the law of all joints or without joints (collective)."""

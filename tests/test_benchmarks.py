@@ -16,7 +16,7 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks import agreement, compliances, jointed_wall, scaling, stiffness_range
+from benchmarks import agreement, compliances, jointed_wall, ranks, scaling, stiffness_range
 from benchmarks._parts import PARTS, Clocks
 from benchmarks._scenes import wall
 from dolfinx_joints.contact import Contact
@@ -31,6 +31,17 @@ def printed(capsys):
     """The JSON object of the last line, on rank 0; None elsewhere."""
     lines = capsys.readouterr().out.splitlines()
     return json.loads(lines[-1]) if MPI.COMM_WORLD.rank == 0 else None
+
+
+@pytest.mark.mpi
+def test_equal_on_all_ranks(capsys, monkeypatch):
+    assert ranks.main(["--scenes", "tiny", "--steps", "5", "--json"]) == 0
+    if MPI.COMM_WORLD.rank == 0:
+        assert printed(capsys)["tiny"]["ranks"] == MPI.COMM_WORLD.size
+    # No two programs agree to the last bit of everything, one rank with itself does.
+    if MPI.COMM_WORLD.size > 1:
+        monkeypatch.setattr(ranks, "BOUND", 1e-18)
+        assert ranks.main(["--scenes", "tiny", "--steps", "5"]) == 1
 
 
 @pytest.mark.mpi

@@ -145,6 +145,31 @@ class Contact:
         with raised_together(self.operator.comm):
             return self._ask(rule, free_gap, compliance, state)
 
+    def colours(self, count: int) -> list[list[tuple[Law, NDArray[np.int64]]]]:
+        """Local points by their number over all ranks modulo ``count``, and by law (collective)."""
+        size = len(self.operator.areas)
+        first = self.operator.comm.exscan(size) or 0
+        colour = (first + np.arange(size)) % count
+        return [[(law, p[colour[p] == c]) for law, p in self._laws] for c in range(count)]
+
+    def tractions_locally(
+        self,
+        part: list[tuple[Law, NDArray[np.int64]]],
+        free_gap: Floats,
+        compliance: Floats,
+        state: JointState,
+        rule: Rule,
+    ) -> list[tuple[NDArray[np.int64], Floats]]:
+        """Points and tractions of one of the `colours`; see `respond_locally` (collective)."""
+        answers = []
+        with raised_together(self.operator.comm):
+            for law, points in part:
+                before = _state_of(law, points, state)
+                method = _local_method(law, rule)
+                answer = method(free_gap[points], compliance[points], before)
+                answers.append((points, answer.traction))
+        return answers
+
     def _ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:

@@ -16,18 +16,18 @@ it is done in the scaled forces f and gaps of `compliance`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
-from numba import njit
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.condensed import Condensed
 from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.corrections import Correction
+from dolfinx_joints.joint_step import Colours, Iterate, JointStep
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.linear import STATIC, Cache, Effective, EffectiveMatrix, free_dofs
 from dolfinx_joints.resistance import JointResistance
@@ -43,29 +43,15 @@ KEPT_BYTES = 2_000_000_000
 # well as the iteration converges (Eisenstat and Walker 1996).
 INNER_TOLERANCE = 0.03
 
+# After a step of so many iterations, and as long as steps take so many, iterates whose residual is
+# larger than this part of the largest force are swept point by point, in so many colours. A sweep
+# takes the time of two iterations and saves one: it is for steps too long for the last to tell of
+# the next. With fewer colours it does less (measured in docs/design.md).
+HARD, EASY = 7, 4
+POOR, COLOURS = 0.03, 32
+
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Iterate:
-    """Scaled forces with what follows from them.
-
-    Attributes:
-        force: f, shape (m,), the same on every rank.
-        coupled: S f.
-        residual: r.
-        tangent: T, shape (points, 3, 3).
-        largest: Largest scaled force that the law gives.
-        response: Of the rank's points.
-    """
-
-    force: Floats
-    coupled: Floats
-    residual: Floats
-    tangent: Floats
-    largest: float
-    response: Response
 
 
 class InterfaceSolver:
@@ -103,6 +89,7 @@ class InterfaceSolver:
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
+        self._sweeps = False
         self._condensed = Cache(
             lambda key: Condensed(system, key[0], operator, key[1], newton),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
@@ -130,8 +117,10 @@ class InterfaceSolver:
         if condensed.static:
             self._refine(condensed.matrix, b, x)
         free_gap = state.gap + self._contact.operator.gap(x)
-        step = _Step(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
-        found, iterations, relative = self._iterate(step, self._start(step))
+        step = JointStep(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
+        start = self._smoothed(step, self._start(step))
+        found, iterations, relative = self._iterate(step, start)
+        self._sweeps = iterations >= (EASY if self._sweeps else HARD)
         nothing = np.zeros_like(found.force)
         self._last = (condensed, nothing, nothing)
         for _ in range(1 + REFINEMENTS * condensed.static):
@@ -167,7 +156,7 @@ class InterfaceSolver:
             }
             for name, (condensed, force, coupled) in starts
         }
-        return {"matrices": matrices, **known}
+        return {"matrices": matrices, "sweeps": self._sweeps, **known}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what another's ``memory`` gave (collective)."""
@@ -186,8 +175,9 @@ class InterfaceSolver:
             return found, memory[name]["force"], memory[name]["coupled"]
 
         self._last, self._before = start("last"), start("before")
+        self._sweeps = memory["sweeps"]
 
-    def _start(self, step: _Step) -> _Iterate:
+    def _start(self, step: JointStep) -> Iterate:
         """The better of two starts: the last step's forces, and the line through the last two."""
         known, force, coupled = self._last
         if known is not step.condensed:
@@ -201,6 +191,23 @@ class InterfaceSolver:
             return start
         ahead = step.evaluate(2.0 * force - before[1], 2.0 * coupled - before[2])
         return min(start, ahead, key=lambda at: float(np.linalg.norm(at.residual)))
+
+    def _smoothed(self, step: JointStep, at: Iterate) -> Iterate:
+        """A sweep over the points, where the last steps were hard (collective)."""
+        helps = self._sweeps and not step.condensed.static
+        poor = np.abs(at.residual).max(initial=0.0) > POOR * at.largest
+        if not (helps and poor and step.condensed.compliance.kind == "dense"):
+            return at
+        swept = step.sweep(at, self._colours)
+        return min(at, swept, key=lambda tried: float(np.linalg.norm(tried.residual)))
+
+    @cached_property
+    def _colours(self) -> Colours:
+        """Points of equal numbers modulo `COLOURS` (collective when first asked for)."""
+        points = np.arange(len(self._areas) // 3)
+        parts = self._contact.colours(COLOURS)
+        rows = [(3 * points[c::COLOURS, None] + np.arange(3)).ravel() for c in range(COLOURS)]
+        return list(zip(parts, rows, strict=True))
 
     def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
@@ -233,7 +240,7 @@ class InterfaceSolver:
         change.pointwiseMult(change, self._free)
         x.axpy(1.0, change)
 
-    def _iterate(self, step: _Step, at: _Iterate) -> tuple[_Iterate, int, float]:
+    def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
         """The solution, iterations, and residual relative to the largest force.
 
         Raises:
@@ -270,10 +277,10 @@ class InterfaceSolver:
             correction = step.condensed.corrections.solve(
                 left, at.tangent, max(inner, 0.3 * enough / relative)
             )
-            at = self._search(step, at, correction)
+            at = self._smoothed(step, self._search(step, at, correction))
             iteration += 1
 
-    def _search(self, step: _Step, at: _Iterate, correction: Correction) -> _Iterate:
+    def _search(self, step: JointStep, at: Iterate, correction: Correction) -> Iterate:
         """Take the correction, halved while it does not make the residual smaller."""
         norm, smallest = float(np.linalg.norm(at.residual)), np.inf
         for cut in range(self.options.max_cuts + 1):
@@ -287,84 +294,3 @@ class InterfaceSolver:
             if size < norm:
                 break
         return best
-
-
-class _Step:
-    """The residual r(f) of one step."""
-
-    def __init__(
-        self,
-        contact: Contact,
-        condensed: Condensed,
-        areas: Floats,
-        mine: slice,
-        free_gap: Floats,
-        state: JointState,
-        rule: Rule,
-    ) -> None:
-        self.condensed, self._contact, self._mine = condensed, contact, mine
-        self._compliance, self._areas = condensed.compliance, areas
-        self._free_gap, self.state, self._rule = free_gap, state, rule
-        passed = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
-        reach = float((passed / self._compliance.scale[mine]).max(initial=0.0))
-        self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
-
-    def rounding(self, at: _Iterate) -> float:
-        """Scaled force that rounding of the gaps may leave."""
-        parts = self._reach, *(np.abs(v).max(initial=0.0) for v in (at.force, at.coupled))
-        return 64.0 * float(np.finfo(float).eps) * float(sum(parts))
-
-    def evaluate(self, force: Floats, coupled: Floats) -> _Iterate:
-        """Residual and tangent of all points, response of the rank's (collective)."""
-        scale, comm = self._compliance.scale, self._contact.operator.comm
-        gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
-        own, springs = self._compliance.own, self.condensed.springs
-        if springs is None:
-            response = self._contact.respond_locally(gap, own, self.state, self._rule)
-            traction, tangent = response.traction, response.tangent
-        else:
-            response = self._contact.respond_locally(
-                *springs.without(gap, own, self.state.gap), self.state, self._rule
-            )
-            traction, tangent = springs.taken_off(response, own, self.state.gap)
-        forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
-        # Where nothing can move, the scale has no meaning.
-        forces[self._compliance.dead.ravel()[self._mine]] = 0.0
-        largest = float(np.abs(forces).max(initial=0.0))
-        if comm.size > 1:
-            largest = comm.allreduce(largest, MPI.MAX)
-            traction = np.concatenate(comm.allgather(traction))
-            tangent = np.concatenate(comm.allgather(tangent))
-        residual, scaled = _scaled(
-            force, traction, tangent, scale, self._areas, self._compliance.dead
-        )
-        return _Iterate(
-            force=force,
-            coupled=coupled,
-            residual=residual,
-            tangent=scaled,
-            largest=largest,
-            response=response,
-        )
-
-
-@njit(cache=True)
-def _scaled(
-    force: Floats,
-    traction: Floats,
-    tangent: Floats,
-    scale: Floats,
-    areas: Floats,
-    dead: NDArray[np.bool_],
-) -> tuple[Floats, Floats]:
-    """Scaled residual f - s w t and tangent s w T s, which is zero where a point cannot move."""
-    residual, scaled = force.copy(), np.zeros_like(tangent)
-    for i in range(len(tangent)):
-        for a in range(3):
-            k = 3 * i + a
-            root = scale[k] * areas[k]
-            residual[k] = 0.0 if dead[i, a] else residual[k] - root * traction[i, a]
-            for b in range(3):
-                if not (dead[i, a] or dead[i, b]):
-                    scaled[i, a, b] = root * tangent[i, a, b] * scale[3 * i + b]
-    return residual, scaled

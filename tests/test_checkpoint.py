@@ -40,6 +40,7 @@ from dolfinx_joints import (
     Simulation,
     StepControl,
     checkpoint_file,
+    interface,
     stiffness_proportional,
 )
 from dolfinx_joints.corrections import Corrections
@@ -194,6 +195,17 @@ def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     law = options.pop("joints", LAW)
     whole, resumed = interrupted(
         lambda: wall(read(wall_file()), law), tmp_path, (3, 7, 10), **options
+    )
+    identical(whole, resumed, tmp_path)
+
+
+def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_path, monkeypatch):
+    # Swept after steps of two iterations or more: whether one is depends on the step before it.
+    monkeypatch.setattr(interface, "HARD", 2)
+    monkeypatch.setattr(interface, "EASY", 2)
+    monkeypatch.setattr(interface, "POOR", 1e-6)
+    whole, resumed = interrupted(
+        lambda: wall(read(wall_file())), tmp_path, (3, 7, 10), solver="condensed"
     )
     identical(whole, resumed, tmp_path)
 

@@ -39,9 +39,11 @@ from dolfinx_joints import (
     Simulation,
     StepControl,
     corrections,
+    interface,
     stiffness_proportional,
 )
 from dolfinx_joints.interface import InterfaceSolver
+from dolfinx_joints.joint_step import JointStep
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.solver import NewtonSolver
 from dolfinx_joints.solver_choice import make_solver
@@ -191,6 +193,48 @@ def test_both_sets_march_alike(wall, monkeypatch, now):
     assert far(other.gaps, path.gaps) <= 1e-9
     assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
     assert end.imbalance <= 1e-10
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
+def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
+    """Steps of ten times the length, with sweeps in all of them or in none."""
+    ends = {}
+    for name, hard in (("never", 10**6), ("always", 0)):
+        monkeypatch.setattr(interface, "HARD", hard)
+        monkeypatch.setattr(interface, "EASY", hard)
+        simulation = Simulation(wall(law), newton=NewtonOptions(relative_tolerance=1e-12))
+        simulation.statics()
+        ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=shaking)
+    one, other = ends["never"], ends["always"]
+    assert other.iterations < one.iterations
+    assert difference(other.state.displacement, one.state.displacement) <= 1e-9
+    assert other.imbalance <= 1e-10
+
+
+@pytest.mark.mpi
+def test_a_sweep_solves_each_point_with_what_the_colours_before_left(wall):
+    """After a sweep the last colour's own equations hold exactly."""
+    model = wall()
+    contact = model.contact
+    parts = contact.colours(5)
+    mine = [points for part in parts for _, points in part]
+    assert np.array_equal(np.sort(np.concatenate(mine)), np.arange(len(contact.operator.areas)))
+    seen = []
+    real = JointStep.sweep
+
+    def watched(step: Any, at: Any, colours: Any) -> Any:
+        swept = real(step, at, colours)
+        seen.append(np.abs(swept.residual[colours[-1][1]]).max() / np.abs(at.residual).max())
+        return swept
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interface, "HARD", 0)
+        patch.setattr(interface, "EASY", 0)
+        patch.setattr(JointStep, "sweep", watched)
+        march(model, steps=3)
+    assert seen
+    assert max(seen) <= 1e-12
 
 
 def test_gauss_points_and_a_mass_without_joint_nodes(wall):

@@ -111,6 +111,7 @@ LEVELS = {
     "solver": 4.25,
     "corrections": 4.3,
     "condensed": 4.4,
+    "joint_step": 4.45,
     "interface": 4.5,
     "solver_choice": 4.6,
     "model": 5.0,

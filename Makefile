@@ -58,6 +58,7 @@ paper: ## The 1992 paper's runs, figures and report; PAPER_ARGS="--record DIRECT
 studies: ## What the paper leaves open, errors of mesh and step, gravity dams; STUDY_ARGS="--records DIRECTORY"
 	$(PYTHON) -m studies.follow_ups $(STUDY_ARGS)
 	$(PYTHON) -m studies.convergence $(subst --records,--record,$(STUDY_ARGS))
+	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3

@@ -17,6 +17,7 @@ from dolfinx_joints.plots import BLUE, GREY, RED, decorate, legend, new_axes
 from dolfinx_joints.records import STANDARD_GRAVITY, Motion
 from dolfinx_joints.response_plots import plain_periods
 from dolfinx_joints.spectra import response_spectrum
+from dolfinx_joints.spectrum_matching import SpectrumMatch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,6 +123,30 @@ def response_spectra(
     plain_periods(ax)
     ax.set_xlim(natural.min(), natural.max())
     ax.set_ylim(bottom=0.0)
+    legend(ax)
+    return ax
+
+
+def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
+    """Response spectra of a motion before and after matching, and the target with its tolerance.
+
+    Args:
+        match: what :func:`~dolfinx_joints.spectrum_matching.match_spectrum` has returned.
+        ax: where to draw.
+    """
+    ax = response_spectra(
+        match.motion,
+        components=match.components,
+        damping_ratio=match.damping_ratio,
+        periods=match.periods,
+        target=(match.periods, match.target),
+        reference=match.record,
+        reference_label="as given",
+        ax=ax,
+    )
+    low, high = ((1.0 + s * match.tolerance) * match.target / STANDARD_GRAVITY for s in (-1, 1))
+    label = f"target ± {match.tolerance:.0%}"
+    ax.fill_between(match.periods, low, high, color="black", alpha=0.15, linewidth=0, label=label)
     legend(ax)
     return ax
 

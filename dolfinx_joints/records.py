@@ -106,6 +106,8 @@ class Motion:
         if not np.isfinite(angle_deg):
             raise RecordError(f"angle_deg must be a finite number, got {angle_deg}.")
         c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+        if angle_deg % 90.0 == 0.0:  # components change places to the last bit
+            c, s = np.round(c), np.round(s)
         x, y, z = self.acceleration.T
         return replace(self, acceleration=np.stack([c * x + s * y, c * y - s * x, z], axis=1))
 

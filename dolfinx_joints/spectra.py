@@ -5,6 +5,7 @@
 Signals run along the first axis; further axes (components) are kept.
 """
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -221,23 +222,39 @@ def response_spectrum(
     Raises:
         ValueError: a period or the damping ratio is out of range.
     """
-    values = _signal(acceleration, dt)
-    natural = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    if natural.ndim != 1 or not (np.isfinite(natural).all() and (natural > 0.0).all()):
-        raise ValueError(f"periods must be positive numbers of seconds, got {natural}.")
-    if not 0.0 <= damping_ratio < 1.0:
-        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {damping_ratio}.")
-    omega = 2.0 * np.pi / natural
-    homogeneous, by_load = _recursion(omega, damping_ratio, dt)
+    values, natural = _signal(acceleration, dt), _periods(periods)
     flat = values.reshape(len(values), -1)
-    state: Floats = np.zeros((len(omega), 2, flat.shape[1]))
-    largest = np.zeros((len(omega), flat.shape[1]))
-    for before, after in pairwise(flat):
-        state = homogeneous @ state + by_load @ np.stack([before, after])
-        np.maximum(largest, np.abs(state[:, 0]), out=largest)
-    displacement = largest.reshape(len(omega), *values.shape[1:])
-    factor = omega.reshape(-1, *[1] * (values.ndim - 1))
-    return ResponseSpectrum(natural, displacement, factor * displacement, factor**2 * displacement)
+    largest = np.zeros((len(natural), flat.shape[1]))
+    for displacement in _oscillators(flat, dt, natural, damping_ratio):
+        np.maximum(largest, np.abs(displacement), out=largest)
+    shaped = largest.reshape(len(natural), *values.shape[1:])
+    factor = (2.0 * np.pi / natural).reshape(-1, *[1] * (values.ndim - 1))
+    return ResponseSpectrum(natural, shaped, factor * shaped, factor**2 * shaped)
+
+
+def response_history(
+    acceleration: ArrayLike, dt: float, periods: ArrayLike, damping_ratio: float
+) -> Floats:
+    """Displacement of the oscillators of :func:`response_spectrum` relative to the ground.
+
+    Args:
+        acceleration: of the ground, shape (n, ...), [m/s^2].
+        dt: time between samples [s].
+        periods: natural periods, shape (p,), [s].
+        damping_ratio: zeta, from 0 to less than 1.
+
+    Returns:
+        Shape (n, p, ...), zero at the first sample, [m].
+
+    Raises:
+        ValueError: a period or the damping ratio is out of range.
+    """
+    values, natural = _signal(acceleration, dt), _periods(periods)
+    flat = values.reshape(len(values), -1)
+    history: Floats = np.zeros((len(flat), len(natural), flat.shape[1]))
+    for row, displacement in enumerate(_oscillators(flat, dt, natural, damping_ratio), start=1):
+        history[row] = displacement
+    return history.reshape(len(flat), len(natural), *values.shape[1:])
 
 
 def arias_intensity(acceleration: ArrayLike, dt: float) -> Floats:
@@ -307,6 +324,26 @@ def _first_reached(shares: Floats, share: float) -> float:
         return 0.0
     before = shares[after - 1]
     return float(after - 1 + (share - before) / (shares[after] - before))
+
+
+def _periods(periods: ArrayLike) -> Floats:
+    natural: Floats = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    if natural.ndim != 1 or not (np.isfinite(natural).all() and (natural > 0.0).all()):
+        raise ValueError(f"periods must be positive numbers of seconds, got {natural}.")
+    return natural
+
+
+def _oscillators(
+    acceleration: Floats, dt: float, periods: Floats, damping_ratio: float
+) -> Iterator[Floats]:
+    """Displacements at the second sample, the third, ..., each of shape (p, columns), [m]."""
+    if not 0.0 <= damping_ratio < 1.0:
+        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {damping_ratio}.")
+    homogeneous, by_load = _recursion(2.0 * np.pi / periods, damping_ratio, dt)
+    state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
+    for before, after in pairwise(acceleration):
+        state = homogeneous @ state + by_load @ np.stack([before, after])
+        yield state[:, 0]
 
 
 def _recursion(omega: Floats, zeta: float, dt: float) -> tuple[Floats, Floats]:

@@ -9,6 +9,8 @@ import pytest
 
 from dolfinx_joints import motion_plots
 from dolfinx_joints.records import STANDARD_GRAVITY, Motion
+from dolfinx_joints.spectra import response_spectrum
+from dolfinx_joints.spectrum_matching import match_spectrum
 
 pytest.importorskip("matplotlib")
 
@@ -48,6 +50,24 @@ def test_a_target_and_a_reference_stand_beside_them() -> None:
     doubled, single, wanted = (np.asarray(line.get_ydata()) for line in ax.get_lines())
     np.testing.assert_allclose(doubled, 2 * single, rtol=1e-12)
     np.testing.assert_allclose(wanted, [1.0, 2.0])
+
+
+def test_a_match_is_drawn_with_the_band_of_its_tolerance() -> None:
+    # Its own spectrum as a target: given, matched and target are one line, 10 % inside the band.
+    periods = np.geomspace(0.4, 0.6, 42)
+    own = response_spectrum(MOTION.acceleration[:, 0], MOTION.dt, periods, 0.05)
+    match = match_spectrum(MOTION, (periods, own.pseudo_acceleration), components="x")
+    ax = motion_plots.spectrum_match(match)
+    expected = own.pseudo_acceleration / STANDARD_GRAVITY
+    for line in ax.get_lines():
+        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-9)
+    (band,) = ax.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert [heights.min(), heights.max()] == pytest.approx(
+        [0.9 * min(expected), 1.1 * max(expected)]
+    )
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["x, as given", "x, stream", "target", "target ± 10%"]
 
 
 def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:

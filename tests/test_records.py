@@ -67,6 +67,14 @@ def test_rotation_turns_the_axes_counterclockwise() -> None:
     np.testing.assert_allclose(turned.rotated(-30.0).acceleration, motion.acceleration, atol=1e-15)
 
 
+def test_right_angles_swap_components_to_the_last_bit() -> None:
+    x, y, z = np.random.default_rng(4).standard_normal((3, 50))
+    motion = motion_of((x, y, z))
+    for angle, expected in {90: (y, -x), 180: (-x, -y), -90: (-y, x), 450.0: (y, -x)}.items():
+        turned = motion.rotated(angle).acceleration
+        np.testing.assert_array_equal(turned, np.stack([*expected, z], axis=1))
+
+
 def test_a_rotation_by_no_number_is_refused() -> None:
     with pytest.raises(RecordError, match="angle_deg must be a finite number, got nan"):
         motion_of((np.ones(3), 0.0, 0.0)).rotated(np.nan)

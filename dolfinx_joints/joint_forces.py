@@ -21,7 +21,7 @@ from dolfinx_joints.resultants import JointGeometry, JointResultants, forces_of
 from dolfinx_joints.results_writer import ResultsWriter
 from dolfinx_joints.stages import Record
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 
 
@@ -84,7 +84,9 @@ class JointForces:
         self.names = model.operator.names
         normals, areas = model.operator.frames[:, 0], model.operator.areas[:, None]
         sums = self._sums(np.hstack([areas, areas * model.operator.points, areas * normals]))
-        self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:]) for row in sums]
+        self.geometry = [
+            JointGeometry.from_sums(sums[i, 0], sums[i, 1:4], sums[i, 4:]) for i in range(len(sums))
+        ]
         self._centroids = np.array([g.centroid for g in self.geometry])
         self._laws = strengths(model.contact)
 
@@ -108,7 +110,8 @@ class JointForces:
             parts.append(self.about_centroids(self.water_forces(pressure)))
         sums = self._sums(np.hstack(parts))
         found = {}
-        for name, geometry, row in zip(self.names, self.geometry, sums, strict=True):
+        for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
+            row: Floats = sums[i]
             angle = self._laws[name]["friction_angle_deg"]
             water = row[8:].reshape(-1, 3)
             found[name] = JointResultants(
@@ -276,7 +279,11 @@ class ResultantsStream:
         pressure = record.pressure() if record.pressure is not None else None
         found: dict[str, Any] = {}
         for name, one in self._joints(record.joints, pressure).items():
-            parts = {"force": one.force, "moment": one.moment, "contact": one.contact}
+            parts: dict[str, Any] = {
+                "force": one.force,
+                "moment": one.moment,
+                "contact": one.contact,
+            }
             if name in self._wet:
                 parts |= {"water_force": one.water_force, "water_moment": one.water_moment}
             if name in self._bonded:

@@ -78,7 +78,7 @@ class JointResultants:
         water_moment: Likewise.
         contact: Share of the area under pressure, t_n < 0, shape (...).
         bond: Cohesion times the area whose bond is intact, shape (...), [N].
-        friction: mu, NaN where the law has no limit to the shear.
+        friction: mu, NaN where the law has no limit to the shear or is not known.
     """
 
     joint: str
@@ -123,7 +123,7 @@ class JointResultants:
     def sliding_safety(self) -> Floats:
         """(mu N + bond) / |V|, shape (...).
 
-        It is infinite without shear, and NaN where nothing is transmitted or the law has no limit.
+        It is infinite without shear, and NaN where nothing is transmitted or mu is not known.
         A joint slides as a whole at 1; single points may slide before.
         """
         strength = self.friction * np.maximum(self.normal_force, 0.0) + self.bond
@@ -200,10 +200,11 @@ def joint_resultants(
     Args:
         results: The run; ``ResultsMonitor(resultants=True)`` records every step.
         joint: Name of the joint.
-        friction_angle_deg: For the sliding safety; that of the joint's law unless given.
+        friction_angle_deg: For the sliding safety; that of the joint's law unless given, which
+            files of earlier versions do not tell.
 
     Raises:
-        ResultsError: There is no such joint, or no friction angle in a file of an earlier version.
+        ResultsError: There is no such joint.
         ValueError: The angle is not from 0 to below 90 degrees.
     """
     if joint not in results.joints:
@@ -257,8 +258,8 @@ def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
     """Extremes of the resultants of each joint, over the records of `joint_resultants`.
 
     By joint: ``safety_min``, the smallest sliding safety, with its ``safety_time`` [s], both NaN
-    where the law has no limit; ``normal_force_max`` and ``normal_force_min``, ``shear_force_max``
-    [N]; ``contact_min``, the smallest share of the area under pressure.
+    where no friction angle is known; ``normal_force_max``, ``normal_force_min``,
+    ``shear_force_max`` [N]; ``contact_min``, the smallest share of the area under pressure.
     """
     return {joint: _measures_of(joint_resultants(results, joint)) for joint in results.joints}
 
@@ -295,12 +296,7 @@ class _Arrays:
 
 def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
     """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
-    laws = results.metadata.get("laws", {})
-    if angle is None and joint not in laws:
-        raise ResultsError(
-            f"{results.path} does not tell the law of {joint!r}; pass friction_angle_deg."
-        )
-    law = laws.get(joint, {})
+    law = results.metadata.get("laws", {}).get(joint, {})
     angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
     if angle is None:

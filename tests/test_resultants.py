@@ -12,10 +12,12 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from dolfinx_joints import (
+    Checkpoints,
     Elastic,
     Fixed,
     FrictionNoTension,
     Gravity,
+    JointWater,
     KeyedJoint,
     MeshError,
     Model,
@@ -38,10 +40,9 @@ LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_an
 WEIGHT = RHO * G  # of the upper block of 1 m x 1 m, 1 m high on average
 
 
-def blocks(jointed, *, law=LAW, loads=(), density=RHO):
-    solid = Elastic(young=24e9, poisson=0.2, density=density)
-    supports = [Fixed(group="base")]
-    return Model(jointed, material=solid, joints=law, supports=supports, loads=[Gravity(), *loads])
+def blocks(jointed, *, law=LAW, loads=(), **options):
+    parts = {"material": SOLID, "joints": law, "supports": [Fixed(group="base")]}
+    return Model(jointed, loads=[Gravity(), *loads], **parts, **options)
 
 
 def at_rest(model):
@@ -59,22 +60,16 @@ def file_of(model, path, *, steps=3, motion=None, **options):
     return path
 
 
-@pytest.mark.parametrize("quadrature", ["nodal", 4])
-def test_block_on_an_incline(blocks_file, read, quadrature):
+@pytest.mark.parametrize(
+    ("cell", "order", "quadrature"), [("hex", 1, "nodal"), ("hex", 1, 4), ("tet", 2, "auto")]
+)
+def test_block_on_an_incline(blocks_file, read, cell, order, quadrature):
     # N = W cos a, V = W sin a, safety mu / tan a; W acts through the centroid of the upper block,
     # whose moments about the joint's centroid its weight makes: r x W, r from there to the centre.
     # Upper block: 1 m x 1 m, its lower face z = 1 + (x - 1/2) tan a, its top z = 2.
     angle = math.radians(20.0)
-    jointed = read(blocks_file(angle=20.0))
-    model = Model(
-        jointed,
-        material=SOLID,
-        joints=LAW,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        quadrature=quadrature,
-    )
-    found = at_rest(model)
+    jointed = read(blocks_file(angle=20.0, cell=cell, order=order))
+    found = at_rest(blocks(jointed, quadrature=quadrature))
     geometry = found.geometry
     assert geometry.area == pytest.approx(1.0 / math.cos(angle), rel=1e-12)
     normal = np.array([-math.sin(angle), 0.0, math.cos(angle)])
@@ -94,6 +89,19 @@ def test_block_on_an_incline(blocks_file, read, quadrature):
     # so N at the distance e along (cos a, 0, sin a) has e N = lever W.
     along = np.array([math.cos(angle), 0.0, math.sin(angle)])
     place = geometry.centroid + lever / math.cos(angle) * along
+    np.testing.assert_allclose(found.line_of_action, place, atol=1e-8)
+
+
+def test_block_on_an_incline_in_the_plane(two_rectangles_file, read):
+    # As in space, per metre; moments turn about z, and s2 of the frames is z.
+    angle = math.radians(20.0)
+    found = at_rest(blocks(read(two_rectangles_file(angle=20.0))))
+    np.testing.assert_allclose(found.geometry.centroid, [0.5, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.force, [0.0, WEIGHT, 0.0], atol=1e-8 * WEIGHT)
+    assert found.sliding_safety == pytest.approx(MU / math.tan(angle), rel=1e-9)
+    lever = -math.tan(angle) / 12.0
+    np.testing.assert_allclose(found.moment, [0.0, 0.0, lever * WEIGHT], atol=1e-8 * WEIGHT)
+    place = np.array([0.5, 1.0, 0.0]) + lever * np.array([1.0, math.tan(angle), 0.0])
     np.testing.assert_allclose(found.line_of_action, place, atol=1e-8)
 
 
@@ -168,6 +176,74 @@ def test_effective_and_total_forces_with_uplift(blocks_file, read, new_path, com
     np.testing.assert_allclose(each.total_force[0], [-up, up], **tolerance)
 
 
+@pytest.mark.filterwarnings("ignore:A single step errs")  # hardly anything moves
+def test_water_that_comes_in_the_stage(blocks_file, read, new_path, comm):
+    # Uplift among the loads of the stage, p t / 3 ms: the water's force grows with it. Water by the
+    # opening has its closed pressure where nothing opens.
+    p = 0.1 * WEIGHT
+    water = JointWater(joint="joint_1", level=50.0, closed=p)
+    uplift = Uplift(joint="joint_1", pressure=p, factor=lambda t: t / 3e-3)
+    path = new_path("stage.h5")
+    model = blocks(read(blocks_file(angle=0.0)))
+    monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True, every=1)
+    simulation = Simulation(model, monitors=[monitor])
+    simulation.statics()
+    simulation.dynamics(dt=1e-3, steps=3, loads=[uplift, water])
+    comm.barrier()
+    if comm.rank == 0:
+        with Results(path) as results:
+            found = joint_resultants(results, "joint_1")
+            stored = results.series("states", "joints/joint_1/pressure")
+        expected = p * (1.0 + np.arange(4) / 3.0)
+        np.testing.assert_allclose(found.water_force[:, 2], expected, rtol=1e-12)
+        np.testing.assert_allclose(stored, np.tile(expected[:, None], stored.shape[1]), rtol=1e-12)
+
+
+def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
+    # Interrupted after 3 of 5 steps: a checkpoint every 2, so that a record is taken again.
+    jointed, kept = read(blocks_file(angle=20.0)), new_path("run.ckpt")
+    loads = [Uplift(joint="joint_1", pressure=0.2 * WEIGHT)]
+
+    class Stops:
+        def start(self, model, stage, steps, first):
+            pass
+
+        def record(self, record):
+            if record.step == 3:
+                raise KeyboardInterrupt
+
+        def finish(self, status, summary):
+            pass
+
+        def memory(self):
+            return {}
+
+        def resume(self, model, stage, steps, last, memory):
+            self.record = lambda record: None
+
+    def run(path, others, **options):
+        monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
+        simulation = Simulation(blocks(jointed, loads=loads), monitors=[monitor, *others])
+        if not options.get("resume"):
+            simulation.statics()
+        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, **options)
+        comm.barrier()
+
+    whole, parted = new_path("whole.h5"), new_path("parted.h5")
+    run(whole, [])
+    with pytest.raises(KeyboardInterrupt):
+        run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2))
+    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2), resume=True)
+    if comm.rank == 0:
+        with Results(whole) as one, Results(parted) as two:
+            assert one.streams == two.streams
+            for name in one.streams["resultants"]:
+                wanted, found = (r.series("resultants", name) for r in (one, two))
+                assert len(found) == 6
+                size = np.abs(wanted).max()
+                np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * size, err_msg=name)
+
+
 def shaking(time):
     """A ground acceleration that slides the blocks and opens joints, [m/s^2]."""
     return 12.0 * np.sin(2 * np.pi * np.array([23.0, 29.0, 31.0]) * time + [0.0, 0.7, 1.9])
@@ -198,10 +274,7 @@ def test_blocks_are_in_balance_at_every_step(wall_file, read, new_path, comm):
     # Cantilevers between vertical joints, base held: of the whole wall, the joints' forces cancel.
     # A free block: joint forces + weight - M a_ground = d(M v)/dt, each over the step; forces of
     # the default scheme and of the record are those of the step, loads the mean of its ends.
-    jointed = read(wall_file())
-    model = Model(
-        jointed, material=SOLID, joints=LAW, supports=[Fixed(group="base")], loads=[Gravity()]
-    )
+    model = blocks(read(wall_file()))
     path = new_path("wall.h5")
     monitor = ResultsMonitor(path, points={"top": (10.0, 0.0, 20.0)}, resultants=True, every=2)
     seen = Momenta(lambda x: np.ones(len(x), dtype=bool))

@@ -296,7 +296,7 @@ class _Arrays:
 
 def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
     """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
-    law = results.metadata.get("laws", {}).get(joint, {})
+    law = results.law(joint)
     angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
     if angle is None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,26 +45,27 @@ def overview(path: str | Path) -> str:
         settings = {k: v for k, v in told.items() if k not in _TOLD}
         lines += _line("settings", _facts(settings, settings))
         lines += _line("points", told.get("point_names", []))
-        for law, joints in _by_law(results.joints, told.get("laws", {})).items():
+        for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         for stream, names in results.streams.items():
             times = results.time(stream)
             span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
-            lines.append(f"stream {stream}: {times.size} records{span}")
+            records = "1 record" if times.size == 1 else f"{times.size} records"
+            lines.append(f"stream {stream}: {records}{span}")
             lines += _line("", _together((n, results.unit(stream, n)) for n in names))
         found = _together((name, results.unit(name)) for name in results.statics)
         lines += _line("written once", found)
     return "\n".join(lines)
 
 
-def _by_law(joints: Sequence[str], laws: Mapping[str, Any]) -> dict[str, list[str]]:
+def _by_law(results: Results) -> dict[str, list[str]]:
     """Names of joints by what is said of their law."""
     found: dict[str, list[str]] = {}
-    for name in joints:
-        text = ""
-        if name in laws:
-            angle = laws[name]["friction_angle_deg"]
-            text = f": {laws[name]['kind']}{'' if angle is None else f', {angle:g} degrees'}"
+    for name in results.joints:
+        law, text = results.law(name), ""
+        if law:
+            angle = law["friction_angle_deg"]
+            text = f": {law['kind']}{'' if angle is None else f', {angle:g} degrees'}"
         found.setdefault(text, []).append(name)
     return found
 

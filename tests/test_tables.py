@@ -206,6 +206,27 @@ def test_the_law_of_a_joint_may_be_unknown(tmp_path):
         assert np.isfinite(column(forces, "total force z [N]")).all()
 
 
+@pytest.mark.parametrize(
+    "laws", ["rigid", {"joint_1": 30.0}, {"joint_1": {"kind": "x", "cohesion": 0.0}}]
+)
+def test_metadata_of_laws_that_are_something_else(tmp_path, laws):
+    with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:
+        joint = {"points": POINTS, "frames": np.stack([LEVEL, LEVEL]), "areas": AREAS}
+        declare_states(writer, POINTS, [[0, 1]], {"joint_1": {**joint, "facet": [0, 0]}})
+        writer.start()
+        append(writer, "states", 0.0)
+        writer.finish("complete", {})
+    message = "The metadata 'laws' of .* for 'joint_1'; they must hold kind, friction_angle_deg, c"
+    with pytest.raises(ResultsError, match=message):
+        overview(tmp_path / "r.h5")
+    with (
+        Results(tmp_path / "r.h5") as results,
+        pytest.raises(ResultsError, match=message),
+    ):
+        write_csv(results, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     names = tuple(f"joint_{i}" for i in range(1, 13))
     path = write_run(tmp_path / "r.h5", names)

@@ -50,12 +50,11 @@ class Modes:
         """A table of frequencies, effective masses and their sums."""
         axes = "xyz"[: self.participation.shape[1]]
         lines = ["mode  frequency  " + "  ".join(f"mass {axis}" for axis in axes)]
-        for i, (frequency, shares) in enumerate(
-            zip(self.frequencies, self.effective_share, strict=True), start=1
-        ):
-            lines.append(
-                f"{i:4d} {frequency:7.3f} Hz " + "  ".join(f"{100 * s:4.1f} %" for s in shares)
+        for i, frequency in enumerate(self.frequencies):
+            shares = "  ".join(
+                f"{100 * share:4.1f} %" for share in self.effective_share[i].tolist()
             )
+            lines.append(f"{i + 1:4d} {frequency:7.3f} Hz {shares}")
         total = "  ".join(f"{100 * s:4.1f} %" for s in self.effective_share.sum(axis=0))
         return "\n".join([*lines, f"all             {total}"])
 

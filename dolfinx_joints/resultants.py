@@ -9,6 +9,7 @@ joint with water are effective, the water's part is given beside it.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -215,16 +216,15 @@ def joint_resultants(
     arrays = _Arrays.of(results, joint)
     geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
     where = f"joints/{joint}"
-    if f"{where}/force" in results.streams.get("resultants", []):
-        parts = {
-            name: results.series("resultants", f"{where}/{name}")
-            for name in ("force", "moment", "water_force", "water_moment", "contact", "bond")
-            if f"{where}/{name}" in results.streams["resultants"]
-        }
-        time = results.time("resultants")
+    recorded = f"{where}/force" in results.streams.get("resultants", [])
+    stream = "resultants" if recorded else "states"
+    rows = slice(results.rows(stream))  # a run that is still writing adds more
+    time = results.time(stream)[rows]
+    if recorded:
+        names = ("force", "moment", "water_force", "water_moment", "contact", "bond")
+        parts = _recorded(results, where, names, rows)
     else:
-        time = results.time("states")
-        parts = _from_states(results, where, arrays, geometry, cohesion)
+        parts = _from_states(results, where, arrays, geometry, cohesion, rows)
     parts.setdefault("bond", np.zeros(len(time)))
     return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
 
@@ -241,16 +241,13 @@ def block_resultants(results: Results) -> BlockResultants:
             f"{results.path} has no resultants of blocks; record them with "
             "ResultsMonitor(resultants=True)."
         )
+    rows = slice(results.rows("resultants"))
     names = ("force", "moment", "water_force", "water_moment")
     return BlockResultants(
-        time=results.time("resultants"),
+        time=results.time("resultants")[rows],
         mass=results.static("blocks/mass"),
         centre=results.static("blocks/centre"),
-        **{
-            name: results.series("resultants", f"blocks/{name}")
-            for name in names
-            if f"blocks/{name}" in series
-        },
+        **_recorded(results, "blocks", names, rows),
     )
 
 
@@ -305,20 +302,35 @@ def _strength(results: Results, joint: str, angle: float | None) -> tuple[float,
     return math.tan(math.radians(angle)), cohesion
 
 
+def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
+    """Those of the series below a name that the file has."""
+    known = results.streams["resultants"]
+    return {
+        name: results.series("resultants", f"{where}/{name}", rows)
+        for name in names
+        if f"{where}/{name}" in known
+    }
+
+
 def _from_states(
-    results: Results, where: str, arrays: _Arrays, geometry: JointGeometry, cohesion: float
+    results: Results,
+    where: str,
+    arrays: _Arrays,
+    geometry: JointGeometry,
+    cohesion: float,
+    rows: slice,
 ) -> dict[str, Any]:
     """Resultants at the stored states."""
     series = results.streams["states"]
-    traction = results.series("states", f"{where}/traction")
+    traction = results.series("states", f"{where}/traction", rows)
     parts = _moved(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / geometry.area
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)
-        pressed[..., 0] = -results.series("states", f"{where}/pressure")
+        pressed[..., 0] = -results.series("states", f"{where}/pressure", rows)
         parts |= _moved(arrays, geometry, pressed, "water_")
     if f"{where}/broken" in series:
-        intact = results.series("states", f"{where}/broken") == 0
+        intact = results.series("states", f"{where}/broken", rows) == 0
         parts["bond"] = cohesion * (intact @ arrays.areas)
     return parts
 

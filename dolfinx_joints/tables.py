@@ -137,10 +137,12 @@ def _parts(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]
 
 def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
     """All series of a stream: numbers, or vectors by component."""
-    columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream))]
+    rows = results.rows(stream)  # a run that is still writing adds more
+    columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
     for name in results.streams[stream]:
         if name not in without:
-            values, unit = results.series(stream, name), results.unit(stream, name)
+            values = results.series(stream, name, slice(rows))
+            unit = results.unit(stream, name)
             columns += [(name, unit, values)] if values.ndim == 1 else _parts(name, unit, values)
     return _columns(columns)
 
@@ -152,7 +154,8 @@ def _histories(results: Results) -> Table:
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
         if name in results.streams["histories"]:
-            values, unit = results.series("histories", name), results.unit("histories", name)
+            values = results.series("histories", name, slice(len(rest.rows)))
+            unit = results.unit("histories", name)
             for i, point in enumerate(results.point_names):
                 columns += _parts(f"{name} of {point}", unit, values[:, i])
     motions = _columns(columns)

@@ -126,7 +126,13 @@ def test_cohesion_counts_while_the_bond_is_whole(blocks_file, read, new_path, co
     loads = [Traction(group="top", value=(q, 0.0, 0.0))]
     model = blocks(read(blocks_file(angle=0.0)), law=law, loads=loads)
     expected = (MU * WEIGHT + c) / q
-    assert at_rest(model).sliding_safety == pytest.approx(expected, rel=1e-8)
+    state = Simulation(model).statics().joints
+    forces = JointForces(model)
+    assert forces(state)["joint_1"].sliding_safety == pytest.approx(expected, rel=1e-8)
+    state.state.internal[:, 0] = model.operator.points[:, 0] < 0.499  # broken on the left
+    half = forces(state)["joint_1"]
+    assert half.bond == pytest.approx(0.75 * c, rel=1e-12)  # nodes at x = 0, 1/2, 1 of 1 m
+    assert half.sliding_safety == pytest.approx((MU * WEIGHT + 0.75 * c) / q, rel=1e-8)
     for resultants in (False, True):
         path = file_of(model, new_path("bond.h5"), resultants=resultants, every=1)
         if comm.rank == 0:

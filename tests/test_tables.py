@@ -192,6 +192,19 @@ def test_a_file_without_records_has_no_tables(tmp_path):
         write_csv(results, tmp_path)
 
 
+def test_a_run_that_is_still_writing(tmp_path):
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 1.0]])
+        writer.start()
+        append(writer, "histories", 0.0)
+        writer.flush()
+        append(writer, "histories", 0.1)
+        with Results(tmp_path / "r.h5") as results:
+            (path,) = write_csv(results, tmp_path)
+            assert results.status == "running"
+        assert column(path, "time [s]").tolist() == [0.0]
+
+
 def test_the_law_of_a_joint_may_be_unknown(tmp_path):
     # A file of an earlier version: forces are known, the safety is not.
     with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -28,17 +29,22 @@ Ints = NDArray[np.int64]
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
     """Kind, friction angle [degrees] and cohesion [Pa] of the law of each joint, for metadata.
 
-    The angle is None where a law has no such parameter.
+    The angle is None, and the cohesion zero, where a law has no such number.
     """
     found = {}
     for joint, law in contact.laws.items():
         inner = getattr(law, "law", law)  # of a joint with dashpots
         found[joint] = {
             "kind": type(law).__name__,
-            "friction_angle_deg": getattr(inner, "friction_angle_deg", None),
-            "cohesion": float(getattr(inner, "cohesion", 0.0)),
+            "friction_angle_deg": _number(inner, "friction_angle_deg"),
+            "cohesion": _number(inner, "cohesion") or 0.0,
         }
     return found
+
+
+def _number(law: Any, name: str) -> float | None:
+    value = getattr(law, name, None)  # a law of the user's own may mean anything by it
+    return float(value) if isinstance(value, Real) else None
 
 
 def broken_joints(contact: Contact) -> tuple[str, ...]:

@@ -76,6 +76,7 @@ class ResultsMonitor:
             raise ValueError("points is empty; at least one monitor point is needed.")
         self._path, self._points, self._every = Path(path), dict(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
+        check_kind_of("resultants", resultants, isinstance(resultants, bool), "True or False")
         self._with_envelopes = _groups(envelopes)
         self._with_resultants = resultants
         self._writer: ResultsWriter | None = None
@@ -127,11 +128,10 @@ class ResultsMonitor:
         self._nodes = NodeGather(model)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         self._supports = model.constraints.groups
-        groups = self._with_envelopes
         self._envelopes = None
-        if groups is not False:
-            chosen = None if groups is True else groups
-            self._envelopes = StressEnvelopes(model, self._nodes, chosen)
+        if self._with_envelopes is not False:
+            groups = None if self._with_envelopes is True else self._with_envelopes
+            self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._extras = PointExtras(model.contact, first) if model.contact else None
         self._resultants: ResultantsStream | None = None
         if self._with_resultants:
@@ -162,12 +162,8 @@ class ResultsMonitor:
     def _settings(self) -> dict[str, Any]:
         """What a continued file must agree in."""
         points = {name: [float(x) for x in place] for name, place in self._points.items()}
-        return {
-            "points": points,
-            "every": self._every,
-            "envelopes": self._with_envelopes,
-            "resultants": self._with_resultants,
-        }
+        extra = {"envelopes": self._with_envelopes, "resultants": self._with_resultants}
+        return {"points": points, "every": self._every, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The command ``dolfinx-joints``, also ``python -m dolfinx_joints``: what results files hold."""
+"""The command ``dolfinx-joints``, also ``python -m dolfinx_joints``: reports, tables, contents."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "info":
-            _info(options.file)
+            _info(options.file, whole=options.all)
+        elif options.command == "csv":
+            _csv(options.file, options.out, force=options.force)
         else:
             _report(options.results, options.out, with_3d=not options.no_3d)
     except JointsError as error:
@@ -56,13 +58,33 @@ def _parser() -> argparse.ArgumentParser:
         "info", help="say what a results file holds", description="Print what a file holds."
     )
     info.add_argument("file", type=Path, metavar="FILE", help="results file")
+    info.add_argument("--all", action="store_true", help="every array, with unit and meaning")
+    tables = commands.add_parser(
+        "csv",
+        help="write tables that any program reads",
+        description="Write histories, energies, joint measures, resultants and what else a file "
+        "holds as CSV, units in the headers.",
+    )
+    tables.add_argument("file", type=Path, metavar="FILE", help="results file")
+    tables.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where to")
+    tables.add_argument("--force", action="store_true", help="replace files of the same names")
     return parser
 
 
-def _info(file: Path) -> None:
+def _info(file: Path, *, whole: bool) -> None:
     from dolfinx_joints.results import describe
+    from dolfinx_joints.results_overview import overview
 
-    print(describe(file))
+    print(describe(file) if whole else overview(file))
+
+
+def _csv(file: Path, out: Path, *, force: bool) -> None:
+    from dolfinx_joints.results import Results
+    from dolfinx_joints.tables import write_csv
+
+    with Results(file) as results:
+        for path in write_csv(results, out, overwrite=force):
+            print(path)
 
 
 def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:

@@ -137,7 +137,7 @@ def check_blocks_stand(model: Model) -> None:
     comm, nodes = model.jointed.mesh.comm, NodeGather(model)
     table = model.V.dofmap.list[: model.jointed.mesh.topology.index_map(model.gdim).size_local]
     cells = comm.gather(nodes.number[table], root=0)
-    block = on_root(comm, lambda: _blocks(np.concatenate(cells)))[nodes.number]
+    block = on_root(comm, lambda: connected_blocks(np.concatenate(cells)))[nodes.number]
     owned = model.V.dofmap.index_map.size_local
     points = model.V.tabulate_dof_coordinates()[:owned, : model.gdim]
     count = comm.allreduce(int(block.max(initial=-1)), MPI.MAX) + 1
@@ -155,7 +155,7 @@ def check_blocks_stand(model: Model) -> None:
             )
 
 
-def _blocks(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+def connected_blocks(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number of the connected block of each node, from the nodes of the cells."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -8,7 +8,8 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -21,6 +22,12 @@ from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.stages import Monitor, Outcome, Record
 from dolfinx_joints.states import DynamicState, Scheme, StepReport
 from dolfinx_joints.stepping import StepControl, Stepper
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dolfinx_joints.water_pressures import WaterPressures
 
 
 class DynamicRun:
@@ -138,6 +145,7 @@ class DynamicRun:
     def _record(
         self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
     ) -> Record:
+        in_joints = self._solver.system.in_joints
         return Record(
             stage="dynamic",
             step=step,
@@ -150,7 +158,19 @@ class DynamicRun:
             solve=solve,
             energy=row,
             halvings=halvings,
+            wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
+            pressure=partial(self._pressure, self.state) if in_joints else None,
         )
+
+    @cached_property
+    def _pressures(self) -> WaterPressures:
+        """Pressures of the water in joints, found when first asked for (collective)."""
+        from dolfinx_joints.water_pressures import WaterPressures
+
+        return WaterPressures(self.model, self._solver.system.in_joints)
+
+    def _pressure(self, state: DynamicState) -> NDArray[np.float64]:
+        return self._pressures(state.time, state.water)
 
     @contextmanager
     def watched(self) -> Iterator[None]:

@@ -25,11 +25,38 @@ class Modes:
         frequencies: [Hz], ascending, shape (n,).
         shapes: Mode shapes, n vectors.
         participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
+        mass: Mass that moves along each axis, iota.M iota, shape (gdim,), [kg].
     """
 
     frequencies: NDArray[np.float64]
     shapes: list[PETSc.Vec]
     participation: NDArray[np.float64]
+    mass: NDArray[np.float64]
+
+    @property
+    def effective_mass(self) -> NDArray[np.float64]:
+        """Effective modal masses per axis, shape (n, gdim), [kg].
+
+        Those of all modes add up to the mass that the supports leave free.
+        """
+        return self.participation**2
+
+    @property
+    def effective_share(self) -> NDArray[np.float64]:
+        """Effective modal masses as shares of ``mass``, shape (n, gdim)."""
+        return self.effective_mass / self.mass
+
+    def report(self) -> str:
+        """A table of frequencies, effective masses and their sums."""
+        axes = "xyz"[: self.participation.shape[1]]
+        lines = ["mode  frequency  " + "  ".join(f"mass {axis}" for axis in axes)]
+        for i, frequency in enumerate(self.frequencies):
+            shares = "  ".join(
+                f"{100 * share:4.1f} %" for share in self.effective_share[i].tolist()
+            )
+            lines.append(f"{i + 1:4d} {frequency:7.3f} Hz {shares}")
+        total = "  ".join(f"{100 * s:4.1f} %" for s in self.effective_share.sum(axis=0))
+        return "\n".join([*lines, f"all             {total}"])
 
 
 def modes(system: MatrixSystem, count: int) -> Modes:
@@ -95,4 +122,21 @@ def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:
         shapes.append(shape)
         local = work.getArray(readonly=True).reshape(-1, system.components).sum(axis=0)
         factors.append(np.sum(work.comm.tompi4py().allgather(local), axis=0))
-    return Modes(frequencies=np.array(frequencies), shapes=shapes, participation=np.array(factors))
+    return Modes(
+        frequencies=np.array(frequencies),
+        shapes=shapes,
+        participation=np.array(factors),
+        mass=_masses(system),
+    )
+
+
+def _masses(system: MatrixSystem) -> NDArray[np.float64]:
+    """iota.M iota of each axis (collective)."""
+    along = system.mass.createVecRight()
+    moved, found = along.duplicate(), []
+    for axis in range(system.components):
+        along.set(0.0)
+        along.getArray()[axis :: system.components] = 1.0
+        system.mass.mult(along, moved)
+        found.append(float(along.dot(moved)))
+    return np.array(found)

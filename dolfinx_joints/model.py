@@ -296,6 +296,7 @@ class Model:
             symmetric=self._symmetric,
             components=self.gdim,
             water=water,
+            in_joints=[load for load in loads if hasattr(load, "at_points")],
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:

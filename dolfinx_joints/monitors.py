@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_count
+from dolfinx_joints.checks import check_count, check_kind_of
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.errors import MeshError, ResultsError
+from dolfinx_joints.joint_forces import PointExtras, ResultantsStream, strengths
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
 from dolfinx_joints.probes import (
@@ -42,7 +43,9 @@ class ResultsMonitor:
     Every step: displacement and acceleration of the monitor points, acceleration of the ground,
     shares of open, sticking and sliding joint points, iterations, support reactions by group,
     energies. Every ``every`` steps: nodal displacements, joint gaps, tractions and status, facet by
-    facet. At the end, if asked for: envelopes of the stresses at the boundary over all steps.
+    facet; the pressures of water in joints and broken bonds, where there are any. If asked for:
+    resultants of joints and blocks at every step, and at the end envelopes of the stresses at the
+    boundary over all steps.
 
     Args:
         path: The file.
@@ -51,7 +54,9 @@ class ResultsMonitor:
         metadata: What else to say of the run; anything JSON can hold.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, the static state
-            included; of models in space only. Costs a product with a matrix each step.
+            included, at the whole boundary or on the facet groups named; of models in space only.
+            Costs a product with a matrix each step.
+        resultants: Record force and moment of each joint, and on each block, at every step.
     """
 
     def __init__(
@@ -62,7 +67,8 @@ class ResultsMonitor:
         every: int = 10,
         metadata: Mapping[str, Any] | None = None,
         overwrite: bool = False,
-        envelopes: bool = False,
+        envelopes: bool | Sequence[str] = False,
+        resultants: bool = False,
     ) -> None:
         """Nothing is written before the run starts."""
         check_count("every", every, 1, "states are written every 1 or more steps")
@@ -70,12 +76,14 @@ class ResultsMonitor:
             raise ValueError("points is empty; at least one monitor point is needed.")
         self._path, self._points, self._every = Path(path), dict(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
-        self._with_envelopes = envelopes
+        check_kind_of("resultants", resultants, isinstance(resultants, bool), "True or False")
+        self._with_envelopes = _groups(envelopes)
+        self._with_resultants = resultants
         self._writer: ResultsWriter | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
-        self._find(model)
+        self._find(model, first)
         surface = boundary_facets(model, self._nodes)
         joints = joint_statics(model)
         metadata = {
@@ -86,6 +94,7 @@ class ResultsMonitor:
             "joint_points": model.operator.num_points if model.operator else 0,
             "ranks": self._comm.size,
             "units": "SI: m, s, N, Pa, J",
+            "laws": strengths(model.contact) if model.contact else {},
             **self._metadata,
         }
 
@@ -100,6 +109,10 @@ class ResultsMonitor:
             if model.bulk is not None:
                 writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
+            if self._extras is not None:
+                self._extras.declare(writer, joints)
+            if self._resultants is not None:
+                self._resultants.declare(writer)
             if self._envelopes is not None:
                 found = self._envelopes
                 declare_envelopes(writer, found.nodes, found.arch, found.cantilever)
@@ -109,13 +122,22 @@ class ResultsMonitor:
         on_root(self._comm, create)
         self.record(first)
 
-    def _find(self, model: Model) -> None:
-        """Nodes, points and supports of the model (collective)."""
+    def _find(self, model: Model, first: Record) -> None:
+        """Nodes, points, supports and joints of the model (collective)."""
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes = NodeGather(model)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         self._supports = model.constraints.groups
-        self._envelopes = StressEnvelopes(model, self._nodes) if self._with_envelopes else None
+        self._envelopes = None
+        if self._with_envelopes is not False:
+            groups = None if self._with_envelopes is True else self._with_envelopes
+            self._envelopes = StressEnvelopes(model, self._nodes, groups)
+        self._extras = PointExtras(model.contact, first) if model.contact else None
+        self._resultants: ResultantsStream | None = None
+        if self._with_resultants:
+            if model.contact is None:
+                raise MeshError("resultants=True records forces of joints; the model has none.")
+            self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
         self._before: tuple[float, Floats] | None = None
 
     def memory(self) -> dict[str, Any]:
@@ -140,7 +162,8 @@ class ResultsMonitor:
     def _settings(self) -> dict[str, Any]:
         """What a continued file must agree in."""
         points = {name: [float(x) for x in place] for name, place in self._points.items()}
-        return {"points": points, "every": self._every, "envelopes": self._with_envelopes}
+        extra = {"envelopes": self._with_envelopes, "resultants": self._with_resultants}
+        return {"points": points, "every": self._every, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
@@ -151,12 +174,13 @@ class ResultsMonitor:
             ResultsError: The file is not that of the run, or was recorded with other settings.
         """
         for name, here in self._settings.items():
-            if memory["settings"][name] != here:
+            was = memory["settings"].get(name, False)  # a checkpoint of an earlier version
+            if was != here:
                 raise ResultsError(
-                    f"{self._path} cannot be continued: it was recorded with "
-                    f"{name}={memory['settings'][name]}, now {name}={here}."
+                    f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
+                    f"{name}={here}."
                 )
-        self._find(model)
+        self._find(model, last)
         self._before = memory["time"], memory["velocity"]
         self._time = last.time
         if self._envelopes is not None:
@@ -194,6 +218,8 @@ class ResultsMonitor:
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies)
+        if self._resultants is not None:
+            self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self._every == 0:
             self._append_state(record)
         if self._envelopes is not None:
@@ -231,11 +257,16 @@ class ResultsMonitor:
             gap = operator.gather(record.joints.state.gap)
             traction = operator.gather(record.joints.traction)
             status = operator.gather(record.joints.status)
+            assert self._extras is not None
+            extras = self._extras.values(record)
             if gap is not None and traction is not None and status is not None:
                 for name, (points, _) in joint_facet_points(operator).items():
                     values[f"joints/{name}/gap"] = gap[points]
                     values[f"joints/{name}/traction"] = traction[points]
                     values[f"joints/{name}/status"] = status[points]
+                    for what, every in extras.items():
+                        if name in self._extras.joints(what):
+                            values[f"joints/{name}/{what}"] = every[points]
         self._append("states", record.time, values)
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
@@ -248,6 +279,17 @@ class ResultsMonitor:
             self._writer.finish(status, summary)  # type: ignore[arg-type]
             self._writer.close()
             self._writer = None
+
+
+def _groups(envelopes: bool | Sequence[str]) -> bool | list[str]:
+    """Whether envelopes are wanted, or names of facet groups."""
+    if isinstance(envelopes, bool):
+        return envelopes
+    good = isinstance(envelopes, list | tuple) and all(isinstance(n, str) for n in envelopes)
+    check_kind_of("envelopes", envelopes, good, "True, False or a list of facet groups")
+    if not envelopes:
+        raise ValueError("envelopes is an empty list; name facet groups, or pass False.")
+    return list(envelopes)
 
 
 class FieldMonitor:

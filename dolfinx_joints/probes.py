@@ -76,7 +76,11 @@ def _least_over_ranks(comm: Any, index_map: Any, keys: NDArray[np.int64]) -> NDA
 
 
 def boundary_facets(
-    model: Model, nodes: NodeGather, *, without: NDArray[np.int32] | None = None
+    model: Model,
+    nodes: NodeGather,
+    *,
+    without: NDArray[np.int32] | None = None,
+    only: NDArray[np.int32] | None = None,
 ) -> NDArray[np.int64]:
     """Vertices of all exterior facets in cyclic order, on every rank (collective).
 
@@ -86,6 +90,7 @@ def boundary_facets(
         model: The model.
         nodes: Numbers the nodes.
         without: Local numbers of facets to leave out.
+        only: Local numbers of facets, of which the exterior ones are taken; all unless given.
 
     Returns:
         Node numbers, shape (num_facets, vertices per facet).
@@ -100,6 +105,8 @@ def boundary_facets(
     facets = exterior_facet_indices(mesh.topology)
     if without is not None:
         facets = np.setdiff1d(facets, without)
+    if only is not None:
+        facets = np.intersect1d(facets, only)
     to_cell = mesh.topology.connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     cells = to_cell.array[to_cell.offsets[facets]]

@@ -138,6 +138,30 @@ class Results:
         found = [part[1] for part in names if part[0] == "joints" and part[2:] == ["points"]]
         return sorted(found, key=lambda name: (len(name), name))
 
+    def law(self, joint: str) -> dict[str, Any]:
+        """What the file tells of a joint's law; empty if nothing, as in older files.
+
+        ``kind``, ``friction_angle_deg`` [degrees], None where the law has none, and ``cohesion``
+        [Pa].
+
+        Raises:
+            ResultsError: It tells something else.
+        """
+        laws = self.metadata.get("laws", {})
+        law = laws.get(joint, {}) if isinstance(laws, dict) else laws
+        if law == {}:
+            return {}
+        names = ("kind", "friction_angle_deg", "cohesion")
+        if isinstance(law, dict) and set(names) <= law.keys():
+            kind, angle, cohesion = (law[name] for name in names)
+            numbers = [cohesion] if angle is None else [angle, cohesion]
+            if isinstance(kind, str) and all(type(number) in (int, float) for number in numbers):
+                return law
+        raise ResultsError(
+            f"The metadata 'laws' of {self.path} are {str(law)[:80]!r} for {joint!r}; they must "
+            f"hold {listing(names)}."
+        )
+
     @property
     def point_names(self) -> list[str]:
         """Names of the monitor points, from ``metadata["point_names"]`` or numbered."""

@@ -36,6 +36,9 @@ class Record:
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
         halvings: Pieces that this step was cut into, less one.
+        wet_joints: Names of the joints with water.
+        pressure: Gives the pressure of the water at the local joint points at the time of the
+            record, shape (n,), [Pa]; None without water in joints (collective).
     """
 
     stage: str
@@ -49,6 +52,8 @@ class Record:
     solve: SolveReport | None
     energy: EnergyRow
     halvings: int
+    wet_joints: tuple[str, ...] = ()
+    pressure: Callable[[], NDArray[np.float64]] | None = None
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

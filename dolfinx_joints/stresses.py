@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.envelopes import Envelopes, face_directions
+from dolfinx_joints.errors import MeshError
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import lasting, on_root
 from dolfinx_joints.probes import NodeGather, boundary_facets
@@ -35,6 +37,8 @@ class SurfaceStress:
     Args:
         model: The model, in space.
         nodes: Numbers the nodes.
+        facets: Vertices of the facets concerned, shape (facets, vertices per facet), the same on
+            every rank; all exterior facets unless given.
 
     Attributes:
         nodes: Numbers of the vertices, rising, the same on every rank, shape (n,).
@@ -44,7 +48,7 @@ class SurfaceStress:
         ValueError: The model is plane or has plastic cells.
     """
 
-    def __init__(self, model: Model, nodes: NodeGather) -> None:
+    def __init__(self, model: Model, nodes: NodeGather, facets: Ints | None = None) -> None:
         """Assemble the matrix (collective)."""
         if model.gdim != 3:
             raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
@@ -54,7 +58,7 @@ class SurfaceStress:
                 "displacements alone do not tell."
             )
         self._comm = model.jointed.mesh.comm
-        self.nodes: Ints = np.unique(boundary_facets(model, nodes))
+        self.nodes: Ints = np.unique(boundary_facets(model, nodes) if facets is None else facets)
         owned = model.V.dofmap.index_map.size_local
         self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
         parts = self._comm.allgather(self.own)
@@ -178,23 +182,31 @@ def _at_vertices(model: Model, expression: Any) -> Any:
 class StressEnvelopes:
     """Envelopes of the stresses at the vertices of the boundary over a run.
 
-    The directions are those of the free faces: facets of joints and supports do not count.
+    The directions are those of the free faces: facets of joints and supports do not count. On
+    chosen groups they are those of the groups' facets.
 
     Args:
         model: The model, in space.
         nodes: Numbers the nodes.
+        groups: Names of facet groups, such as ``["upstream"]``; the whole boundary unless given.
 
     Attributes:
         nodes: Numbers of the vertices, shape (n,).
         arch: Arch directions, shape (n, 3), NaN where there are none.
         cantilever: Cantilever directions likewise.
+
+    Raises:
+        MeshError: There is no such group, or it has no exterior facets.
     """
 
-    def __init__(self, model: Model, nodes: NodeGather) -> None:
+    def __init__(
+        self, model: Model, nodes: NodeGather, groups: Sequence[str] | None = None
+    ) -> None:
         """Assemble what the recovery needs (collective)."""
-        self._stress = SurfaceStress(model, nodes)
+        chosen = None if groups is None else facets_of_groups(model, nodes, groups)
+        self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
-        free = free_facets(model, nodes)
+        free = free_facets(model, nodes) if chosen is None else chosen
         comm = model.jointed.mesh.comm
         self.arch, self.cantilever = on_root(
             comm, lambda: [d[self.nodes] for d in face_directions(nodes.positions, free)]
@@ -213,6 +225,26 @@ class StressEnvelopes:
     def recall(self, columns: Floats) -> None:
         """Go on from the envelopes of all vertices, as ``gather`` gave them."""
         self._seen.recall(columns[self._stress.own])
+
+
+def facets_of_groups(model: Model, nodes: NodeGather, groups: Sequence[str]) -> Ints:
+    """Vertices of the exterior facets of named groups, on every rank (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        groups: Names of facet groups.
+
+    Raises:
+        MeshError: There is no such group, or it has no exterior facets.
+    """
+    found = []
+    for group in groups:
+        facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
+        if not len(facets):
+            raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
+        found.append(facets)
+    return np.unique(np.concatenate(found), axis=0)
 
 
 def free_facets(model: Model, nodes: NodeGather) -> Ints:

@@ -53,6 +53,7 @@ class MatrixSystem:
         symmetric: Whether K and C are symmetric.
         components: Displacement components per node.
         water: Loads that depend on the state of the joints, None for none.
+        in_joints: All loads that are water in joints, for what records their pressures.
     """
 
     mass: PETSc.Mat
@@ -68,6 +69,7 @@ class MatrixSystem:
     symmetric: bool = True
     components: int = 1
     water: JointWaters | None = None
+    in_joints: Sequence[Any] = ()
 
     @classmethod
     def from_arrays(

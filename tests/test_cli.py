@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from dolfinx_joints import __version__, cli
-from dolfinx_joints.results import describe
+from dolfinx_joints.results_overview import overview
 from dolfinx_joints.results_writer import ResultsWriter
 
 
@@ -26,7 +26,7 @@ def write_file(path: Path) -> Path:
 def test_info_prints_what_the_file_holds(tmp_path, capsys):
     path = write_file(tmp_path / "r.h5")
     assert cli.main(["info", str(path)]) == 0
-    assert capsys.readouterr().out.strip() == describe(path)
+    assert capsys.readouterr().out.strip() == overview(path)
 
 
 def test_report_says_where_it_is(tmp_path, capsys):
@@ -63,7 +63,9 @@ def test_bad_file_is_one_line_and_status_2(tmp_path, command):
     assert done.stderr == f"dolfinx-joints: {bad} is not an HDF5 file.\n"
 
 
-@pytest.mark.parametrize("arguments", [[], ["info"], ["report"], ["draw"], ["info", "a", "b"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["info"], ["report"], ["draw"], ["info", "a", "b"], ["csv", "a"]]
+)
 def test_wrong_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)

@@ -12,7 +12,18 @@ import pytest
 pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
-from dolfinx_joints import ConvergenceError, Elastic, Fixed, FrictionNoTension, Model, modes
+from dolfinx_joints import (
+    ConvergenceError,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Model,
+    Results,
+    Spring,
+    modes,
+    write_csv,
+    write_modes,
+)
 
 pytestmark = pytest.mark.mpi
 
@@ -128,3 +139,55 @@ def test_asking_for_what_is_not_there(column):
         modes(system, 0)
     with pytest.raises(ConvergenceError, match="modes"):
         modes(system, 4 * CELLS + 1)
+
+
+def test_effective_masses_of_a_body_on_springs_are_its_mass(column):
+    # No dof is held, so all modes together take all of the mass, in every direction: 4 nodes on
+    # each of 9 levels, 108 unknowns.
+    springs = [Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e9)]
+    model = Model(column(joints=[]), material=BAR, supports=springs)
+    found = modes(model.system(), model.num_dofs)
+    np.testing.assert_allclose(found.mass, RHO * LENGTH, rtol=1e-12)
+    np.testing.assert_allclose(found.effective_mass.sum(axis=0), RHO * LENGTH, rtol=1e-8)
+    np.testing.assert_allclose(found.effective_share.sum(axis=0), 1.0, rtol=1e-8)
+    last = found.report().splitlines()[-1]
+    assert last == "all             100.0 %  100.0 %  100.0 %"
+
+
+def test_modes_in_a_file(column, comm, new_path):
+    # Shapes at the nodes have unit modal mass by the mass matrix of linear bars by hand.
+    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+    model = Model(column(), material=BAR, supports=AXIAL, joints=law)
+    found, path, tables = modes(model.system(), 3), new_path("modes.h5"), new_path("tables")
+    write_modes(found, model, path)
+    if comm.rank == 0:
+        with Results(path) as results:
+            assert results.complete
+            nodes, shape = results.static("mesh/nodes"), results.static("modes/shape")
+            assert shape.shape == (3, len(nodes), 3)
+            assert results.static("modes/frequency").tolist() == found.frequencies.tolist()
+            written = write_csv(results, tables)[0].read_text().splitlines()
+        assert written[0].split(",")[:3] == [
+            "mode [-]",
+            "frequency [Hz]",
+            "participation x [kg^1/2]",
+        ]
+        numbers = [float(value) for value in written[2].split(",")]
+        assert numbers[:2] == [2.0, found.frequencies[1]]
+        assert numbers[2:5] == found.participation[1].tolist()
+        assert numbers[5:8] == found.effective_mass[1].tolist()
+        # All four nodes of a level move alike along z: a level's mean is its motion, and nodes are
+        # in the order of the mesh file, where the two of the joint are told apart by their motion.
+        _, m = line_matrices(1e10)
+        for mode in shape[:, :, 2]:
+            at = {z: np.unique(np.round(mode[np.isclose(nodes[:, 2], z)], 9)) for z in range(9)}
+            assert [len(values) for values in at.values()] == [1, 1, 1, 1, 2, 1, 1, 1, 1]
+            moved = np.concatenate(list(at.values()))
+            swapped = moved[[0, 1, 2, 3, 5, 4, 6, 7, 8, 9]]
+            assert min(abs(v @ m @ v - 1.0) for v in (moved, swapped)) < 1e-6
+    with pytest.raises(Exception, match="exists") as failure:
+        write_modes(found, model, path)
+    assert len(set(comm.allgather(str(failure.value)))) == 1
+    other = Model(column(joints=[]), material=BAR, supports=AXIAL)
+    with pytest.raises(ValueError, match="The modes have 120 unknowns, the model has 108"):
+        write_modes(found, other, path, overwrite=True)

@@ -17,6 +17,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    MeshError,
     Model,
     Results,
     ResultsMonitor,
@@ -165,8 +166,9 @@ def shaking(time):
     return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
-def run(model, path):
-    monitor = ResultsMonitor(path, points={"crest": (10.0, 0.0, 20.0)}, every=1, envelopes=True)
+def run(model, path, envelopes=True):
+    points = {"crest": (10.0, 0.0, 20.0)}
+    monitor = ResultsMonitor(path, points=points, every=1, envelopes=envelopes)
     simulation = Simulation(model, monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=4e-3, steps=5, motion=shaking)
@@ -221,3 +223,40 @@ def test_no_envelopes_unless_asked_for(comm, wall_file, read, new_path):
         with Results(path) as results:
             assert "envelopes" not in results.streams
             assert not any(name.startswith("envelopes") for name in results.statics)
+
+
+def test_envelopes_on_chosen_faces(comm, wall_file, read, new_path):
+    # The same numbers as those of the whole boundary at the vertices of the faces; directions are
+    # those of the faces alone.
+    whole, some = new_path("whole.h5"), new_path("some.h5")
+    model = model_of(read(wall_file()))
+    run(model, whole)
+    run(model, some, envelopes=["joint_2-", "joint_2+"])
+    if comm.rank != 0:
+        return
+    with Results(whole) as one, Results(some) as two:
+        numbers = two.static("envelopes/nodes")
+        nodes = two.static("mesh/nodes")[numbers]
+        np.testing.assert_allclose(nodes[:, 0], 10.0)
+        assert len(numbers) == 2 * 2 * 4  # both sides, 1 x 3 facets
+        here = np.searchsorted(one.static("envelopes/nodes"), numbers)
+        for name in ("principal_max", "principal_min"):
+            wanted = one.series("envelopes", name, -1)[here]
+            np.testing.assert_allclose(two.series("envelopes", name, -1), wanted, rtol=1e-12)
+        # On a plane x = const the arch direction is y and the cantilever's z, at edges too.
+        arch, up = two.static("envelopes/arch"), two.static("envelopes/cantilever")
+        np.testing.assert_allclose(arch, np.tile([0.0, 1.0, 0.0], (16, 1)), atol=1e-12)
+        np.testing.assert_allclose(np.abs(up), np.tile([0.0, 0.0, 1.0], (16, 1)), atol=1e-12)
+        assert np.isfinite(two.series("envelopes", "arch_max", -1)).all()
+
+
+def test_faces_of_envelopes_are_checked(wall_file, read, new_path):
+    model = model_of(read(wall_file()))
+    with pytest.raises(MeshError, match="no facet group 'upstream'"):
+        run(model, new_path("none.h5"), envelopes=["upstream"])
+    for wrong, message in (
+        ([], "envelopes is an empty list; name facet groups, or pass False."),
+        ("base", "envelopes is 'base'; it must be True, False or a list of facet groups."),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ResultsMonitor("x.h5", points={"crest": (10.0, 0.0, 20.0)}, envelopes=wrong)

@@ -11,6 +11,7 @@ beyond the faces of the dam it goes on along the radius.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -170,14 +171,11 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
         rings.append(len(plane.points) + ring * len(nodes) + np.arange(len(nodes)))
     every = np.concatenate(points)
     quads = np.concatenate(
-        [
-            np.hstack([inner[local], outer[local][:, ::-1]])
-            for inner, outer in zip(rings, rings[1:], strict=False)
-        ]
+        [np.hstack([inner[local], outer[local][:, ::-1]]) for inner, outer in pairwise(rings)]
     )
     quads = _counter_clockwise(every, quads)
     ends = np.flatnonzero(foot[:, 1] == top)
-    rim = [np.column_stack([i[ends], o[ends]]) for i, o in zip(rings, rings[1:], strict=False)]
+    rim = [np.column_stack([i[ends], o[ends]]) for i, o in pairwise(rings)]
     edges = {k: v for k, v in plane.edges.items() if k not in ("base", "abutments")}
     edges |= {"ground": ground, "outer": rings[-1][local], "rim": np.concatenate(rim)}
     ring_cells = split_quadrilaterals(every, quads) if cell == "tet" else quads

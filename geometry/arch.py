@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -184,7 +185,7 @@ class Sector:
         """The angle theta at which the top meets the abutment [radians]."""
         return float(self.dam.half_angle(self.top))
 
-    @property
+    @cached_property
     def upright(self) -> bool:
         """Whether the abutments are vertical: they have one angle theta at all heights."""
         zeta = np.linspace(0, self.top, 101)

@@ -8,6 +8,7 @@ import csv
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,12 @@ class SectionTable:
         """The height of the crest above the lowest section [m]."""
         return float(self.columns["elevation"][-1] - self.base)
 
+    @cached_property
+    def curves(self) -> dict[str, PchipInterpolator]:
+        """The columns as functions of the relative height in [0, 1]."""
+        relative = (self.columns["elevation"] - self.base) / self.height
+        return {name: PchipInterpolator(relative, c) for name, c in self.columns.items()}
+
     def half(self, side: int) -> SectionHalf:
         """Return the half at +y (side 1, the left bank) or -y (side -1), as seen from its side."""
         return SectionHalf(self, side)
@@ -70,7 +77,7 @@ class SectionTable:
         elevation = self.columns["elevation"]
         if len(elevation) < 2:
             raise ValueError(
-                f"{self.source} has {len(elevation)} section, but at least 2 are needed."
+                f"{self.source} has too few sections, {len(elevation)} where at least 2 are needed."
             )
         for name, values in self.columns.items():
             self._refuse(name, ~np.isfinite(values), "must be a finite number")
@@ -124,9 +131,7 @@ class SectionHalf(CircularArches):
 
     def _at(self, name: str, zeta: ArrayLike) -> FloatArray:
         """Interpolate a column at relative heights."""
-        columns = self.table.columns
-        relative = (columns["elevation"] - self.table.base) / self.height
-        values: FloatArray = PchipInterpolator(relative, columns[name])(np.asarray(zeta))
+        values: FloatArray = self.table.curves[name](np.asarray(zeta))
         return values
 
     def half_angle(self, zeta: ArrayLike) -> FloatArray:
@@ -228,9 +233,7 @@ def _check_names(names: list[str], where: str) -> None:
         if name not in _REQUIRED + _OPTIONAL:
             raise ValueError(f"{where}: {name!r} is no column of a table of sections: {known}.")
         if names.count(name) > 1:
-            raise ValueError(
-                f"{where}: the column {name!r} stands there {names.count(name)} times."
-            )
+            raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
     for name in _REQUIRED:
         if name not in names:
             raise ValueError(f"{where}: the column {name!r} is missing.")
@@ -250,16 +253,15 @@ def _check_names(names: list[str], where: str) -> None:
 
 
 def _check_thickness(half: SectionHalf, table: SectionTable) -> None:
-    """Raise ValueError where the faces meet, or the downstream one ends before the abutment."""
+    """Raise ValueError where the faces meet or the downstream one ends before the abutment."""
     zeta = np.linspace(0, 1, 201)
     thickness = half.thickness(zeta[:, None], np.linspace(0, 1, 41))
     wrong = ~((thickness > 0) & (thickness < half.radius(zeta)[:, None])).all(axis=1)
     if wrong.any():
         level = table.base + table.height * zeta[wrong][0]
         raise ValueError(
-            f"{table.source}: at elevation {level:g} m the faces meet before the "
-            f"{_bank(half)} abutment, or the downstream face ends there: its thickness must be "
-            "above 0 and below extrados_radius."
+            f"{table.source}: at elevation {level:g} m the downstream face does not reach the "
+            f"{_bank(half)} abutment at a thickness above 0 and below extrados_radius."
         )
 
 

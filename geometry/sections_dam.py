@@ -113,7 +113,7 @@ def sections_dam(
             if block is not None:
                 part = block.place(sector, local, ground[here], part)
             xyz[here] = part * [1, side, 1]
-        return xyz + [0, 0, table.base]
+        return xyz + np.array([0.0, 0.0, table.base])
 
     return _base.write_mesh(out, solid, order, place=place, gui=gui)
 

@@ -90,6 +90,11 @@ def _check_head(path: Path) -> None:
         if path.suffix != ".msh":
             what = "has a name that does not end in '.msh'"
         raise MeshError(f"{str(path)!r} is no Gmsh mesh file: it {what}.")
+    options = Path(f"{path}.opt")
+    if options.exists():
+        raise MeshError(
+            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh would run; remove it."
+        )
 
 
 def _read_model(model: Any, source: str) -> RawMesh:

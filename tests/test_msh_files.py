@@ -60,6 +60,14 @@ def test_a_script_is_not_run(tmp_path, name):
     assert not mark.exists()
 
 
+def test_options_beside_a_mesh_are_not_run(tmp_path, lines):
+    path, mark = tmp_path / "good.msh", tmp_path / "mark"
+    path.write_text("\n".join(lines))
+    (tmp_path / "good.msh.opt").write_text(f'SystemCall "touch {mark}";\n')
+    assert "has the file 'good.msh.opt' beside it" in refusal(path)
+    assert not mark.exists()
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
 def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
     path, text = tmp_path / "bad.msh", "\n".join(lines)

@@ -93,7 +93,7 @@ def _check_head(path: Path) -> None:
     options = Path(f"{path}.opt")
     if options.exists():
         raise MeshError(
-            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh would run; remove it."
+            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
         )
 
 

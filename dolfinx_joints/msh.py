@@ -59,6 +59,7 @@ def load_msh(path: Path) -> RawMesh:
 
     if not path.is_file():
         raise MeshError(f"Mesh file {str(path)!r} does not exist.")
+    _check_head(path)
     started = not gmsh.isInitialized()
     if started:
         gmsh.initialize(interruptible=False)
@@ -78,6 +79,22 @@ def load_msh(path: Path) -> RawMesh:
             gmsh.model.remove()
             gmsh.model.setCurrent(current)
             gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def _check_head(path: Path) -> None:
+    """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    if path.suffix != ".msh" or not head.startswith(b"$MeshFormat"):
+        what = "is empty" if not head else "does not begin with '$MeshFormat'"
+        if path.suffix != ".msh":
+            what = "has a name that does not end in '.msh'"
+        raise MeshError(f"{str(path)!r} is no Gmsh mesh file: it {what}.")
+    options = Path(f"{path}.opt")
+    if options.exists():
+        raise MeshError(
+            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
+        )
 
 
 def _read_model(model: Any, source: str) -> RawMesh:

@@ -10,6 +10,8 @@ module                 model
 ``voussoir_arch``      a semicircular arch of voussoirs, plane or solid
 ``inclined_crack``     a large body with an inclined crack, plane or one cell thick
 ``ambiesta``           an arch dam with radial contraction joints
+``sections_dam``       an arch dam from a table of horizontal sections, with a foundation
+``from_step``          the touching solids of a STEP file
 ``gravity_dam``        a monolith of a gravity dam with lift joints, plane or solid
 =====================  =========================================================
 

@@ -25,7 +25,8 @@ class Elevation:
 
     Args:
         lines: a of the vertical lines that cells must not cross; from 0, increasing, and the last
-            is the point where the foundation meets the top, shape (num_lines,), [m].
+            is where the body ends: the point where the foundation meets the top, or a vertical
+            abutment, shape (num_lines,), [m].
         foundation: z of the foundation at given a; not decreasing [m].
         top: z of the top [m].
         level: z of a horizontal row of nodes on all lines that reach far enough below it [m].
@@ -55,7 +56,8 @@ class Elevation:
     def _rows(self, lines: FloatArray) -> list[int]:
         """Choose the number of rows on each line: it stays, or falls by two or more."""
         rows: list[int] = []
-        for a in lines[:-1]:
+        upright = float(self.foundation(lines[-1:])[0]) < self.top
+        for a in lines if upright else lines[:-1]:
             base = float(self.foundation(np.array(a)))
             above = max(1, round((self.top - self.level) / self.size)) if self._split(a) else 0
             bottom = self.level if above else self.top
@@ -65,7 +67,7 @@ class Elevation:
             if rows:
                 allowed = [n for n in range(least, rows[-1] + 1) if n != rows[-1] - 1]
             rows.append(min(allowed, key=lambda n: abs(np.log(n / ideal)), default=least))
-        return [*rows, 0]
+        return rows if upright else [*rows, 0]
 
     def _split(self, a: float) -> bool:
         """Tell whether a line has a node at the level."""

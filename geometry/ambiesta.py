@@ -21,23 +21,11 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from geometry import _base
-from geometry._columns import Elevation
-from geometry._extrude import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    PlaneMesh,
-    boundary_edges,
-    edges_between,
-    extrude,
-    mirror,
-    split_quadrilaterals,
-)
+from geometry._arch_elevation import fitted_level, half_elevation
+from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude, mirror
 from geometry.arch import ArchDam, Sector, mid_crest
 
 __all__ = ["ArchDam", "ambiesta", "main", "mid_crest"]
-
-_MIDDLE = 0.5  # the elevation is drawn on the surface halfway between the faces
 
 
 def ambiesta(
@@ -100,7 +88,7 @@ def ambiesta(
     def place(reference: FloatArray, groups: dict[str, BoolArray]) -> FloatArray:
         theta, ta = reference[:, 0] / sector.radius, reference[:, 2]
         foundation = groups["base"] | groups["abutments"]
-        zeta = _level(sector, theta, ta, reference[:, 1] / dam.height, active_height, depth)
+        zeta = fitted_level(sector, theta, ta, reference[:, 1] / dam.height, active_height, depth)
         zeta = np.where(foundation, sector.foundation(theta, ta), zeta)
         zeta = np.where(groups["crest"], sector.top, zeta)
         s = sector.across(theta, ta, zeta)
@@ -127,69 +115,15 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
     Returns:
         The mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m].
     """
-    height, radius = sector.dam.height, sector.radius
-    end = radius * sector.half_angle
+    end = sector.radius * sector.half_angle
     arcs = end * (2 * np.arange(1, joints + 1) / (joints + 1) - 1)
-    right = {k: max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
-
-    def ground(a: FloatArray) -> FloatArray:
-        return height * sector.foundation(a / radius, _MIDDLE)
-
-    lines = np.unique([0.0, *right.values(), end])
-    half = Elevation(lines, ground, height * sector.top, height * active, size)
-    points, quads = half.mesh()
-    cells = split_quadrilaterals(points, quads) if cell == "tet" else quads
-
-    outline = boundary_edges(quads)
-    a, z = points[outline].transpose(2, 0, 1)
-    on_top, on_axis = (z == half.top).all(axis=1), (a == 0).all(axis=1)
-    flat = radius * sector.abutment_angle(_MIDDLE, 0.0)
-    on_base = ~on_top & ~on_axis & ((a.mean(axis=1) < flat) | (a == 0).any(axis=1))
-    edges: dict[str, IntArray] = {
-        "crest": outline[on_top],
-        "base": outline[on_base],
-        "abutments": outline[~on_top & ~on_axis & ~on_base],
-    }
-    for k, line in right.items():
-        below = (points[:, 0] == line) & (points[:, 1] <= half.level)
-        if half.reaches(line):
-            edges[f"joint_{k}"] = edges_between(cells, below)
-    twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in right}
-    whole = mirror(PlaneMesh(points, {"concrete": cells}, edges), twins)
-    names = [name for name in edges if not name.startswith("joint")]
+    right = {f"joint_{k}": max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
+    half = half_elevation(sector, size, cell, right, active)
+    twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in range(1, joints + 1)}
+    whole = mirror(half, twins)
+    names = [name for name in half.edges if not name.startswith("joint")]
     names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in whole.edges]
     return PlaneMesh(whole.points, whole.cells, {name: whole.edges[name] for name in names})
-
-
-def _level(
-    sector: Sector,
-    theta: FloatArray,
-    ta: FloatArray,
-    zeta: FloatArray,
-    active: float,
-    depth: float,
-) -> FloatArray:
-    """Move the levels drawn halfway between the faces so that they fit the foundation at ta.
-
-    The foundation's own shift fades out linearly towards the active height, which thus is kept
-    exactly; where the foundation is near or above it, within ``depth`` of the foundation.
-
-    Args:
-        sector: the body and the axis of its top arch.
-        theta: angles about the axis [radians], shape (num_nodes,).
-        ta: relative positions between the faces, shape (num_nodes,).
-        zeta: relative heights in the drawing, shape (num_nodes,).
-        active: relative height up to which the joints are active.
-        depth: least relative height over which the shift fades out.
-
-    Returns:
-        The relative heights, shape (num_nodes,).
-    """
-    drawn = sector.foundation(theta, _MIDDLE)
-    shift = sector.foundation(theta, ta) - drawn
-    reach = np.maximum(active - drawn, np.minimum(depth, sector.top - drawn))
-    fade = np.clip(1 - (zeta - drawn) / np.maximum(reach, 1e-12), 0, 1)
-    return zeta + shift * fade
 
 
 def main(argv: list[str] | None = None) -> None:

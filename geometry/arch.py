@@ -9,7 +9,9 @@ In space x points downstream, y across the valley and z up.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +20,42 @@ from geometry._base import positive
 from geometry._extrude import FloatArray
 
 
+class CircularArches(ABC):
+    """A dam, or its half s >= 0, whose horizontal sections are circular about y = 0.
+
+    Attributes:
+        height: H [m].
+    """
+
+    height: float
+
+    @abstractmethod
+    def half_angle(self, zeta: ArrayLike) -> FloatArray:
+        """Return phi, the angle from the crown to the abutment [radians]."""
+
+    @abstractmethod
+    def radius(self, zeta: ArrayLike) -> FloatArray:
+        """Return R, the radius of the upstream face [m]."""
+
+    @abstractmethod
+    def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
+        """Return t, measured towards the centre of the upstream face [m]."""
+
+    @abstractmethod
+    def centre(self, zeta: ArrayLike) -> FloatArray:
+        """Return the x coordinate of the centre of the upstream face [m]."""
+
+    def point(self, s: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
+        """Return (x, y, z) [m]; the shape is that of the arguments, with a last axis of 3."""
+        r = self.radius(zeta) - np.asarray(ta) * self.thickness(zeta, s)
+        alpha = np.asarray(s) * self.half_angle(zeta)
+        x = self.centre(zeta) - r * np.cos(alpha)
+        z = self.height * np.asarray(zeta)
+        return np.stack(np.broadcast_arrays(x, r * np.sin(alpha), z), axis=-1)
+
+
 @dataclass(frozen=True)
-class ArchDam:
+class ArchDam(CircularArches):
     """An arch dam whose horizontal sections are circular; the defaults resemble Ambiesta dam.
 
     With zeta the relative height, the upstream face at each level is an arc of half-angle phi and
@@ -117,14 +153,6 @@ class ArchDam:
         z = np.asarray(zeta)
         return self.radius(z) - self.overhang * self.height * z * (1 - self.overhang_return * z)
 
-    def point(self, s: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
-        """Return (x, y, z) [m]; the shape is that of the arguments, with a last axis of 3."""
-        r = self.radius(zeta) - np.asarray(ta) * self.thickness(zeta, s)
-        alpha = np.asarray(s) * self.half_angle(zeta)
-        x = self.centre(zeta) - r * np.cos(alpha)
-        z = self.height * np.asarray(zeta)
-        return np.stack(np.broadcast_arrays(x, r * np.sin(alpha), z), axis=-1)
-
 
 @dataclass(frozen=True)
 class Sector:
@@ -139,7 +167,7 @@ class Sector:
         top: relative height of the top of the body, 1 for the whole dam.
     """
 
-    dam: ArchDam
+    dam: CircularArches
     top: float = 1.0
 
     @property
@@ -157,6 +185,13 @@ class Sector:
         """The angle theta at which the top meets the abutment [radians]."""
         return float(self.dam.half_angle(self.top))
 
+    @cached_property
+    def upright(self) -> bool:
+        """Whether the abutments are vertical: they have one angle theta at all heights."""
+        zeta = np.linspace(0, self.top, 101)
+        angles = self.abutment_angle(np.array([[0.0], [0.5], [1.0]]), zeta)
+        return bool(np.ptp(angles) < 1e-9)
+
     def abutment_angle(self, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
         """Return the angle theta of the abutment s = 1 [radians]."""
         xyz = self.dam.point(1.0, ta, zeta)
@@ -166,13 +201,16 @@ class Sector:
         """Return the relative height at which the plane theta leaves the body below.
 
         It is 0 where the plane meets the base, and else the height of the abutment there, found
-        by bisection (the abutments must part monotonically as seen from the axis).
+        by bisection (the abutments must part monotonically as seen from the axis).  Between
+        upright abutments it is 0.
 
         Args:
             theta: angle about the axis, up to ``half_angle`` in size [radians].
             ta: relative position between the faces; broadcast against theta.
         """
         angle, ta = np.broadcast_arrays(np.abs(theta), np.asarray(ta, dtype=float))
+        if self.upright:
+            return np.zeros(angle.shape)
         low, high = np.zeros(angle.shape), np.full(angle.shape, self.top)
         for _ in range(60):
             middle = 0.5 * (low + high)

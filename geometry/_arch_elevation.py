@@ -1,0 +1,98 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The elevation of half an arch dam as a plane mesh, and its fit to the foundation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from geometry._columns import Elevation
+from geometry._extrude import (
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    boundary_edges,
+    edges_between,
+    split_quadrilaterals,
+)
+from geometry.arch import Sector
+
+_MIDDLE = 0.5  # the elevation is drawn on the surface halfway between the faces
+
+
+def half_elevation(
+    sector: Sector, size: float, cell: str, joints: Mapping[str, float], active: float
+) -> PlaneMesh:
+    """Mesh half of the surface halfway between the faces, developed about the axis.
+
+    Args:
+        sector: the body and the axis of its top arch.
+        size: cell size [m].
+        cell: "hex" or "tet".
+        joints: coordinate a of each joint by name, at least 0 [m].
+        active: relative height up to which the joints are active.
+
+    Returns:
+        The mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m], with
+        the edges ``crest``, ``base``, ``abutments`` and the joints of at least half a cell.
+    """
+    height, radius = sector.dam.height, sector.radius
+
+    def ground(a: FloatArray) -> FloatArray:
+        return height * sector.foundation(a / radius, _MIDDLE)
+
+    lines = np.unique([0.0, *joints.values(), radius * sector.half_angle])
+    half = Elevation(lines, ground, height * sector.top, height * active, size)
+    points, quads = half.mesh()
+    cells = split_quadrilaterals(points, quads) if cell == "tet" else quads
+
+    outline = boundary_edges(quads)
+    a, z = points[outline].transpose(2, 0, 1)
+    on_top, on_axis = (z == half.top).all(axis=1), (a == 0).all(axis=1)
+    flat = radius * sector.abutment_angle(_MIDDLE, 0.0)
+    on_base = ~on_top & ~on_axis & ((a.mean(axis=1) < flat) | (a == 0).any(axis=1))
+    if sector.upright:
+        on_base = (z == 0).all(axis=1)
+    edges: dict[str, IntArray] = {
+        "crest": outline[on_top],
+        "base": outline[on_base],
+        "abutments": outline[~on_top & ~on_axis & ~on_base],
+    }
+    for name, line in joints.items():
+        if half.reaches(line):
+            below = (points[:, 0] == line) & (points[:, 1] <= half.level)
+            edges[name] = edges_between(cells, below)
+    return PlaneMesh(points, {"concrete": cells}, edges)
+
+
+def fitted_level(
+    sector: Sector,
+    theta: FloatArray,
+    ta: FloatArray,
+    zeta: FloatArray,
+    active: float,
+    depth: float,
+) -> FloatArray:
+    """Move the levels drawn halfway between the faces so that they fit the foundation at ta.
+
+    The foundation's own shift fades out linearly towards the active height, which thus is kept
+    exactly; where the foundation is near or above it, within ``depth`` of the foundation.
+
+    Args:
+        sector: the body and the axis of its top arch.
+        theta: angles about the axis [radians], shape (num_nodes,).
+        ta: relative positions between the faces, shape (num_nodes,).
+        zeta: relative heights in the drawing, shape (num_nodes,).
+        active: relative height up to which the joints are active.
+        depth: least relative height over which the shift fades out.
+
+    Returns:
+        The relative heights, shape (num_nodes,).
+    """
+    drawn = sector.foundation(theta, _MIDDLE)
+    shift = sector.foundation(theta, ta) - drawn
+    reach = np.maximum(active - drawn, np.minimum(depth, sector.top - drawn))
+    fade = np.clip(1 - (zeta - drawn) / np.maximum(reach, 1e-12), 0, 1)
+    return zeta + shift * fade

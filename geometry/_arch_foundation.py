@@ -1,0 +1,231 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A foundation block that follows the valley of an arch dam.
+
+In the elevation (a, z) the block lies between the ground and its image, enlarged by a factor about
+the middle of the crest; ring for ring, so that cells grow outwards and never fold.  In space each
+node keeps the distance from the axis of the crest's arch that its image on the ground has, and
+beyond the faces of the dam it goes on along the radius.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from geometry._base import positive
+from geometry._extrude import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    SolidMesh,
+    extrude,
+    split_quadrilaterals,
+)
+from geometry.arch import Sector
+
+_GROWTH = 1.5  # from one ring of cells to the next
+_MAX_TURN = 170.0  # [degrees]; the ends of the block must not meet downstream
+
+
+@dataclass(frozen=True)
+class Block:
+    """A foundation block.
+
+    Args:
+        sectors: both halves of the dam, by side.
+        depth: below the base [m].
+        spread: beyond the faces of the dam [m]; None for the depth.
+        size: of the cells at the dam [m].
+
+    Raises:
+        ValueError: if a length is not allowed for this dam.
+    """
+
+    sectors: dict[int, Sector]
+    depth: float
+    spread: float | None
+    size: float
+
+    def __post_init__(self) -> None:
+        positive("foundation", self.depth)
+        if self.spread is not None and self.spread != 0:
+            positive("spread", self.spread)
+        sector = self.sectors[1]
+        turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
+        deepest = (_MAX_TURN / turn - 1) * sector.dam.height
+        if self.depth > deepest:
+            raise ValueError(
+                f"foundation is {self.depth!r}, but with a crest of {turn:.4g} degrees to one side "
+                f"it must be at most {deepest:.4g} m, or its ends meet downstream of the dam."
+            )
+        zeta = np.linspace(0, 1, 201)
+        nearest = min(
+            float(np.hypot(p[..., 0] - s.axis, p[..., 1]).min())
+            for s in self.sectors.values()
+            for p in [s.dam.point(np.array([[0.0], [1.0]]), 1.0, zeta)]
+        )
+        if self.reach >= nearest:
+            raise ValueError(
+                f"spread is {self.reach:g} m, but it must be below {nearest:.4g} m, the distance "
+                "of the downstream face from the axis of the crest's arch."
+            )
+
+    @property
+    def reach(self) -> float:
+        """How far the block goes beyond the faces of the dam [m]."""
+        return float(self.depth if self.spread is None else self.spread)
+
+    def factors(self) -> FloatArray:
+        """Return the factors by which the rings are enlarged, from 1 on."""
+        height = self.sectors[1].dam.height
+        return 1 + self.depth / height * _graded(self.depth, self.size)
+
+    def levels(self, through: FloatArray) -> FloatArray:
+        """Return the relative positions ta of all layers: [-1, 0] and [1, 2] are the block's."""
+        if self.reach == 0:
+            return through
+        beyond = _graded(self.reach, self.size)[1:]
+        return np.concatenate([-beyond[::-1], through, 1 + beyond])
+
+    def place(
+        self, sector: Sector, reference: FloatArray, ground: BoolArray, dam: FloatArray
+    ) -> FloatArray:
+        """Send nodes of the block from (a >= 0, z, ta) to space; others stay where the dam is.
+
+        Args:
+            sector: the half of the dam.
+            reference: of all nodes of this half, shape (num_nodes, 3).
+            ground: True at nodes on the ground under the dam, shape (num_nodes,).
+            dam: what the dam's own map gives, z from the base, shape (num_nodes, 3), [m].
+
+        Returns:
+            The nodes in space, shape (num_nodes, 3), [m].
+        """
+        a, z, ta = reference.T
+        factor = np.where(ground, 1.0, self._factor(sector, a, z))
+        mine = (factor > 1) | (ta < -1e-12) | (ta > 1 + 1e-12)
+        a, z, ta, factor = a[mine], z[mine], ta[mine], factor[mine]
+        height = sector.dam.height
+        theta, through = a / factor / sector.radius, np.clip(ta, 0, 1)
+        if sector.upright:
+            zeta = 1 - (1 - z / height) / factor
+        else:
+            zeta = sector.foundation(theta, through)
+        foot = sector.dam.point(sector.across(theta, through, zeta), through, zeta)
+        radius = np.hypot(foot[:, 0] - sector.axis, foot[:, 1]) - self.reach * (ta - through)
+        angle = factor * theta
+        top = height - factor * (height - foot[:, 2])
+        top = np.where(np.abs(z - height) < 1e-9 * height, height, top)
+        xyz = dam.copy()
+        x = sector.axis - radius * np.cos(angle)
+        xyz[mine] = np.column_stack([x, radius * np.sin(angle), top])
+        return xyz
+
+    def _factor(self, sector: Sector, a: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the factor of each point, 1 inside the dam, by bisection; shape (num_nodes,)."""
+        height, end = sector.dam.height, sector.radius * sector.half_angle
+
+        def inside(factor: FloatArray) -> BoolArray:
+            zeta = 1 - (1 - z / height) / factor
+            across = a / factor
+            limit = sector.radius * sector.abutment_angle(0.5, np.clip(zeta, 0, 1))
+            slack = 1e-12 * end
+            return (zeta >= -1e-12) & (across <= limit + slack) & (across <= end + slack)
+
+        low, high = np.ones(a.shape), np.full(a.shape, 2 * float(self.factors()[-1]))
+        within = inside(low)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            there = inside(middle)
+            low, high = np.where(there, low, middle), np.where(there, middle, high)
+        return np.where(within, 1.0, high)
+
+
+def _graded(length: float, first: float) -> FloatArray:
+    """Return relative positions 0 to 1 of steps that grow from about ``first`` on."""
+    count = max(1, round(float(np.log1p(length / first * (_GROWTH - 1)) / np.log(_GROWTH))))
+    return (_GROWTH ** np.arange(count + 1) - 1) / (_GROWTH**count - 1)
+
+
+def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
+    """Add the block to the elevation of a dam.
+
+    Returns:
+        The mesh with the cells ``foundation``; the edges ``base`` and ``abutments`` have become
+        ``ground``, and ``outer`` and ``rim`` (at the level of the crest) are new.
+    """
+    ground = np.concatenate([plane.edges["base"], plane.edges["abutments"]])
+    nodes, local = np.unique(ground, return_inverse=True)
+    local = local.reshape(-1, 2)
+    top = plane.points[:, 1].max()
+    foot, factors = plane.points[nodes], block.factors()
+    rings = [nodes]
+    points = [plane.points]
+    for ring, factor in enumerate(factors[1:]):
+        points.append(np.column_stack([factor * foot[:, 0], top - factor * (top - foot[:, 1])]))
+        points[-1][foot[:, 1] == top, 1] = top
+        rings.append(len(plane.points) + ring * len(nodes) + np.arange(len(nodes)))
+    every = np.concatenate(points)
+    quads = np.concatenate(
+        [np.hstack([inner[local], outer[local][:, ::-1]]) for inner, outer in pairwise(rings)]
+    )
+    quads = _counter_clockwise(every, quads)
+    ends = np.flatnonzero(foot[:, 1] == top)
+    rim = [np.column_stack([i[ends], o[ends]]) for i, o in pairwise(rings)]
+    edges = {k: v for k, v in plane.edges.items() if k not in ("base", "abutments")}
+    edges |= {"ground": ground, "outer": rings[-1][local], "rim": np.concatenate(rim)}
+    ring_cells = split_quadrilaterals(every, quads) if cell == "tet" else quads
+    return PlaneMesh(every, {**plane.cells, "foundation": ring_cells}, edges)
+
+
+def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
+    """Turn the quadrilaterals that run clockwise."""
+    p = points[quads]
+    one, two = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+    clockwise = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0] < 0
+    return np.where(clockwise[:, None], quads[:, ::-1], quads)
+
+
+def solid_with_foundation(
+    plane: PlaneMesh, through: FloatArray, block: Block, contact: str
+) -> SolidMesh:
+    """Extrude the dam through its thickness, and the block further on both sides.
+
+    Args:
+        plane: what ``ground_ring`` gives.
+        through: relative positions of the dam's layers, from 0 to 1, shape (num_layers + 1,).
+        block: the block.
+        contact: name of the surface between dam and block.
+    """
+    levels = block.levels(through)
+    before = (len(levels) - len(through)) // 2
+    shift = before * len(plane.points)
+    concrete, rock = plane.cells["concrete"], plane.cells["foundation"]
+    own = {k: v for k, v in plane.edges.items() if k not in ("ground", "outer", "rim")}
+    dam = extrude(
+        PlaneMesh(plane.points, {"concrete": concrete}, own), through, ("upstream", "downstream")
+    )
+    around = {k: plane.edges[k] for k in ("ground", "outer", "rim")}
+    ends = "outer" if before else "rim"
+    base = extrude(PlaneMesh(plane.points, {"foundation": rock}, around), levels, (ends, ends))
+    ground = base.facets["ground"]
+    layers = ground.reshape(len(levels) - 1, -1, ground.shape[1])
+    inside = slice(before, before + len(through) - 1)
+    free = [base.facets["rim"], layers[:before], layers[inside.stop :]]
+    facets = {name: nodes + shift for name, nodes in dam.facets.items()}
+    facets[contact] = layers[inside].reshape(-1, ground.shape[1])
+    facets["foundation_outer"] = base.facets["outer"]
+    facets["foundation_free"] = np.concatenate([f.reshape(-1, ground.shape[1]) for f in free])
+    cells = {"concrete": dam.cells["concrete"] + shift, "foundation": base.cells["foundation"]}
+    used = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
+    number = np.zeros(len(base.points), dtype=np.int64)
+    number[used] = np.arange(len(used))
+    return SolidMesh(
+        base.points[used],
+        {name: number[nodes] for name, nodes in cells.items()},
+        {name: number[nodes] for name, nodes in facets.items()},
+    )

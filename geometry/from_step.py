@@ -1,0 +1,383 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A mesh of tetrahedra from a STEP file of touching solids; where two touch is a joint.
+
+python3 geometry/from_step.py dam.step --size 4 --surface base:z=min --out dam.msh
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+
+Plane = tuple[str, float | str]  # axis "x", "y" or "z"; its value [m], "min" or "max"
+
+_BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
+_NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
+_UNNAMED_SURFACE = "outside"
+_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3}
+
+
+def from_step(
+    out: str | os.PathLike[str],
+    step: str | os.PathLike[str],
+    *,
+    size: float,
+    joint_size: float | None = None,
+    order: int = 2,
+    solids: Mapping[str, Sequence[float]] | None = None,
+    joints: Mapping[str, tuple[str, str]] | None = None,
+    tied: Sequence[tuple[str, str]] = (),
+    surfaces: Mapping[str, Plane] | None = None,
+    gui: bool = False,
+) -> Path:
+    """Mesh the solids of a STEP file, conforming where they touch.
+
+    Groups: a volume for each name of solids, ``solid_1``, ``solid_2``, ... in the order of the
+    file where it says none; the common faces of two volumes A and B are the joint ``joint_A_B``;
+    outer faces are ``outside`` unless ``surfaces`` names them.  Solids of one name are one volume
+    without joints inside.  The unit of length is read from the file and turned into metres.
+
+    Args:
+        out: path of the .msh file.
+        step: the STEP file.
+        size: largest cell size [m].
+        joint_size: largest cell size at the joints [m]; ``size`` unless given.
+        order: order of the tetrahedra, 1 or 2.
+        solids: names by a point (x, y, z) inside the solid [m]; they replace those of the file.
+        joints: other names of joints, NAME: (A, B) for the group ``joint_NAME``.
+        tied: pairs (A, B) of volumes that are grown together: no joint.
+        surfaces: names of outer faces by the plane that they lie in.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument is not allowed, the file holds no solids, solids overlap, one
+            touches no other, or a name fits nothing.
+        RuntimeError: if Gmsh fails to mesh the solids.
+    """
+    path = _base.mesh_path(out)
+    _base.check_elements(order, "tet")
+    _base.positive("size", size)
+    _base.positive("joint_size", size if joint_size is None else joint_size)
+    _check_file(Path(step))
+    with _base.gmsh_session():
+        unit = gmsh.option.getString("Geometry.OCCTargetUnit")
+        numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+        # Open CASCADE keeps the unit of the last reading for all that is written later in the
+        # process; millimetres are its own default.
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        for name, value in _OPTIONS.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
+        try:
+            volumes = _volumes(_import(Path(step)), solids or {})
+            faces = _joints(volumes, joints or {}, tied)
+            faces |= _surfaces(volumes, surfaces or {})
+            _group(3, volumes)
+            _group(2, faces)
+            _mesh(size, joint_size, faces, order)
+            gmsh.write(str(path))
+            if gui:
+                gmsh.fltk.run()
+        finally:
+            gmsh.option.setString("Geometry.OCCTargetUnit", unit)
+            for name, value in numbers.items():
+                gmsh.option.setNumber(name, value)
+    return path
+
+
+def _check_file(step: Path) -> None:
+    """Raise ValueError unless the file looks like a whole STEP file."""
+    if not step.is_file():
+        raise ValueError(f"The STEP file {str(step)!r} does not exist.")
+    with step.open("rb") as file:
+        head = file.read(200).lstrip()
+        file.seek(max(0, step.stat().st_size - 200))
+        tail = file.read().rstrip()
+    if not head:
+        raise ValueError(f"{step} is empty.")
+    if not head.startswith(_BEGIN):
+        raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
+    if not tail.endswith(_END):
+        raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
+
+
+def _import(step: Path) -> dict[int, str]:
+    """Import the solids and cut them at their common faces; return their names by tag."""
+    names = []
+    for number, (_, label) in enumerate(_read(step, scale=1.0), start=1):
+        name = re.sub(r"\W+", "_", label).strip("_")
+        names.append(f"solid_{number}" if not name or label.startswith(_NAMELESS) else name)
+    gmsh.model.occ.remove(gmsh.model.occ.getEntities(3), recursive=True)
+    gmsh.model.occ.synchronize()
+    tags = [tag for tag, _ in _read(step, scale=1e-3)]  # Gmsh drops the names where it scales
+    if len(tags) == 1:
+        return {tags[0]: names[0]}
+    pieces = [(3, tag) for tag in tags]
+    _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
+    gmsh.model.occ.synchronize()
+    owner: dict[int, str] = {}
+    for name, parts in zip(names, children, strict=True):
+        for dim, tag in parts:
+            if dim == 3 and tag in owner:
+                shared = gmsh.model.occ.getMass(3, tag)
+                raise ValueError(
+                    f"{step}: the solids {owner[tag]!r} and {name!r} overlap by {shared:.3g} m^3, "
+                    "but they may only touch."
+                )
+            owner[tag] = name
+    for tag, name in owner.items():
+        if not any(len(_sides(face)) == 2 for face in _faces(tag)):
+            raise ValueError(
+                f"{step}: the solid {name!r} shares no face with another one; close the gap, or "
+                "mesh it alone."
+            )
+    return owner
+
+
+def _read(step: Path, scale: float) -> list[tuple[int, str]]:
+    """Import the shapes in millimetres times a scale; return tag and label of each solid."""
+    gmsh.option.setNumber("Geometry.OCCScaling", scale)
+    try:
+        found = gmsh.model.occ.importShapes(str(step))
+        gmsh.model.occ.synchronize()
+    except Exception as error:
+        raise ValueError(f"{step} cannot be read: {error}.") from None
+    solids = [tag for dim, tag in found if dim == 3]
+    if not solids:
+        raise ValueError(f"{step} holds no solids, {len(found)} other shapes; solids are needed.")
+    return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]
+
+
+def _faces(volume: int) -> list[int]:
+    """Return the faces of a volume."""
+    return [int(face) for face in gmsh.model.getAdjacencies(3, volume)[1]]
+
+
+def _sides(face: int) -> list[int]:
+    """Return the volumes on the sides of a face."""
+    return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
+
+
+def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> dict[str, list[int]]:
+    """Return the tags of each volume group."""
+    named = dict(owner)
+    for name, point in solids.items():
+        _word("A solid", name)
+        if np.shape(point) != (3,) or not np.isfinite(point).all():
+            raise ValueError(f"The solid {name!r} is at {point!r}, but it must be at (x, y, z).")
+        hits = [tag for tag in owner if gmsh.model.isInside(3, tag, list(map(float, point)))]
+        if len(hits) != 1:
+            raise ValueError(
+                f"{len(hits)} solids hold the point {tuple(point)} of {name!r}, but the point must "
+                "be inside one."
+            )
+        named[hits[0]] = name
+    groups: dict[str, list[int]] = {}
+    for tag, name in named.items():
+        groups.setdefault(name, []).append(tag)
+    return groups
+
+
+def _joints(
+    volumes: dict[str, list[int]],
+    joints: Mapping[str, tuple[str, str]],
+    tied: Sequence[tuple[str, str]],
+) -> dict[str, list[int]]:
+    """Return the faces of each joint."""
+    group = {tag: name for name, tags in volumes.items() for tag in tags}
+    touching: dict[frozenset[str], list[int]] = {}
+    for _, face in gmsh.model.getEntities(2):
+        pair = frozenset(group[tag] for tag in _sides(face))
+        if len(pair) == 2:
+            touching.setdefault(pair, []).append(face)
+    names = {
+        frozenset(pair): "_".join(pair)
+        for pair in combinations(volumes, 2)
+        if frozenset(pair) in touching
+    }
+    known = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
+    wanted = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
+    wanted += [("A tied pair", pair) for pair in tied]
+    seen: set[frozenset[str]] = set()
+    for what, pair in wanted:
+        if frozenset(pair) not in touching:
+            raise ValueError(
+                f"{what} is between {' and '.join(pair)}, which do not touch; those that do: "
+                f"{known or 'none'}."
+            )
+        if frozenset(pair) in seen:
+            raise ValueError(f"{what} is between {' and '.join(pair)}, which are named already.")
+        seen.add(frozenset(pair))
+    for name, pair in joints.items():
+        _word("A joint", name)
+        names[frozenset(pair)] = name
+    for pair in tied:
+        del names[frozenset(pair)]
+    if len(set(names.values())) < len(names):
+        raise ValueError(f"Two joints have one name: {', '.join(sorted(names.values()))}.")
+    return {f"joint_{name}": touching[pair] for pair, name in names.items()}
+
+
+def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> dict[str, list[int]]:
+    """Return the outer faces of each name; those of none are ``outside``."""
+    outer = {
+        face: np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))
+        for tags in volumes.values()
+        for tag in tags
+        for face in _faces(tag)
+        if len(_sides(face)) == 1
+    }
+    boxes = np.array(list(outer.values()))
+    low, high = boxes[:, 0].min(axis=0).round(6) + 0.0, boxes[:, 1].max(axis=0).round(6) + 0.0
+    slack = 1e-6 * float(np.max(high - low))
+    left = dict(outer)
+    found = {}
+    for name, (axis, where) in surfaces.items():
+        _word("A surface", name)
+        if axis not in ("x", "y", "z") or (isinstance(where, str) and where not in ("min", "max")):
+            raise ValueError(
+                f"The surface {name!r} is at {axis}={where}, but it must be x, y or z at a number, "
+                "'min' or 'max'."
+            )
+        k = "xyz".index(axis)
+        value = float({"min": low[k], "max": high[k]}.get(str(where), where))
+        faces = [f for f, box in left.items() if np.abs(box[:, k] - value).max() < slack]
+        if not faces:
+            raise ValueError(
+                f"The surface {name!r} is at {axis}={where}, but no outer face that is still "
+                f"without a name lies in that plane; the body reaches from {axis} = {low[k]:.6g} "
+                f"to {high[k]:.6g} m."
+            )
+        for face in faces:
+            del left[face]
+        found[name] = faces
+    return found | ({_UNNAMED_SURFACE: list(left)} if left else {})
+
+
+def _word(what: str, name: str) -> None:
+    """Raise ValueError unless a name is a word."""
+    if not re.fullmatch(r"\w+", name) or name == _UNNAMED_SURFACE:
+        raise ValueError(
+            f"{what} is called {name!r}, but its name must be of letters, digits and '_', and not "
+            f"'{_UNNAMED_SURFACE}'."
+        )
+
+
+def _group(dim: int, groups: dict[str, list[int]]) -> None:
+    for name, tags in groups.items():
+        gmsh.model.addPhysicalGroup(dim, tags, name=name)
+
+
+def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], order: int) -> None:
+    """Mesh the current model and check its cells."""
+    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)
+    if joint_size is not None:
+        joint = [(2, f) for name, tags in faces.items() if name.startswith("joint_") for f in tags]
+        corners = gmsh.model.getBoundary(joint, combined=False, recursive=True) if joint else []
+        gmsh.model.mesh.setSize(corners, min(size, joint_size))
+    try:
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(order)
+    except Exception as error:
+        raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
+    worst = min(
+        float(_base.scaled_jacobians(11 if order == 2 else 4, tag).min())
+        for _, tag in gmsh.model.getEntities(3)
+    )
+    if not worst > 0:
+        raise RuntimeError(
+            f"the smallest scaled Jacobian of the mesh is {worst:.3g}, but it must be positive: "
+            "choose a smaller size or order 1."
+        )
+
+
+def _pair(text: str) -> tuple[str, str]:
+    """Read A,B."""
+    one, comma, two = text.partition(",")
+    if not comma or not one or not two or "," in two:
+        raise argparse.ArgumentTypeError(f"{text!r} is not A,B")
+    return one, two
+
+
+def _named_pair(text: str) -> tuple[str, tuple[str, str]]:
+    """Read NAME=A,B."""
+    name, _, pair = text.partition("=")
+    return name, _pair(pair)
+
+
+def _named_point(text: str) -> tuple[str, tuple[float, ...]]:
+    """Read NAME=X,Y,Z."""
+    name, _, point = text.partition("=")
+    try:
+        return name, tuple(float(word) for word in point.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=X,Y,Z") from None
+
+
+def _named_plane(text: str) -> tuple[str, Plane]:
+    """Read NAME:AXIS=VALUE."""
+    name, _, plane = text.partition(":")
+    axis, _, value = plane.partition("=")
+    try:
+        return name, (axis, value if value in ("min", "max") else float(value))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not NAME:AXIS=VALUE with a number, min or max"
+        ) from None
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = argparse.ArgumentParser(description="A mesh of the solids of a STEP file.")
+    parser.add_argument("step", type=Path, help="STEP file")
+    parser.add_argument("--out", type=Path, default=Path("step.msh"), help="mesh file to write")
+    parser.add_argument("--size", type=float, required=True, help="cell size [m]")
+    parser.add_argument("--joint-size", type=float, help="cell size at the joints [m]")
+    parser.add_argument("--order", type=int, default=2, help="order of the elements, 1 or 2")
+    parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
+    for flag, kind, form, what in (
+        ("solid", _named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
+        ("joint", _named_pair, "NAME=A,B", "name the joint between two volumes"),
+        ("tied", _pair, "A,B", "no joint between two volumes"),
+        ("surface", _named_plane, "NAME:AXIS=VALUE", "name outer faces, as base:z=0, top:z=max"),
+    ):
+        parser.add_argument(
+            f"--{flag}",
+            type=kind,  # type: ignore[arg-type]
+            action="append",
+            default=[],
+            metavar=form,
+            dest="tied" if flag == "tied" else f"{flag}s",
+            help=what,
+        )
+
+    def model(out: Path, **options: object) -> Path:
+        for what in ("solids", "joints", "surfaces"):
+            pairs: list[tuple[str, object]] = options[what]  # type: ignore[assignment]
+            options[what] = dict(pairs)
+            if len(dict(pairs)) < len(pairs):
+                raise ValueError(f"two of the {what} have one name, but each needs its own.")
+        return from_step(out, **options)  # type: ignore[arg-type]
+
+    _base.run_script(parser, model, argv)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,286 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The shape of an arch dam from a table of horizontal sections, a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from geometry._extrude import BoolArray, FloatArray
+from geometry.arch import CircularArches, Sector
+
+_REQUIRED = ("elevation", "extrados_radius", "left_angle", "right_angle")
+_OPTIONAL = ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness", "centre_x")
+_MAX_BYTES = 1_000_000
+_MAX_HEIGHT = 1000.0  # [m]; the highest dam has 305 m
+_MIN_ANGLE = 2.0  # [degrees]; if no angle is larger they are radians
+
+
+@dataclass(frozen=True, eq=False)
+class SectionTable:
+    """Circular horizontal sections at rising elevations; between them all numbers are smooth.
+
+    The upstream face of a section is an arc about (centre_x, 0), its crown at the smallest x.  The
+    numbers of the table are interpolated in the elevation by monotone cubics (PCHIP): no value
+    between two sections lies outside theirs.
+
+    Args:
+        columns: the columns of the table by name, each of shape (num_sections,): elevation,
+            extrados_radius, centre_x, and what gives the thickness [m]; left_angle and right_angle
+            from the crown to the abutments at +y and -y [degrees].
+        source: what errors call the table.
+
+    Raises:
+        ValueError: if columns are missing or contradict each other, or a number is out of range.
+    """
+
+    columns: Mapping[str, FloatArray]
+    source: str = "The table"
+
+    def __post_init__(self) -> None:
+        _check_names(list(self.columns), self.source)
+        self._check_numbers()
+        for side in (1, -1):
+            _check_thickness(self.half(side), self)
+            _check_abutment(self.half(side), self)
+
+    @property
+    def base(self) -> float:
+        """The lowest elevation [m]."""
+        return float(self.columns["elevation"][0])
+
+    @property
+    def height(self) -> float:
+        """The height of the crest above the lowest section [m]."""
+        return float(self.columns["elevation"][-1] - self.base)
+
+    @cached_property
+    def curves(self) -> dict[str, PchipInterpolator]:
+        """The columns as functions of the relative height in [0, 1]."""
+        relative = (self.columns["elevation"] - self.base) / self.height
+        return {name: PchipInterpolator(relative, c) for name, c in self.columns.items()}
+
+    def half(self, side: int) -> SectionHalf:
+        """Return the half at +y (side 1, the left bank) or -y (side -1), as seen from its side."""
+        return SectionHalf(self, side)
+
+    def _check_numbers(self) -> None:
+        elevation = self.columns["elevation"]
+        if len(elevation) < 2:
+            raise ValueError(
+                f"{self.source} has too few sections, {len(elevation)} where at least 2 are needed."
+            )
+        for name, values in self.columns.items():
+            self._refuse(name, ~np.isfinite(values), "must be a finite number")
+            if name.endswith(("radius", "thickness")):
+                self._refuse(name, values <= 0, "must be positive [m]")
+            if name.endswith("angle"):
+                self._refuse(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
+        falls = np.concatenate([[False], np.diff(elevation) <= 0])
+        self._refuse("elevation", falls, "must be above the one before: sections rise")
+        if self.height > _MAX_HEIGHT:
+            raise ValueError(
+                f"{self.source} makes a dam {self.height:g} m high, but elevations must be in "
+                f"metres and within {_MAX_HEIGHT:g} m."
+            )
+        widest = max(self.columns[name].max() for name in ("left_angle", "right_angle"))
+        if widest < _MIN_ANGLE:
+            raise ValueError(
+                f"{self.source} has no angle above {widest:g}, but angles must be in degrees."
+            )
+        for name in ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness"):
+            if name in self.columns:
+                wrong = self.columns[name] >= self.columns["extrados_radius"]
+                self._refuse(name, wrong, "must be below extrados_radius")
+
+    def _refuse(self, name: str, wrong: BoolArray, rule: str) -> None:
+        """Raise ValueError with the first section where a column is wrong."""
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise ValueError(
+                f"{self.source}, section {row + 1}: {name} is {self.columns[name][row]:g}, but it "
+                f"{rule}."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class SectionHalf(CircularArches):
+    """One half of the dam of a table, seen so that its abutment is at s = 1.
+
+    Args:
+        table: the table.
+        side: 1 for the half at +y, -1 for the other, mirrored.
+    """
+
+    table: SectionTable
+    side: int
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """The height of the crest above the lowest section [m]."""
+        return self.table.height
+
+    def _at(self, name: str, zeta: ArrayLike) -> FloatArray:
+        """Interpolate a column at relative heights."""
+        values: FloatArray = self.table.curves[name](np.asarray(zeta))
+        return values
+
+    def half_angle(self, zeta: ArrayLike) -> FloatArray:
+        """Return phi, the angle from the crown to the abutment [radians]."""
+        return np.radians(self._at("left_angle" if self.side > 0 else "right_angle", zeta))
+
+    def radius(self, zeta: ArrayLike) -> FloatArray:
+        """Return R, the radius of the upstream face [m]."""
+        return self._at("extrados_radius", zeta)
+
+    def centre(self, zeta: ArrayLike) -> FloatArray:
+        """Return the x coordinate of the centre of the upstream face [m]."""
+        if "centre_x" not in self.table.columns:
+            return np.zeros(np.shape(zeta))
+        return self._at("centre_x", zeta)
+
+    def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
+        """Return t, measured towards the centre of the upstream face [m].
+
+        With an intrados of radius r whose centre is by e nearer to the crown than that of the
+        extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
+        """
+        names = self.table.columns
+        if "intrados_radius" in names:
+            outer, inner = self.radius(zeta), self._at("intrados_radius", zeta)
+            if "crown_thickness" not in names:
+                return outer - inner + 0 * np.asarray(s)
+            e = outer - inner - self._at("crown_thickness", zeta)
+            alpha = np.asarray(s) * self.half_angle(zeta)
+            square = inner**2 - (e * np.sin(alpha)) ** 2
+            with np.errstate(invalid="ignore"):  # the arc ends before the abutment: refused as NaN
+                return np.asarray(outer - e * np.cos(alpha) - np.sqrt(square))
+        crown = self._at("crown_thickness", zeta)
+        if "left_thickness" not in names:
+            return crown + 0 * np.asarray(s)
+        abutment = self._at("left_thickness" if self.side > 0 else "right_thickness", zeta)
+        return crown + (abutment - crown) * np.square(s)
+
+
+def read_sections(path: str | os.PathLike[str]) -> SectionTable:
+    """Read a table of horizontal sections.
+
+    A CSV file: a line of names, then a line of numbers for each section, from the base up, with
+    commas between them.  Empty lines and those that start with # do not count.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: if the file is not such a table; the message says where.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise ValueError(f"The table of sections {str(file)!r} does not exist.")
+    if (size := file.stat().st_size) > _MAX_BYTES:
+        raise ValueError(
+            f"{file} has {size} bytes, but a table of sections has at most {_MAX_BYTES}."
+        )
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{file} is not a text file: its byte {error.start + 1} is no UTF-8."
+        ) from None
+    rows = [
+        (number, [word.strip() for word in next(csv.reader([line]))])
+        for number, line in enumerate(lines, start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not rows:
+        raise ValueError(f"{file} is empty.")
+    names = rows[0][1]
+    _check_names(names, f"{file}, line {rows[0][0]}")
+    table = [_numbers(words, names, f"{file}, line {number}") for number, words in rows[1:]]
+    columns = np.array(table).reshape(-1, len(names)).T
+    return SectionTable(dict(zip(names, columns, strict=True)), str(file))
+
+
+def _numbers(words: list[str], names: list[str], where: str) -> list[float]:
+    """Read one line of numbers."""
+    if len(words) != len(names):
+        raise ValueError(f"{where}: {len(words)} values where the columns are {len(names)}.")
+    values = []
+    for name, word in zip(names, words, strict=True):
+        try:
+            value = float(word) if "_" not in word else np.nan
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise ValueError(f"{where}: {name} is {word!r}, which is not a finite number.")
+        values.append(value)
+    return values
+
+
+def _check_names(names: list[str], where: str) -> None:
+    """Raise ValueError unless the columns make a table."""
+    known = ", ".join(_REQUIRED + _OPTIONAL)
+    for name in names:
+        if name not in _REQUIRED + _OPTIONAL:
+            raise ValueError(f"{where}: {name!r} is no column of a table of sections: {known}.")
+        if names.count(name) > 1:
+            raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
+    for name in _REQUIRED:
+        if name not in names:
+            raise ValueError(f"{where}: the column {name!r} is missing.")
+    given = [name for name in _OPTIONAL[:-1] if name in names]
+    allowed = [
+        ["intrados_radius"],
+        ["crown_thickness"],
+        ["intrados_radius", "crown_thickness"],
+        ["crown_thickness", "left_thickness", "right_thickness"],
+    ]
+    if given not in allowed:
+        ways = "; ".join(" and ".join(way) for way in allowed)
+        raise ValueError(
+            f"{where}: the thickness is given by {' and '.join(given) or 'no column'}, but it must "
+            f"be one of these: {ways}."
+        )
+
+
+def _check_thickness(half: SectionHalf, table: SectionTable) -> None:
+    """Raise ValueError where the faces meet or the downstream one ends before the abutment."""
+    zeta = np.linspace(0, 1, 201)
+    thickness = half.thickness(zeta[:, None], np.linspace(0, 1, 41))
+    wrong = ~((thickness > 0) & (thickness < half.radius(zeta)[:, None])).all(axis=1)
+    if wrong.any():
+        level = table.base + table.height * zeta[wrong][0]
+        raise ValueError(
+            f"{table.source}: at elevation {level:g} m the downstream face does not reach the "
+            f"{_bank(half)} abutment at a thickness above 0 and below extrados_radius."
+        )
+
+
+def _check_abutment(half: SectionHalf, table: SectionTable) -> None:
+    """Raise ValueError unless the abutment is vertical or parts steadily from the crown."""
+    sector = Sector(half)
+    if sector.upright:
+        return
+    zeta = np.linspace(0, 1, 401)
+    angle = sector.abutment_angle(np.array([[0.0], [0.5], [1.0]]), zeta)
+    falls = (np.diff(angle, axis=1) <= 0).any(axis=0)
+    if falls.any():
+        level = table.base + table.height * zeta[1:][falls][0]
+        raise ValueError(
+            f"{table.source}: at elevation {level:g} m the {_bank(half)} abutment stands still or "
+            "turns back as seen from the axis of the crest's arch, but it must part from the crown "
+            "all the way up, or be vertical from base to crest."
+        )
+
+
+def _bank(half: SectionHalf) -> str:
+    return "left" if half.side > 0 else "right"

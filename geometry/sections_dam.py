@@ -1,0 +1,206 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""An arch dam from a table of horizontal sections, with contraction joints and a foundation.
+
+python3 geometry/sections_dam.py sections.csv --joints 9 --foundation 60 --perimetral --out dam.msh
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+
+if not __package__:  # run as a script: make the package importable
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from geometry import _base
+from geometry._arch_elevation import fitted_level, half_elevation
+from geometry._arch_foundation import Block, ground_ring, solid_with_foundation
+from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude
+from geometry.arch import Sector
+from geometry.section_table import SectionTable, read_sections
+
+_SIDES = (1, -1)
+
+
+def sections_dam(
+    out: str | os.PathLike[str],
+    table: SectionTable | str | os.PathLike[str],
+    *,
+    size: float = 5.0,
+    order: int = 2,
+    cell: str = "hex",
+    layers: int = 1,
+    joints: int | Sequence[float] = 9,
+    active_height: float = 1.0,
+    foundation: float | None = None,
+    spread: float | None = None,
+    perimetral: bool = False,
+    gui: bool = False,
+) -> Path:
+    """Mesh an arch dam given by sections: x downstream, y to the left bank, z the elevation.
+
+    The joints are vertical planes through the axis of the crest's arch.  Joint k, counted from the
+    right bank (-y) to the left, is the group ``joint_k``: the part below the active height.  A
+    joint of which less than half a cell would be active has no group.
+
+    Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, and
+    ``base`` (the flat bottom) and ``abutments``.  With a foundation the last two are one surface,
+    ``joint_perimetral`` or, without that joint, ``contact``; the volume ``foundation`` follows the
+    valley, its outer surface is ``foundation_outer`` (to be supported) and what is free of it
+    ``foundation_free``.  The nodes of the dam lie on the exact shape.
+
+    Args:
+        out: path of the .msh file.
+        table: the sections, or their CSV file.
+        size: cell size in elevation [m].
+        order: order of the elements, 1 or 2.
+        cell: "hex" or "tet".
+        layers: number of elements through the thickness.
+        joints: their number, at equal arcs of the crest; or their angles about the axis of the
+            crest's arch, rising, positive towards the left bank, 0 at the crown [degrees].
+        active_height: relative height up to which the joints can open, in (0, 1].
+        foundation: depth of the foundation below the base [m]; None for none.
+        spread: how far the foundation reaches upstream and downstream beyond the faces [m]; as its
+            depth unless given; 0 makes a saddle as thick as the dam (pulvino).
+        perimetral: whether there is a joint between dam and foundation.
+        gui: show the mesh in Gmsh's window afterwards.
+
+    Returns:
+        The path written.
+
+    Raises:
+        ValueError: if an argument or the table is not allowed.
+        RuntimeError: if the shape is so extreme that cells are turned inside out.
+    """
+    _base.check_elements(order, cell)
+    _base.positive("size", size)
+    _base.whole("layers", layers, 1)
+    if not isinstance(active_height, Real) or not 0 < active_height <= 1:
+        raise ValueError(f"active_height is {active_height!r}, but it must be in (0, 1].")
+    if perimetral and foundation is None:
+        raise ValueError("perimetral is True, but without a foundation there is no such joint.")
+    if spread is not None and foundation is None:
+        raise ValueError(f"spread is {spread!r}, but there is no foundation to spread.")
+    if not isinstance(table, SectionTable):
+        table = read_sections(table)
+    sectors = {side: Sector(table.half(side)) for side in _SIDES}
+    block = None if foundation is None else Block(sectors, foundation, spread, size)
+    arcs = _arcs(sectors, joints)
+    plane = _elevation(sectors, size, cell, arcs, float(active_height))
+    levels = np.linspace(0, 1, layers + 1)
+    if block is None:
+        solid = extrude(plane, levels, ("upstream", "downstream"))
+    else:
+        plane = ground_ring(plane, block, cell)
+        contact = "joint_perimetral" if perimetral else "contact"
+        solid = solid_with_foundation(plane, levels, block, contact)
+
+    def place(reference: FloatArray, groups: dict[str, BoolArray]) -> FloatArray:
+        ground = np.zeros(len(reference), dtype=bool)
+        for name in ("base", "abutments", "joint_perimetral", "contact"):
+            ground |= groups.get(name, False)
+        xyz = np.empty_like(reference)
+        for side, sector in sectors.items():
+            here = side * reference[:, 0] >= 0
+            local = reference[here] * [side, 1, 1]
+            part = _dam(sector, local, ground[here], groups["crest"][here], active_height, size)
+            if block is not None:
+                part = block.place(sector, local, ground[here], part)
+            xyz[here] = part * [1, side, 1]
+        return xyz + np.array([0.0, 0.0, table.base])
+
+    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+
+
+def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
+    """Return the coordinate a of each joint by name [m]."""
+    left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
+    if isinstance(joints, Sequence | np.ndarray):
+        angles = np.asarray(joints, dtype=float)
+        inside = (angles > -right) & (angles < left)
+        if angles.ndim != 1 or not inside.all() or not (np.diff(angles) > 0).all():
+            raise ValueError(
+                f"joints is {list(joints)!r}, but the angles must rise and lie between "
+                f"-{right:.4g} and {left:.4g} degrees, the ends of the crest."
+            )
+    else:
+        count = _base.whole("joints", joints, 0)
+        angles = -right + (left + right) * np.arange(1, count + 1) / (count + 1)
+    angles = np.where(np.abs(angles) < 1e-9 * (left + right), 0.0, angles)
+    radius = sectors[1].radius
+    return {f"joint_{k}": radius * float(np.radians(a)) for k, a in enumerate(angles, start=1)}
+
+
+def _elevation(
+    sectors: dict[int, Sector], size: float, cell: str, arcs: dict[str, float], active: float
+) -> PlaneMesh:
+    """Mesh the surface halfway between the faces in a (to the left bank) and z above the base."""
+    halves = {}
+    for side, sector in sectors.items():
+        own = {name: side * a for name, a in arcs.items() if side * a > 0 or (a == 0 and side > 0)}
+        halves[side] = half_elevation(sector, size, cell, own, active)
+    left, right = halves[1], halves[-1]
+    points = np.concatenate([left.points, right.points * [-1, 1] + 0.0])
+    points, number = np.unique(points, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    shift = len(left.points)
+    cells = [number[left.cells["concrete"]], number[right.cells["concrete"] + shift][:, ::-1]]
+    edges = {}
+    for name in ("crest", "base", "abutments", *arcs):
+        parts = [left.edges.get(name), right.edges.get(name)]
+        numbered = [number[p + i * shift] for i, p in enumerate(parts) if p is not None]
+        if numbered:
+            edges[name] = np.concatenate(numbered)
+    return PlaneMesh(points, {"concrete": np.concatenate(cells)}, edges)
+
+
+def _dam(
+    sector: Sector,
+    reference: FloatArray,
+    ground: BoolArray,
+    crest: BoolArray,
+    active: float,
+    size: float,
+) -> FloatArray:
+    """Send nodes of the dam from (a, z, ta) to space, z from the base, shape (num_nodes, 3)."""
+    theta, zeta, ta = reference.T / [[sector.radius], [sector.dam.height], [1.0]]
+    ta = np.clip(ta, 0, 1)
+    if not sector.upright:
+        drawn = fitted_level(sector, theta, ta, zeta, active, 0.5 * size / sector.dam.height)
+        zeta = np.where(ground, sector.foundation(theta, ta), drawn)
+    zeta = np.clip(np.where(crest, 1.0, zeta), 0, 1)
+    return sector.dam.point(sector.across(theta, ta, zeta), ta, zeta)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the script."""
+    parser = _base.argument_parser("An arch dam from a table of sections.", "dam.msh", 5.0)
+    parser.set_defaults(order=2)
+    parser.add_argument("table", type=Path, help="CSV file of the sections")
+    parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
+    parser.add_argument("--joints", type=int, default=9, help="number of joints")
+    parser.add_argument(
+        "--joint-angles", type=float, nargs="+", help="their angles [degrees], instead of a number"
+    )
+    parser.add_argument("--active-height", type=float, default=1.0, help="of the joints, relative")
+    parser.add_argument("--foundation", type=float, help="depth of a foundation block [m]")
+    parser.add_argument("--spread", type=float, help="its reach beyond the faces [m]")
+    parser.add_argument("--perimetral", action="store_true", help="a joint between dam and block")
+
+    def model(out: Path, **options: object) -> Path:
+        angles = options.pop("joint_angles")
+        if angles is not None:
+            options["joints"] = angles
+        return sections_dam(out, **options)  # type: ignore[arg-type]
+
+    _base.run_script(parser, model, argv)
+
+
+if __name__ == "__main__":
+    main()

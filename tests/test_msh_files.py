@@ -1,0 +1,100 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Malformed and hostile ``.msh`` files: one sentence each, and nothing in them is run."""
+
+import gmsh
+import pytest
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from geometry.two_blocks import two_blocks
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory):
+    """The lines of two cells as an ASCII file of version 4.1."""
+    path = tmp_path_factory.mktemp("msh") / "blocks.msh"
+    two_blocks(path, size=1.0)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.merge(str(path))
+        gmsh.option.setNumber("Mesh.Binary", 0)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path.read_text().split("\n")
+
+
+def refusal(path):
+    with pytest.raises(dj.MeshError) as failure:
+        dj.read_msh(path, MPI.COMM_SELF)
+    assert not gmsh.isInitialized()
+    text = str(failure.value)
+    assert str(path) in text
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "it is empty."),
+        (b"Dear reader", "it does not begin with '$MeshFormat'."),
+        (b"\x89HDF\r\n\x1a\n" + bytes(90), "it does not begin with '$MeshFormat'."),
+    ],
+)
+def test_what_is_no_mesh_is_refused(tmp_path, content, sentence):
+    path = tmp_path / "bad.msh"
+    path.write_bytes(content)
+    assert refusal(path).endswith(f"is no Gmsh mesh file: {sentence}")
+
+
+@pytest.mark.parametrize("name", ["evil.msh", "evil.geo"])
+def test_a_script_is_not_run(tmp_path, name):
+    path, mark = tmp_path / name, tmp_path / "mark"
+    start = "" if name == "evil.msh" else "$MeshFormat\n"
+    path.write_text(f'{start}SystemCall "touch {mark}";\n')
+    assert "is no Gmsh mesh file" in refusal(path)
+    assert not mark.exists()
+
+
+def test_options_beside_a_mesh_are_not_run(tmp_path, lines):
+    path, mark = tmp_path / "good.msh", tmp_path / "mark"
+    path.write_text("\n".join(lines))
+    (tmp_path / "good.msh.opt").write_text(f'SystemCall "touch {mark}";\n')
+    assert "has the file 'good.msh.opt' beside it" in refusal(path)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
+    path, text = tmp_path / "bad.msh", "\n".join(lines)
+    path.write_text(text[: int(share * len(text))])
+    refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("section", "offset", "line"),
+    [
+        ("$MeshFormat", 1, "9.9 0 8"),
+        ("$Nodes", 1, "6 999999999999 1 12"),
+        ("$Elements", 1, "6 999999999999 1 13"),
+        ("$Elements", 3, "x y z"),
+        ("$Elements", 3, "3 1 4 10 99999"),
+    ],
+    ids=["version", "number of nodes", "number of cells", "text", "unknown node"],
+)
+def test_wrong_numbers_are_refused(tmp_path, lines, section, offset, line):
+    path, bad = tmp_path / "bad.msh", list(lines)
+    bad[bad.index(section) + offset] = line
+    path.write_text("\n".join(bad))
+    assert "Gmsh cannot read" in refusal(path)
+
+
+def test_groups_without_names_are_refused(tmp_path, lines):
+    path, bad = tmp_path / "bad.msh", list(lines)
+    del bad[bad.index("$PhysicalNames") : bad.index("$EndPhysicalNames") + 1]
+    path.write_text("\n".join(bad))
+    assert "has no named physical group of cells" in refusal(path)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Of the depth of the water: nodes nearer to the level are taken as lying on it.
+# Of the height of the face: nodes nearer to the level are taken as lying on it.
 ON_LEVEL = 1e-6
 
 # Of the shortest edge: nodes of two blocks that are nearer are one node of the water.
@@ -149,7 +149,7 @@ class ReservoirMass:
     def _direction(self, area: Floats) -> Floats:
         """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
         if self.upstream is None:
-            vector = area.copy()
+            vector = np.array(area, dtype=np.float64)
             vector[-1] = 0.0
         else:
             vector = _numbers(self.upstream)
@@ -167,11 +167,12 @@ class ReservoirMass:
                 f"{self}: the wet face has no horizontal normal in the mean, so where it looks is "
                 "not known; give upstream=, or a group that is one face."
             )
-        return vector / size
+        unit: Floats = vector / size
+        return unit
 
     def _check_top(self, highest: float, lowest: float) -> None:
         """Refuse a face that ends below the level."""
-        if lowest < self.level and highest < self.level - ON_LEVEL * (self.level - lowest):
+        if lowest < self.level and highest < self.level - ON_LEVEL * (highest - lowest):
             raise ValueError(
                 f"{self}: the level is {self.level:g} m, but the face ends at {highest:g} m; it "
                 "must reach up to the level, since the reservoir has its cross-section."
@@ -185,7 +186,7 @@ class ReservoirMass:
         if sums[0] > 0.0:
             shown = ", ".join(f"{x:.3g}" for x in upstream)
             raise ValueError(
-                f"{self}: {100 * sums[0] / sums[1]:.2g} % of the wet face do not look along "
+                f"{self}: {100 * sums[0] / sums[1]:.3g} % of the wet face do not look along "
                 f"upstream, ({shown}), but away from it or within 3 degrees of aside; leave these "
                 "facets out of the group, give another upstream=, or take a WestergaardMass."
             )
@@ -241,7 +242,7 @@ class _Face:
         ends = comm.allgather(heights)
         lowest, highest = min(low for low, _ in ends), max(high for _, high in ends)
         mass._check_top(highest, lowest)
-        self._on_level = ON_LEVEL * max(level - lowest, 0.0)
+        self._on_level = ON_LEVEL * max(highest - lowest, 0.0)
         self._level = level
         every = comm.gather(points, root=0)
 

@@ -178,6 +178,8 @@ class WettedFacets:
             points: Shape (n, points, dim).
             weights: Lengths or areas on the reference facets, shape (n, points).
         """
+        if not len(facet):
+            return self._nowhere(points.shape[1])
         flat = points.reshape(-1, points.shape[2])
         geometry = self._geometry.tabulate(1, flat)[:, :, :, 0]
         geometry = geometry.reshape(len(geometry), *points.shape[:2], -1)
@@ -197,6 +199,18 @@ class WettedFacets:
             areas=normals * scale[:, :, None],
             positions=positions,
             depths=np.maximum(self._level - positions[:, :, -1], 0.0),
+        )
+
+    def _nowhere(self, count: int) -> WettedPoints:
+        """No pieces with some points each; Basix tabulates none but ends the process."""
+        nodes = self.nodes[:0]
+        vectors = np.empty((0, count, self._gdim))
+        return WettedPoints(
+            nodes=nodes,
+            shapes=np.empty((0, count, nodes.shape[1])),
+            areas=vectors,
+            positions=vectors,
+            depths=vectors[:, :, 0],
         )
 
     @property

@@ -5,7 +5,8 @@
     ./with-dolfinx python3 -m studies.gravity_dams
     ./with-dolfinx python3 -m studies.gravity_dams --quick
 
-One monolith each, on rigid ground, with an empty reservoir or with Westergaard's added mass.
+One monolith each, on rigid ground, with an empty reservoir, with Westergaard's added mass or with
+that of incompressible water by finite elements.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ class Dam:
         water: Level of the reservoir above the base [m]; empty unless given.
         joints: Heights of closed lift joints by name [m].
         width: Extent across the valley of a body in space [m]; in the plane unless given.
+        endless: Whether the water is a reservoir by finite elements, instead of Westergaard's mass.
         held_sides: Its sides that cannot move across the valley: both for plane strain; one, the
             plane of symmetry of half a monolith, leaves out its bending across the valley.
     """
@@ -65,6 +67,7 @@ class Dam:
     joints: Mapping[str, float] | None = None
     width: float | None = None
     held_sides: tuple[str, ...] = ()
+    endless: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +154,13 @@ INFLUENCES = {
     "Pine Flat, full": {"plane strain": replace(SAMII_PINE_FLAT, plane="strain")},
 }
 
+# Dams whose frequencies with water are compared, one of them with water in different ways.
+FULL = {
+    "Koyna": GORAI_KOYNA,
+    "Pine Flat": SAMII_PINE_FLAT,
+    "Pine Flat, plane strain": replace(SAMII_PINE_FLAT, plane="strain"),
+}
+
 # Periods [s] of the whole dam in forced vibration, by level of the reservoir [m].
 MEASURED_PINE_FLAT = {94.0: 0.288, 105.0: 0.306}
 
@@ -189,14 +199,17 @@ def build(
         jointed = dj.read_msh(path, comm)
     supports = [dj.Fixed(group="base")]
     supports += [dj.Fixed(group=side, components="y") for side in dam.held_sides]
-    water = dam.water
+    water: list[Any] = []
+    if dam.water is not None:
+        kind = dj.ReservoirMass if dam.endless else dj.WestergaardMass
+        water = [kind(group="upstream", level=dam.water)]
     return dj.Model(
         jointed,
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
         joints=law if dam.joints else None,
         supports=supports,
         plane=dam.plane,
-        added_mass=[] if water is None else [dj.WestergaardMass(group="upstream", level=water)],
+        added_mass=water,
     )
 
 
@@ -245,11 +258,40 @@ def main(arguments: list[str] | None = None) -> None:
         reference = frequencies(PUBLISHED[name].dam, **cells)[0]
         say(f"  {name}: {reference:.4f} Hz")
         for what, dam in others.items():
-            say(f"    {what:<42} {deviation(frequencies(dam, **cells)[0], reference)}")
+            found = frequencies(dam, **cells)[0]
+            say(f"    {what:<42} {found:8.4f} Hz, {deviation(found, reference)}")
+    say("\nwater: Westergaard's mass, and incompressible water by finite elements")
+    for name, dam in FULL.items():
+        say(f"  {name}, at {dam.water:g} m: {waters(dam, cells)}")
     say("\nPine Flat with water, measured on the whole dam")
-    for level, period in MEASURED_PINE_FLAT.items():
-        found = frequencies(replace(CHOPRA_PINE_FLAT, water=level), **cells)[0]
-        say(f"  level {level:g} m: {found:.4f} Hz, measured {1 / period:.4f} Hz")
+    for endless in (False, True):
+        say(f"  {'incompressible water by finite elements' if endless else 'Westergaard'}")
+        ratios = []
+        for level, period in MEASURED_PINE_FLAT.items():
+            dam = replace(CHOPRA_PINE_FLAT, water=level, endless=endless)
+            found = frequencies(dam, **cells)[0]
+            ratios.append((found, 1 / period))
+            young = dam.young / 1e9 / (found * period) ** 2
+            say(
+                f"    level {level:g} m: {found:.4f} Hz, measured {1 / period:.4f} Hz, "
+                f"the same with {young:.1f} GPa"
+            )
+        (low, low_measured), (high, high_measured) = ratios
+        say(
+            f"    the second over the first: {high / low:.4f}, measured "
+            f"{high_measured / low_measured:.4f}"
+        )
+
+
+def waters(dam: Dam, cells: Mapping[str, Any]) -> str:
+    """The first frequency of a dam without and with water of both kinds."""
+    empty = frequencies(replace(dam, water=None), **cells)[0]
+    parabola = frequencies(replace(dam, endless=False), **cells)[0]
+    endless = frequencies(replace(dam, endless=True), **cells)[0]
+    return (
+        f"empty {empty:.4f} Hz; Westergaard {parabola:.4f} Hz, {deviation(parabola, empty)}; "
+        f"reservoir {endless:.4f} Hz, {deviation(endless, empty)}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Added mass of a reservoir of incompressible water, by finite elements.
+"""Added mass of a reservoir by finite elements, of incompressible water unless told otherwise.
 
 The reservoir is the wet face moved horizontally upstream: its floor and banks are the traces of the
 face's edges, so the valley has the same cross-section all along. It matches the face by
@@ -72,10 +72,11 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class ReservoirMass:
-    """Added mass of incompressible water in a reservoir with the cross-section of the wet face.
+    """Added mass of water in a reservoir with the cross-section of the wet face.
 
-    From Laplace's equation for the pressure: p = 0 at the level, dp/dn = -rho a_n on the face, zero
-    on floor and banks. It couples all nodes of the wet face, moves with the face and has no weight.
+    The water is incompressible unless a frequency is given: Laplace's equation for the pressure,
+    p = 0 at the level, dp/dn = -rho a_n on the face, zero on floor and banks. The mass couples all
+    nodes of the wet face, moves with it and has no weight.
 
     Attributes:
         group: Name of the facet group, which reaches up to the level or higher.
@@ -84,6 +85,9 @@ class ReservoirMass:
         upstream: Horizontal vector along which it extends; the mean normal of the wet face, without
             its vertical part, unless given.
         density: Of the water [kg/m^3].
+        frequency: Of the motion [Hz]: above zero the mass is that of compressible water in a
+            steady vibration at this frequency, which must be below those of the reservoir itself.
+        sound_speed: Of compressible water [m/s].
 
     Raises:
         ValueError: A parameter is out of its range.
@@ -94,6 +98,8 @@ class ReservoirMass:
     length: float | None = None
     upstream: Sequence[float] | None = None
     density: float = 1000.0
+    frequency: float = 0.0
+    sound_speed: float = 1440.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -101,8 +107,12 @@ class ReservoirMass:
         check_number(f"{self}: level", self.level, lambda _: True, "finite", unit="m")
         allowed = "zero or more and finite"
         check_number(f"{self}: density", self.density, lambda v: v >= 0, allowed, unit="kg/m^3")
+        allowed = "zero or more and finite"
+        check_number(f"{self}: frequency", self.frequency, lambda v: v >= 0, allowed, unit="Hz")
+        allowed = "positive and finite"
+        speed = self.sound_speed
+        check_number(f"{self}: sound_speed", speed, lambda v: v > 0, allowed, unit="m/s")
         if self.length is not None:
-            allowed = "positive and finite"
             check_number(f"{self}: length", self.length, lambda v: v > 0, allowed, unit="m")
 
     def __str__(self) -> str:
@@ -140,17 +150,29 @@ class ReservoirMass:
             felt = largest > UNFELT * largest.max(initial=0.0)
             if not count:
                 return used[felt], coupling[:, felt]
-            resists = resistance(water, upstream, self.length)
-            return used[felt], half_of_inverse(resists, coupling[:, felt])
+            return used[felt], self._half(water, upstream, coupling[:, felt])
 
         dofs, half = _to_all(comm, solve)
         return _assembled(model, dofs, np.sqrt(self.density) * half)
 
+    def _half(self, water: WaterFace, upstream: Floats, coupling: Floats) -> Floats:
+        """Y, Y^T Y being the added mass per density."""
+        wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
+        try:
+            resists = resistance(water, upstream, self.length, wavenumber)
+            return half_of_inverse(resists, coupling)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                f"{self}: frequency is {self.frequency:g} Hz; it must be below the lowest one at "
+                f"which the reservoir itself resonates (c/4H, with c = {self.sound_speed:g} m/s, "
+                "in a long one with a level floor)."
+            ) from None
+
     def _direction(self, area: Floats) -> Floats:
         """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
+        vector: Floats
         if self.upstream is None:
-            vector = np.array(area, dtype=np.float64)
-            vector[-1] = 0.0
+            vector = np.append(area[:-1], [0.0]).astype(np.float64)
         else:
             vector = _numbers(self.upstream)
             good = vector.shape == area.shape and bool(np.isfinite(vector).all())

@@ -116,7 +116,9 @@ def lidded(face: WaterFace) -> int:
     return int(connected_components(links, directed=False)[0]) - 1
 
 
-def resistance(face: WaterFace, upstream: Floats, length: float | None) -> Floats:
+def resistance(
+    face: WaterFace, upstream: Floats, length: float | None, wavenumber: float = 0.0
+) -> Floats:
     """The energy of water in motion by the pressures p at its face, S in 1/2 p S p.
 
     Per density and with the pressure as potential: S p are the fluxes of grad p into the water.
@@ -125,11 +127,16 @@ def resistance(face: WaterFace, upstream: Floats, length: float | None) -> Float
         face: The face; each of its regions reaches the level.
         upstream: Unit vector, horizontal, shape (gdim,).
         length: Where a rigid wall ends the water [m]; None for endless water.
+        wavenumber: Of sound at the frequency of the motion [1/m]; zero for incompressible water.
 
     Returns:
         Shape (count, count), [m] in space, [-] in the plane; symmetric, positive definite.
+
+    Raises:
+        LinAlgError: The water resonates at this frequency or a lower one.
     """
-    in_face, mixed, across = _matrices(face, upstream)
+    in_face, mixed, across, mass = _matrices(face, upstream)
+    in_face -= wavenumber**2 * mass
     edges = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
     thickness = THINNEST * float(edges.mean())
     doublings = None
@@ -171,8 +178,8 @@ def _below(lower: Floats, right: Floats) -> Floats:
     return solution
 
 
-def _matrices(face: WaterFace, upstream: Floats) -> tuple[Floats, Floats, Floats]:
-    """Energy per length of water, p A p + 2 p B p' + p' C p' with p' = dp/ds: A, B, C."""
+def _matrices(face: WaterFace, upstream: Floats) -> list[Floats]:
+    """Integrals per length of water: p A p + 2 p B p' + p' C p' of grad p squared, p D p of p."""
     corners = face.corners
     axes = corners.shape[2]
     sides = corners[:, 1:] - corners[:, :1]
@@ -187,9 +194,10 @@ def _matrices(face: WaterFace, upstream: Floats) -> tuple[Floats, Floats, Floats
     same = (np.ones((axes, axes)) + np.eye(axes)) / (axes * (axes + 1))
     in_face = np.einsum("t,tdi,tdj->tij", volume, slopes, slopes)
     mixed = np.einsum("t,tdi,td->ti", volume / axes, slopes, along)
-    across = np.einsum("t,td,td,ij->tij", volume, along, along, same)
-    each = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across)
-    found = []
+    mass = np.einsum("t,ij->tij", volume, same)
+    across = np.einsum("td,td,tij->tij", along, along, mass)
+    each = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
+    found: list[Floats] = []
     for elements in each:
         total = np.zeros((face.count, face.count))
         rows = np.broadcast_to(face.nodes[:, :, None], elements.shape)
@@ -197,4 +205,4 @@ def _matrices(face: WaterFace, upstream: Floats) -> tuple[Floats, Floats, Floats
         kept = (rows != SURFACE) & (columns != SURFACE)
         np.add.at(total, (rows[kept], columns[kept]), elements[kept])
         found.append(total)
-    return found[0], found[1], found[2]
+    return found

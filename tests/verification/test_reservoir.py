@@ -304,6 +304,8 @@ def test_bad_input(comm, monkeypatch):
     refused("on 'up': level is nan m; it must be finite", level=np.nan)
     refused("density is -1 kg/m.3; it must be zero or more", density=-1)
     refused("length is 0 m; it must be positive", length=0)
+    refused("frequency is -1 Hz; it must be zero or more", frequency=-1)
+    refused("sound_speed is 0 m/s; it must be positive", sound_speed=0)
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     for wrong in ("x", (1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0), (np.nan, 0.0)):
         refused(
@@ -344,6 +346,22 @@ def test_bad_faces(comm):
     split = split_mesh(holed, tags, joints={}, groups={"up": 1})
     with pytest.raises(ValueError, match="1 separate regions of the face do not reach"):
         ReservoirMass(group="up", level=11.0).matrix(Model(split, material=CONCRETE))
+
+
+@pytest.mark.parametrize("length", [None, 6.0])
+def test_compressible_water(comm, length):
+    """With sound l_n^2 becomes l_n^2 - (w/c)^2; from c/4H on the endless reservoir resonates."""
+    model = plane(comm, 48)
+    lowest = 1000.0 / (4.0 * DEPTH)
+    for share in (0.5, 0.9):
+        water = {"group": "up", "level": DEPTH, "sound_speed": 1000.0, "length": length}
+        mass = ReservoirMass(**water, frequency=share * lowest).matrix(model)
+        m = np.sqrt(rate(1) ** 2 - (2.0 * np.pi * share * lowest / 1000.0) ** 2)
+        ends = 1.0 if length is None else 1.0 / np.tanh(m * length)
+        expected = RHO * DEPTH / 2.0 / m * ends
+        assert energy(model, mass, wave(1), wave(1)) == pytest.approx(expected, rel=5e-3)
+    with pytest.raises(ValueError, match=r"it must be below the lowest one .*resonates"):
+        ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
 
 
 def test_not_far_from_westergaard(comm):

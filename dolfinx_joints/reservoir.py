@@ -172,7 +172,7 @@ class ReservoirMass:
         """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
         vector: Floats
         if self.upstream is None:
-            vector = np.append(area[:-1], [0.0]).astype(np.float64)
+            vector = np.append(area[:-1], 0.0)
         else:
             vector = _numbers(self.upstream)
             good = vector.shape == area.shape and bool(np.isfinite(vector).all())
@@ -189,7 +189,7 @@ class ReservoirMass:
                 f"{self}: the wet face has no horizontal normal in the mean, so where it looks is "
                 "not known; give upstream=, or a group that is one face."
             )
-        unit: Floats = vector / size
+        unit: Floats = np.divide(vector, size)
         return unit
 
     def _check_top(self, highest: float, lowest: float) -> None:

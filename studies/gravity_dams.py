@@ -35,6 +35,7 @@ from geometry.gravity_dam import (
 )
 from studies.convergence import extrapolated
 
+SOUND = 1440.0  # speed in water [m/s]
 REPEATS = 50  # of the frequency with compressible water
 SIZES = (8.0, 4.0, 2.0)  # of cells [m]
 PSI = 6894.757293168  # [Pa]
@@ -211,7 +212,7 @@ def build(
         where: dict[str, Any] = {"group": "upstream", "level": dam.water}
         water = [dj.WestergaardMass(**where)]
         if dam.endless:
-            water = [dj.ReservoirMass(**where, frequency=dam.vibration)]
+            water = [dj.ReservoirMass(**where, frequency=dam.vibration, sound_speed=SOUND)]
     return dj.Model(
         jointed,
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
@@ -261,7 +262,7 @@ def main(arguments: list[str] | None = None) -> None:
         say(f"  {name} ({published.source})")
         for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
             against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
-            say(f"    mode {mode}  {ours:8.4f} Hz, {against}")
+            say(f"    mode {mode}  {ours:8.4f} Hz, {1 / ours:.3f} s, {against}")
     say("\nwhat moves the first frequency")
     for name, others in INFLUENCES.items():
         reference = frequencies(PUBLISHED[name].dam, **cells)[0]
@@ -295,11 +296,18 @@ def main(arguments: list[str] | None = None) -> None:
 def waters(dam: Dam, cells: Mapping[str, Any], published: float) -> str:
     """The first frequency of a dam without water and with water of each kind."""
     empty = frequencies(replace(dam, water=None), **cells)[0]
-    lines = [f"empty {empty:.4f} Hz, published with water {published:.4f} Hz"]
+    own = SOUND / (4 * (dam.water or np.inf))
+    lines = [
+        f"empty {empty:.4f} Hz, published with water {published:.4f} Hz, "
+        f"the reservoir's own c/4H {own:.2f} Hz"
+    ]
     for kind in WATERS:
         f = with_water(dam, kind, cells)
         change, error = deviation(f, empty), deviation(f, published)
-        lines.append(f"{kind:<15} {f:.4f} Hz, {change} of empty, {error} of published")
+        lines.append(
+            f"{kind:<15} {f:.4f} Hz, {change} of empty, {error} of published, "
+            f"(f0/f)^2 - 1 = {(empty / f) ** 2 - 1:.3f}"
+        )
     return "\n    ".join(lines)
 
 

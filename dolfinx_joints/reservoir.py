@@ -107,7 +107,6 @@ class ReservoirMass:
         check_number(f"{self}: level", self.level, lambda _: True, "finite", unit="m")
         allowed = "zero or more and finite"
         check_number(f"{self}: density", self.density, lambda v: v >= 0, allowed, unit="kg/m^3")
-        allowed = "zero or more and finite"
         check_number(f"{self}: frequency", self.frequency, lambda v: v >= 0, allowed, unit="Hz")
         allowed = "positive and finite"
         speed = self.sound_speed

@@ -57,6 +57,7 @@ _HOME = {
     "ResultsError": "errors",
     "ResultsMonitor": "monitors",
     "redistribute": "redistribution",
+    "ReservoirMass": "reservoir",
     "ReservoirTemperature": "temperature_fields",
     "RigidJoint": "rigid",
     "SeepageLine": "joint_water",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.absorbing import impedance
 from dolfinx_joints.checks import check_kind_of, check_number
-from dolfinx_joints.loads import TimeFactor, always
+from dolfinx_joints.loads import TimeFactor, always, in_axes
 from dolfinx_joints.supports import components_of
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class FreeField:
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom, and the sides.
         incident: Velocity of the rising wave at the base at a time [s], one number per axis [m/s];
-            see `incident_wave`.
+            see `incident_wave`. In 2-D x and z of three numbers are taken.
         surface: Height of the level ground, a coordinate along z (y in 2-D) [m].
         base: Height at which ``incident`` is given; the lowest node of the groups unless given [m].
         components: Letters of the axes that the wave moves; all of them unless given.
@@ -123,7 +123,7 @@ class FreeField:
         base = self._base(model)
         lame, shear, density = _rock(model, self.groups)
         letters = "xyz"[:gdim] if self.components is None else self.components
-        velocity = lru_cache(maxsize=512)(self.incident)
+        velocity = lru_cache(maxsize=512)(in_axes(self.incident, gdim))
         found: list[tuple[PETSc.Vec, TimeFactor]] = []
         for axis in components_of(letters, gdim):
             modulus = lame + 2.0 * shear if axis == gdim - 1 else shear
@@ -144,7 +144,7 @@ class FreeField:
             numbers = np.asarray(at_zero, dtype=np.float64)
         except (TypeError, ValueError):
             numbers = np.empty(0)
-        if numbers.ndim != 1 or len(numbers) < gdim or not np.all(np.isfinite(numbers[:gdim])):
+        if numbers.ndim != 1 or len(numbers) < gdim or not np.all(np.isfinite(numbers)):
             raise ValueError(
                 f"FreeField: incident gives {at_zero!r} at t = 0 s; it must give {gdim} finite "
                 "velocities, one per axis."

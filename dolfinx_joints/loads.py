@@ -38,6 +38,23 @@ class AddedMass(Protocol):
         """Its mass in the layout of the model's matrices [kg] (collective)."""
 
 
+def in_axes(motion: Callable[[float], Any], gdim: int) -> Callable[[float], Any]:
+    """What moves a model, of a motion in space: in the plane x and z, the vertical axis there is y.
+
+    Args:
+        motion: Function of time; of two numbers (x, up) in the plane all are taken.
+        gdim: Axes of the model.
+    """
+    if gdim == 3:
+        return motion
+
+    def in_plane(time: float) -> Any:
+        values = np.asarray(motion(time))
+        return values[[0, 2]] if len(values) > 2 else values
+
+    return in_plane
+
+
 def always(_time: float) -> float:
     """The factor of a constant load."""
     return 1.0
@@ -141,13 +158,14 @@ class BaseMotion:
 
     Attributes:
         acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
+            In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
     """
 
     acceleration: Callable[[float], Any]
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
-        latest = lru_cache(maxsize=1)(self.acceleration)
+        latest = lru_cache(maxsize=1)(in_axes(self.acceleration, model.gdim))
 
         def factor(axis: int) -> TimeFactor:
             return lambda time: float(latest(time)[axis])

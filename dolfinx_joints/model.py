@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
 BilinearForm = Callable[[Any, Any], Any]
 
+ADDED = "a WestergaardMass or a ReservoirMass"
+
 
 class Model:
     """M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
@@ -57,7 +59,7 @@ class Model:
         extra_stiffness: Bilinear form (u, v) added to K.
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
-        added_mass: Masses that move with a face, such as `WestergaardMass`, added to M.
+        added_mass: Masses that move with a face, `WestergaardMass` or `ReservoirMass`, added to M.
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
             tractions do not ring (`redistribution`); gravity acts where the mass then is.
@@ -109,7 +111,7 @@ class Model:
         for name, values in lists.items():
             check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
         for added in added_mass:
-            check_kind_of("An added mass", added, hasattr(added, "matrix"), "a WestergaardMass")
+            check_kind_of("An added mass", added, hasattr(added, "matrix"), ADDED)
         for load in loads:
             check_kind_of("A load", load, hasattr(load, "patterns"), "Gravity, Traction or such")
             if hasattr(load, "group"):

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.dynamic_run import DynamicRun, warn_of
 from dolfinx_joints.errors import ConvergenceError, JointsError
-from dolfinx_joints.loads import BaseMotion, Load
+from dolfinx_joints.loads import BaseMotion, Load, in_axes
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
@@ -229,7 +229,8 @@ class Simulation:
         Args:
             dt: Time step [s].
             steps: Number of steps.
-            motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given.
+            motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given. In 2-D x and
+                z of it move the model along x and y; two numbers are taken as they are.
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
@@ -261,6 +262,7 @@ class Simulation:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
             _check_motion(motion, self.model.gdim)
+            motion = in_axes(motion, self.model.gdim)
             if any(getattr(load, "absolute", False) for load in (*self.model.loads, *loads)):
                 raise ValueError(
                     "motion is given beside a FreeField, which moves the ground already; give one."

@@ -91,6 +91,7 @@ class WettedFacets:
 
     Attributes:
         lowest: Lowest height of a vertex of the facets here [m], infinite without facets.
+        nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
     """
 
     def __init__(self, space: Any, jointed: JointedMesh, facets: Ints, level: float) -> None:
@@ -113,7 +114,7 @@ class WettedFacets:
         closure = space.dofmap.dof_layout.entity_closure_dofs
         layout = np.array([closure(fdim, i) for i in range(of_cells.shape[1])])
         self._closure: Ints = layout[self._local]
-        self._nodes: Ints = np.take_along_axis(
+        self.nodes: Ints = np.take_along_axis(
             space.dofmap.list[cells].astype(np.int64), self._closure, axis=1
         )
         self._x: Floats = mesh.geometry.x[mesh.geometry.dofmap[cells]][:, :, : self._gdim]
@@ -167,6 +168,18 @@ class WettedFacets:
         degree *= 4 if len(self._shape.facet_vertices[0]) == 4 else 2
         barycentric, weights = slices(self._depth(facet, corners), degree)
         points = np.einsum("npc,ncd->npd", barycentric, corners)
+        return self.at(facet, points, weights * _measure(corners)[:, None])
+
+    def at(self, facet: Ints, points: Floats, weights: Floats) -> WettedPoints:
+        """Points of the reference cells, mapped to the mesh.
+
+        Args:
+            facet: Positions among the facets here, shape (n,).
+            points: Shape (n, points, dim).
+            weights: Lengths or areas on the reference facets, shape (n, points).
+        """
+        if not len(facet):
+            return self._nowhere(points.shape[1])
         flat = points.reshape(-1, points.shape[2])
         geometry = self._geometry.tabulate(1, flat)[:, :, :, 0]
         geometry = geometry.reshape(len(geometry), *points.shape[:2], -1)
@@ -177,16 +190,34 @@ class WettedFacets:
         outward = basix.cell.facet_outward_normals(self._shape.type)[self._local[facet]]
         outward = np.broadcast_to(outward[:, None, :, None], (*points.shape, 1))
         normals = np.linalg.solve(np.swapaxes(jacobian, 2, 3), outward)[..., 0]
-        scale = np.abs(np.linalg.det(jacobian)) * weights * _measure(corners)[:, None]
+        scale = np.abs(np.linalg.det(jacobian)) * weights
         shapes = self._displacement.tabulate(0, flat)[0, :, :, 0]
         shapes = shapes.reshape(*points.shape[:2], -1)
         return WettedPoints(
-            nodes=self._nodes[facet],
+            nodes=self.nodes[facet],
             shapes=np.take_along_axis(shapes, self._closure[facet][:, None, :], axis=2),
             areas=normals * scale[:, :, None],
             positions=positions,
             depths=np.maximum(self._level - positions[:, :, -1], 0.0),
         )
+
+    def _nowhere(self, count: int) -> WettedPoints:
+        """No pieces with some points each; Basix tabulates none but ends the process."""
+        nodes = self.nodes[:0]
+        vectors = np.empty((0, count, self._gdim))
+        return WettedPoints(
+            nodes=nodes,
+            shapes=np.empty((0, count, nodes.shape[1])),
+            areas=vectors,
+            positions=vectors,
+            depths=vectors[:, :, 0],
+        )
+
+    @property
+    def places(self) -> Floats:
+        """Nodes of the displacement in the reference cells, shape (facets, nodes, dim)."""
+        places: Floats = self._displacement.points[self._closure]
+        return places
 
 
 def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:

@@ -5,7 +5,8 @@
     ./with-dolfinx python3 -m studies.gravity_dams
     ./with-dolfinx python3 -m studies.gravity_dams --quick
 
-One monolith each, on rigid ground, with an empty reservoir or with Westergaard's added mass.
+One monolith each, on rigid ground, with an empty reservoir, with Westergaard's added mass or with
+that of an endless reservoir by finite elements.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ from geometry.gravity_dam import (
 )
 from studies.convergence import extrapolated
 
+SOUND = 1440.0  # speed in water [m/s]
+REPEATS = 50  # of the frequency with compressible water
 SIZES = (8.0, 4.0, 2.0)  # of cells [m]
 PSI = 6894.757293168  # [Pa]
 CLOSED = dj.FrictionNoTension(normal_stiffness=1e12, shear_stiffness=4e11, friction_angle_deg=45.0)
@@ -52,6 +55,9 @@ class Dam:
         water: Level of the reservoir above the base [m]; empty unless given.
         joints: Heights of closed lift joints by name [m].
         width: Extent across the valley of a body in space [m]; in the plane unless given.
+        endless: Whether the water is a reservoir by finite elements, instead of Westergaard's mass.
+        vibration: Frequency of a vibration, to which compressible water resists in a reservoir by
+            finite elements [Hz]; zero for incompressible water.
         held_sides: Its sides that cannot move across the valley: both for plane strain; one, the
             plane of symmetry of half a monolith, leaves out its bending across the valley.
     """
@@ -65,6 +71,8 @@ class Dam:
     joints: Mapping[str, float] | None = None
     width: float | None = None
     held_sides: tuple[str, ...] = ()
+    endless: bool = False
+    vibration: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +159,16 @@ INFLUENCES = {
     "Pine Flat, full": {"plane strain": replace(SAMII_PINE_FLAT, plane="strain")},
 }
 
+# Kinds of water: added masses by formula, and of an endless reservoir by finite elements.
+WATERS = ("Westergaard", "incompressible", "compressible")
+
+# Dams that they are compared on, with published frequencies [Hz].
+FULL = {
+    "Koyna": (GORAI_KOYNA, 1 / 0.393),
+    "Pine Flat": (SAMII_PINE_FLAT, 2.5267),
+    "Pine Flat, plane strain": (replace(SAMII_PINE_FLAT, plane="strain"), 2.5267),
+}
+
 # Periods [s] of the whole dam in forced vibration, by level of the reservoir [m].
 MEASURED_PINE_FLAT = {94.0: 0.288, 105.0: 0.306}
 
@@ -189,14 +207,19 @@ def build(
         jointed = dj.read_msh(path, comm)
     supports = [dj.Fixed(group="base")]
     supports += [dj.Fixed(group=side, components="y") for side in dam.held_sides]
-    water = dam.water
+    water: list[Any] = []
+    if dam.water is not None:
+        where: dict[str, Any] = {"group": "upstream", "level": dam.water}
+        water = [dj.WestergaardMass(**where)]
+        if dam.endless:
+            water = [dj.ReservoirMass(**where, frequency=dam.vibration, sound_speed=SOUND)]
     return dj.Model(
         jointed,
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
         joints=law if dam.joints else None,
         supports=supports,
         plane=dam.plane,
-        added_mass=[] if water is None else [dj.WestergaardMass(group="upstream", level=water)],
+        added_mass=water,
     )
 
 
@@ -239,17 +262,70 @@ def main(arguments: list[str] | None = None) -> None:
         say(f"  {name} ({published.source})")
         for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
             against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
-            say(f"    mode {mode}  {ours:8.4f} Hz, {against}")
+            say(f"    mode {mode}  {ours:8.4f} Hz, {1 / ours:.3f} s, {against}")
     say("\nwhat moves the first frequency")
     for name, others in INFLUENCES.items():
         reference = frequencies(PUBLISHED[name].dam, **cells)[0]
         say(f"  {name}: {reference:.4f} Hz")
         for what, dam in others.items():
-            say(f"    {what:<42} {deviation(frequencies(dam, **cells)[0], reference)}")
+            found = frequencies(dam, **cells)[0]
+            say(f"    {what:<42} {found:8.4f} Hz, {deviation(found, reference)}")
+    say("\nwater: Westergaard's mass, and an endless reservoir by finite elements")
+    for name, (dam, published) in FULL.items():
+        say(f"  {name}, at {dam.water:g} m: {waters(dam, cells, published)}")
     say("\nPine Flat with water, measured on the whole dam")
-    for level, period in MEASURED_PINE_FLAT.items():
-        found = frequencies(replace(CHOPRA_PINE_FLAT, water=level), **cells)[0]
-        say(f"  level {level:g} m: {found:.4f} Hz, measured {1 / period:.4f} Hz")
+    for kind in WATERS:
+        say(f"  {kind}")
+        found = [
+            with_water(replace(CHOPRA_PINE_FLAT, water=level), kind, cells)
+            for level in MEASURED_PINE_FLAT
+        ]
+        measured = [1 / period for period in MEASURED_PINE_FLAT.values()]
+        for level, ours, theirs in zip(MEASURED_PINE_FLAT, found, measured, strict=True):
+            young = CHOPRA_PINE_FLAT.young / 1e9 * (theirs / ours) ** 2
+            say(
+                f"    level {level:g} m: {ours:.4f} Hz, measured {theirs:.4f} Hz, "
+                f"the same with {young:.1f} GPa"
+            )
+        say(
+            f"    the second over the first: {found[1] / found[0]:.4f}, measured "
+            f"{measured[1] / measured[0]:.4f}"
+        )
+
+
+def waters(dam: Dam, cells: Mapping[str, Any], published: float) -> str:
+    """The first frequency of a dam without water and with water of each kind."""
+    empty = frequencies(replace(dam, water=None), **cells)[0]
+    own = SOUND / (4 * (dam.water or np.inf))
+    lines = [
+        f"empty {empty:.4f} Hz, published with water {published:.4f} Hz, "
+        f"the reservoir's own c/4H {own:.2f} Hz"
+    ]
+    for kind in WATERS:
+        f = with_water(dam, kind, cells)
+        change, error = deviation(f, empty), deviation(f, published)
+        lines.append(
+            f"{kind:<15} {f:.4f} Hz, {change} of empty, {error} of published, "
+            f"(f0/f)^2 - 1 = {(empty / f) ** 2 - 1:.3f}"
+        )
+    return "\n    ".join(lines)
+
+
+def with_water(dam: Dam, kind: str, cells: Mapping[str, Any]) -> float:
+    """The first frequency of a dam with one of `WATERS` [Hz] (collective).
+
+    That of compressible water is the frequency at which its mass gives this same frequency.
+    """
+    dam = replace(dam, endless=kind != "Westergaard", vibration=0.0)
+    found = float(frequencies(dam, **cells)[0])
+    if kind != "compressible":
+        return found
+    for _ in range(REPEATS):
+        last = found
+        found = float(frequencies(replace(dam, vibration=last), **cells)[0])
+        if abs(found - last) < 1e-5 * found:
+            return found
+    raise RuntimeError(f"{REPEATS} repetitions did not settle the frequency, at last {found} Hz.")
 
 
 if __name__ == "__main__":

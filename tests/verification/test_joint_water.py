@@ -427,7 +427,7 @@ def test_water_that_does_not_settle_is_said():
 
 def shaking(time):
     """Strong enough to open and close the joint of the block several times, [m/s^2]."""
-    return 9.0 * np.sin(2 * np.pi * 8.0 * time), 12.0 * np.sin(2 * np.pi * 10.4 * time), 0.0
+    return 9.0 * np.sin(2 * np.pi * 8.0 * time), 12.0 * np.sin(2 * np.pi * 10.4 * time)
 
 
 class KilledError(Exception):

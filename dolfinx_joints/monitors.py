@@ -24,12 +24,8 @@ from dolfinx_joints.probes import (
     joint_statics,
 )
 from dolfinx_joints.results import ENERGY_TERMS, JOINT_ENERGY_TERMS
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 from dolfinx_joints.stages import Record
 from dolfinx_joints.stresses import StressEnvelopes
 

@@ -20,7 +20,7 @@ its ``time`` does, hence a row whose time can be read is a whole row.
 A file whose status is still "running" belongs to a live run or to one that was killed.
 
 A simulation writes the contents named in ``declare_histories``, ``declare_energy`` and
-``declare_states`` of ``results_writer``; any other name may be added.
+``declare_states`` of ``results_layout``; any other name may be added.
 """
 
 import json

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -39,14 +40,10 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
     """
     part = path.with_name(path.name + ".part")
     try:
-        with h5py.File(part, "w", libver="latest") as file:
-            file.attrs.update(format=FORMAT, version=VERSION)
-            file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
-            for name, array in _arrays(tree):
-                file.create_dataset(f"arrays/{name}", data=array)
-        with part.open("rb+") as sealed:
-            digest = _digest(sealed, part.stat().st_size)
-            sealed.write(digest)
+        content = _image(tree)
+        with part.open("wb") as file:
+            file.write(content)
+            file.write(hashlib.sha256(content).digest())
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -54,6 +51,17 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         part.unlink(missing_ok=True)
         kept = "; the one before it is kept" if path.exists() else ""
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
+
+
+def _image(tree: Mapping[str, Any]) -> memoryview:
+    """An HDF5 file of a tree, made in memory: HDF5 does not take a full disk well."""
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="latest") as file:
+        file.attrs.update(format=FORMAT, version=VERSION)
+        file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
+        for name, array in _arrays(tree):
+            file.create_dataset(f"arrays/{name}", data=array)
+    return image.getbuffer()
 
 
 def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:

@@ -10,7 +10,7 @@ import os
 import socket
 import warnings
 from pathlib import Path
-from typing import IO
+from typing import IO, Self
 
 # What systems answer where a file system has no locks.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -81,6 +81,14 @@ class FileLock:
             return os.path.samestat(os.fstat(file.fileno()), self._place.stat())
         except FileNotFoundError:
             return False
+
+    def __enter__(self) -> Self:
+        """Return the lock."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let others write the file."""
+        self.release()
 
     def release(self) -> None:
         """Let others write the file."""

@@ -87,6 +87,7 @@ class ResultsMonitor:
 
         def create() -> None:
             writer = ResultsWriter(self._path, metadata, overwrite=self._overwrite)
+            self._writer = writer
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:
                 text = f"force of the support {group} on the body"
@@ -100,9 +101,14 @@ class ResultsMonitor:
                 found = self._envelopes
                 declare_envelopes(writer, found.nodes, found.arch, found.cantilever)
             writer.start()
-            self._writer = writer
 
-        on_root(self._comm, create)
+        try:
+            on_root(self._comm, create)
+        except BaseException as error:
+            if self._writer is not None:
+                self._writer.__exit__(type(error), error, None)
+                self._writer = None
+            raise
         self.record(first)
 
     def _find(self, model: Model) -> None:
@@ -237,13 +243,14 @@ class ResultsMonitor:
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and close the file (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
-        if self._writer is not None:
-            if columns is not None:
-                values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
-                self._writer.append("envelopes", self._time, values)
-            self._writer.finish(status, summary)  # type: ignore[arg-type]
-            self._writer.close()
-            self._writer = None
+        with raised_together(self._comm):
+            if self._writer is not None:
+                writer, self._writer = self._writer, None
+                with writer:
+                    if columns is not None:
+                        values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
+                        writer.append("envelopes", self._time, values)
+                    writer.finish(status, summary)  # type: ignore[arg-type]
 
 
 class FieldMonitor:

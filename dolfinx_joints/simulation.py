@@ -271,7 +271,7 @@ class Simulation:
             check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
-        with self._phase("set-up of the dynamic stage"):
+        with self._phase("set-up of the dynamic stage"), _released(checkpoint, at_end=False):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -296,7 +296,7 @@ class Simulation:
                 steps=steps,
                 motion=motion,
             )
-        with run.watched():
+        with _released(checkpoint, at_end=True), run.watched():
             if saved is None:
                 run.start()
                 self._save(keeper, run)
@@ -397,6 +397,19 @@ class Simulation:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
+
+
+@contextmanager
+def _released(checkpoint: Checkpoints | None, *, at_end: bool) -> Iterator[None]:
+    """Let other runs write the checkpoint if the block fails, or at its end."""
+    try:
+        yield
+    except BaseException:
+        at_end = True
+        raise
+    finally:
+        if checkpoint is not None and at_end:
+            checkpoint.release()
 
 
 def _check_motion(motion: Any, gdim: int) -> None:

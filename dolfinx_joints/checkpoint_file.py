@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import CheckpointError
+from dolfinx_joints.hdf5_checks import DamageTold, check_contents
 
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 1
@@ -77,13 +78,14 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     """
     if not path.is_file():
         raise CheckpointError(f"There is no checkpoint {path}.")
-    try:
+    with DamageTold(path, CheckpointError, "is no checkpoint, or a damaged one"):
         with path.open("rb") as sealed:
             digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
             if sealed.read() != digest:
                 raise ValueError("its checksum is not that of what it holds")
         with h5py.File(path, "r") as file:
             _check(path, file.attrs.get("format"), file.attrs.get("version"))
+            check_contents(file, path, CheckpointError)
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
             for name in _names(file.get("arrays")):
                 *folders, last = name.split("/")
@@ -94,10 +96,6 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
             for name in names:
                 tree[name]
             return tree
-    except CheckpointError:
-        raise
-    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
-        raise CheckpointError(f"{path} is no checkpoint, or a damaged one: {error}.") from error
 
 
 def _check(path: Path, found: Any, version: Any) -> None:

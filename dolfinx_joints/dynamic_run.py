@@ -7,7 +7,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from petsc4py import PETSc
@@ -21,6 +21,9 @@ from dolfinx_joints.solver import SolveReport, StepSolver
 from dolfinx_joints.stages import Monitor, Outcome, Record
 from dolfinx_joints.states import DynamicState, Scheme, StepReport
 from dolfinx_joints.stepping import StepControl, Stepper
+
+# Warnings that a results file keeps, and characters of each.
+_MOST_WARNINGS, _LONGEST_WARNING = 40, 500
 
 
 class DynamicRun:
@@ -37,6 +40,7 @@ class DynamicRun:
         state: The state to begin with.
         steps: Steps asked for.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
+        settings: How the stage is run, by name; told to the monitors.
 
     Attributes:
         state: Where the run is.
@@ -57,6 +61,7 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         motion: Callable[[float], Any] | None,
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
@@ -73,10 +78,11 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
+        self._settings, self._warnings = dict(settings or {}), list[str]()
 
     def start(self) -> None:
         """Start the monitors."""
-        first = self._record(0, None, self._ledger.row, 0)
+        first = replace(self._record(0, None, self._ledger.row, 0), settings=self._settings)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -156,7 +162,10 @@ class DynamicRun:
     def watched(self) -> Iterator[None]:
         """Tell the monitors how the stage ended, whatever ended it."""
         try:
-            yield
+            with _heard(self._warnings):
+                yield
+                if self.model.jointed.mesh.comm.rank == 0:
+                    warn_of(self.outcome())
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
             self._finish(status, {"error": f"{type(error).__name__}: {error}"})
@@ -175,6 +184,7 @@ class DynamicRun:
             "imbalance": outcome.imbalance,
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
+            **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
         for monitor in self._started:
@@ -196,6 +206,24 @@ class DynamicRun:
             solver=self._solver.name,
             end_point_laws=self._end_point_laws,
         )
+
+
+@contextmanager
+def _heard(said: list[str]) -> Iterator[None]:
+    """Take down the warnings of a block, which are shown as they would be without."""
+    shown = warnings.showwarning
+
+    def hear(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        text = str(message)[:_LONGEST_WARNING]
+        if text not in said and len(said) < _MOST_WARNINGS:
+            said.append(text)
+        shown(message, category, *where, **more)
+
+    warnings.showwarning = hear
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
 
 
 def warn_of(outcome: Outcome) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.checks import check_count
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.manifest import manifest
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
 from dolfinx_joints.probes import (
@@ -86,7 +87,9 @@ class ResultsMonitor:
         }
 
         def create() -> None:
-            writer = ResultsWriter(self._path, metadata, overwrite=self._overwrite)
+            made_by = manifest(model, first.settings, self._nodes.positions, surface)
+            facts = {"manifest": made_by, **metadata}
+            writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
             self._writer = writer
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:

@@ -26,7 +26,7 @@ A simulation writes the contents named in ``declare_histories``, ``declare_energ
 import json
 import os
 import time as clock
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -263,8 +263,7 @@ def describe(path: str | Path) -> str:
     """Return a table of what a results file holds."""
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += [f"  {key}: {value}" for key, value in results.metadata.items()]
-        lines += [f"  {key}: {value}" for key, value in results.summary.items()]
+        lines += _told(results.metadata) + _told(results.summary)
         rows = [("static", name, results._static(name)) for name in results.statics]
         for stream, names in results.streams.items():
             times = results.time(stream)
@@ -277,6 +276,16 @@ def describe(path: str | Path) -> str:
             unit, text = dataset.attrs["unit"], dataset.attrs["description"]
             lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
     return "\n".join(lines)
+
+
+def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Lines on facts, those that hold others with these below them."""
+    lines = []
+    for key, value in facts.items():
+        inner = isinstance(value, dict) and len(indent) < 8
+        lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
+        lines += _told(value, indent + "  ") if inner else []
+    return lines
 
 
 def _open(path: Path) -> h5py.File:

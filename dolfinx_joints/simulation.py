@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
-from dolfinx_joints.dynamic_run import DynamicRun, warn_of
+from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.loads import BaseMotion, Load
 from dolfinx_joints.model import Model
@@ -295,6 +295,7 @@ class Simulation:
                 state=saved.state if saved else self._first_state(solver, velocity, start),
                 steps=steps,
                 motion=motion,
+                settings=facts,
             )
         with _released(checkpoint, at_end=True), run.watched():
             if saved is None:
@@ -305,11 +306,8 @@ class Simulation:
             while run.step < steps:
                 self._step(run, dt)
                 self._save(keeper, run)
-        self._watch.warn(f"by t = {run.state.time:.4g} s")
-        outcome = run.outcome()
-        if self.model.jointed.mesh.comm.rank == 0:
-            warn_of(outcome)
-        return outcome
+            self._watch.warn(f"by t = {run.state.time:.4g} s")
+        return run.outcome()
 
     def _step(self, run: DynamicRun, dt: float) -> None:
         """One step, told to the monitors (collective)."""

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -36,6 +36,7 @@ class Record:
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
         halvings: Pieces that this step was cut into, less one.
+        settings: How the stage is run, by name; of the record that monitors start with.
     """
 
     stage: str
@@ -49,6 +50,7 @@ class Record:
     solve: SolveReport | None
     energy: EnergyRow
     halvings: int
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

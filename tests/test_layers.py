@@ -107,6 +107,8 @@ LEVELS = {
     "temperature_fields": 4.2,
     "temperature_file": 1.0,
     "krylov": 4.0,
+    "factor_faults": 4.0,
+    "manifest": 0.1,
     "linear": 4.1,
     "joint_springs": 4.1,
     "unit_forces": 4.15,

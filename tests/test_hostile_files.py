@@ -14,6 +14,7 @@ import pytest
 
 from dolfinx_joints import Results, ResultsError
 from dolfinx_joints.checkpoint_file import read_checkpoint, write_checkpoint
+from dolfinx_joints.cli import main
 from dolfinx_joints.errors import CheckpointError, StudyError
 from dolfinx_joints.results import describe
 from dolfinx_joints.results_writer import ResultsWriter
@@ -237,3 +238,23 @@ def test_a_table_with_columns_of_two_lengths_is_damaged(tmp_path):
         file["columns/x"] = np.zeros(3)
     with pytest.raises(StudyError, match="is damaged: its columns are not of one length"):
         read_table(path)
+
+
+def test_a_report_on_a_file_of_other_shapes_is_one_sentence(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("plotly")
+    path = tmp_path / "given.h5"
+    with ResultsWriter(path, {"point_names": ["a"]}) as writer:
+        writer.static("histories/points", np.zeros((1, 3)), "m", "points")
+        # Displacements of points have a row for each point.
+        writer.series("histories", "displacement", (), "m", "displacement")
+        writer.start()
+        for row in range(3):
+            writer.append("histories", float(row), {"displacement": 0.0})
+        writer.finish("complete", {})
+    assert main(["report", str(path), "--out", str(tmp_path / "r.html"), "--no-3d"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("dolfinx-joints: ")
+    assert "r.html cannot be made of what the files hold: " in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "r.html").exists()

@@ -164,8 +164,9 @@ class DynamicRun:
         try:
             with _heard(self._warnings):
                 yield
+                outcome = self.outcome()
                 if self.model.jointed.mesh.comm.rank == 0:
-                    warn_of(self.outcome())
+                    warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
             self._finish(status, {"error": f"{type(error).__name__}: {error}"})

@@ -22,6 +22,7 @@ from dolfinx_joints.checks import check_count
 from dolfinx_joints.contact import StatusCounts
 from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import CheckpointError
+from dolfinx_joints.file_lock import FileLock
 from dolfinx_joints.fingerprint import fingerprint, first_difference
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.model import Model
@@ -71,6 +72,7 @@ class Checkpoints:
         """Nothing is written before the run starts."""
         check_count("every", every, 1, "checkpoints are written every 1 or more steps")
         self.path, self.every, self._overwrite = Path(path), every, overwrite
+        self._lock: FileLock | None = None
 
     @property
     def found(self) -> bool:
@@ -80,8 +82,11 @@ class Checkpoints:
     def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
         """Refuse early what would be lost or could not be taken up again (collective).
 
+        From here to `release` no other run may write the checkpoint or go on from it.
+
         Raises:
-            CheckpointError: A monitor cannot be taken up again, or a new run finds a checkpoint.
+            CheckpointError: A monitor cannot be taken up again, a new run finds a checkpoint, or
+                another run writes it.
         """
         for monitor in monitors:
             if not (hasattr(monitor, "memory") and hasattr(monitor, "resume")):
@@ -94,6 +99,17 @@ class Checkpoints:
                 f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
                 "overwrite=True to Checkpoints to begin anew."
             )
+
+        def lock() -> None:
+            self._lock = FileLock(self.path, CheckpointError)
+
+        on_root(comm, lock)
+
+    def release(self) -> None:
+        """Let other runs write the checkpoint."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
 
     def keeper(
         self,
@@ -160,7 +176,12 @@ class CheckpointKeeper:
             CheckpointError: It cannot be written.
         """
         tree = {"run": self._facts, "static": self._kept(static)}
-        on_root(self._comm, lambda: write_checkpoint(self._path, tree))
+
+        def write() -> None:
+            with FileLock(self._path, CheckpointError):
+                write_checkpoint(self._path, tree)
+
+        on_root(self._comm, write)
 
     def load_static(self) -> StaticState:
         """What `save_static` wrote (collective).

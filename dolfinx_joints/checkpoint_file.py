@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import CheckpointError
+from dolfinx_joints.hdf5_checks import DamageTold, check_contents
 
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 1
@@ -39,14 +41,10 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
     """
     part = path.with_name(path.name + ".part")
     try:
-        with h5py.File(part, "w", libver="latest") as file:
-            file.attrs.update(format=FORMAT, version=VERSION)
-            file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
-            for name, array in _arrays(tree):
-                file.create_dataset(f"arrays/{name}", data=array)
-        with part.open("rb+") as sealed:
-            digest = _digest(sealed, part.stat().st_size)
-            sealed.write(digest)
+        content = _image(tree)
+        with part.open("wb") as file:
+            file.write(content)
+            file.write(hashlib.sha256(content).digest())
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -54,6 +52,17 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         part.unlink(missing_ok=True)
         kept = "; the one before it is kept" if path.exists() else ""
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
+
+
+def _image(tree: Mapping[str, Any]) -> memoryview:
+    """An HDF5 file of a tree, made in memory: HDF5 does not take a full disk well."""
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="latest") as file:
+        file.attrs.update(format=FORMAT, version=VERSION)
+        file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
+        for name, array in _arrays(tree):
+            file.create_dataset(f"arrays/{name}", data=array)
+    return image.getbuffer()
 
 
 def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
@@ -69,13 +78,14 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     """
     if not path.is_file():
         raise CheckpointError(f"There is no checkpoint {path}.")
-    try:
+    with DamageTold(path, CheckpointError, "is no checkpoint, or a damaged one"):
         with path.open("rb") as sealed:
             digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
             if sealed.read() != digest:
                 raise ValueError("its checksum is not that of what it holds")
         with h5py.File(path, "r") as file:
             _check(path, file.attrs.get("format"), file.attrs.get("version"))
+            check_contents(file, path, CheckpointError)
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
             for name in _names(file.get("arrays")):
                 *folders, last = name.split("/")
@@ -86,10 +96,6 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
             for name in names:
                 tree[name]
             return tree
-    except CheckpointError:
-        raise
-    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
-        raise CheckpointError(f"{path} is no checkpoint, or a damaged one: {error}.") from error
 
 
 def _check(path: Path, found: Any, version: Any) -> None:

@@ -266,6 +266,14 @@ class Contact:
         total = np.sum(self.operator.comm.allgather(sums), axis=0)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 
+    def not_finite(self, response: Response) -> tuple[str, str] | None:
+        """Joint and kind of law that made NaN or infinity of a finite gap, if any (collective)."""
+        answers = (response.traction, response.tangent.reshape(-1, 9))
+        wrong = ~np.all([np.isfinite(values).all(axis=1) for values in answers], axis=0)
+        wrong &= np.isfinite(response.state.gap).all(axis=1)
+        joint = self.worst_joint(wrong.astype(np.float64))
+        return None if joint is None else (joint, type(self.laws[joint]).__name__)
+
 
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     """Values of an initial gap at the points of a joint."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.water_pressures import WaterPressures
 
+# Warnings that a results file keeps, and characters of each.
+_MOST_WARNINGS, _LONGEST_WARNING = 40, 500
+
 
 class DynamicRun:
     """Bookkeeping of a dynamic stage: state, energies, counts, and the monitors that are told.
@@ -44,6 +47,7 @@ class DynamicRun:
         state: The state to begin with.
         steps: Steps asked for.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
+        settings: How the stage is run, by name; told to the monitors.
 
     Attributes:
         state: Where the run is.
@@ -64,6 +68,7 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         motion: Callable[[float], Any] | None,
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
@@ -80,10 +85,11 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
+        self._settings, self._warnings = dict(settings or {}), list[str]()
 
     def start(self) -> None:
         """Start the monitors."""
-        first = self._record(0, None, self._ledger.row, 0)
+        first = replace(self._record(0, None, self._ledger.row, 0), settings=self._settings)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -176,7 +182,11 @@ class DynamicRun:
     def watched(self) -> Iterator[None]:
         """Tell the monitors how the stage ended, whatever ended it."""
         try:
-            yield
+            with _heard(self._warnings):
+                yield
+                outcome = self.outcome()
+                if self.model.jointed.mesh.comm.rank == 0:
+                    warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
             self._finish(status, {"error": f"{type(error).__name__}: {error}"})
@@ -195,6 +205,7 @@ class DynamicRun:
             "imbalance": outcome.imbalance,
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
+            **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
         for monitor in self._started:
@@ -216,6 +227,24 @@ class DynamicRun:
             solver=self._solver.name,
             end_point_laws=self._end_point_laws,
         )
+
+
+@contextmanager
+def _heard(said: list[str]) -> Iterator[None]:
+    """Take down the warnings of a block, which are shown as they would be without."""
+    shown = warnings.showwarning
+
+    def hear(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        text = str(message)[:_LONGEST_WARNING]
+        if text not in said and len(said) < _MOST_WARNINGS:
+            said.append(text)
+        shown(message, category, *where, **more)
+
+    warnings.showwarning = hear
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
 
 
 def warn_of(outcome: Outcome) -> None:

@@ -119,6 +119,7 @@ class ElasticBody:
         self._strained_axes = 2 if plane == "stress" else 3
         self._jointed, self._matrix = jointed, None
         by_group = material if isinstance(material, Mapping) else {"": material}
+        self.materials = dict(by_group)
         for given in by_group.values():
             if not _is_material(given):
                 raise ValueError(

@@ -52,6 +52,7 @@ class ConvergenceError(JointsError, RuntimeError):
         slip: number of sliding joint points.
         joint: name of the joint with the largest residual.
         yielding: number of points of plastic cells at their limit.
+        law: kind of a joint law that gave numbers that are not finite, in ``joint``.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class ConvergenceError(JointsError, RuntimeError):
         slip: int | None = None,
         joint: str | None = None,
         yielding: int | None = None,
+        law: str | None = None,
     ) -> None:
         """Keep the facts and build the message."""
         self.stage = stage
@@ -81,6 +83,7 @@ class ConvergenceError(JointsError, RuntimeError):
         self.slip = slip
         self.joint = joint
         self.yielding = yielding
+        self.law = law
         super().__init__(self._sentence())
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
@@ -105,7 +108,9 @@ class ConvergenceError(JointsError, RuntimeError):
         counts = [f"{count} {name}" for name, count in states if count is not None]
         if counts:
             details.append(f"joint points {', '.join(counts)}")
-        if self.joint is not None:
+        if self.law is not None:
+            details.append(f"the law {self.law} of joint {self.joint!r} gave NaN or infinity")
+        elif self.joint is not None:
             details.append(f"worst joint {self.joint!r}")
         if self.yielding is not None:
             details.append(f"{self.yielding} points of the bulk at their limit")

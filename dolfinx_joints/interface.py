@@ -249,6 +249,7 @@ class InterfaceSolver:
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         enough = 1e-14 if step.condensed.static else 0.01 * tolerance
+        before = at
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
@@ -265,10 +266,11 @@ class InterfaceSolver:
             if given_up and relative <= accepted:
                 return at, iteration, relative
             if given_up:
+                # A tangent that is not finite shows in the iterate after the one that has it.
+                tried = (at.response, before.response)
+                told = next((r for r in tried if self._contact.not_finite(r)), at.response)
                 joints = JointResistance(self._contact)
-                raise solve_failure(
-                    joints, at.response, step.state, iteration, relative, self.options
-                )
+                raise solve_failure(joints, told, step.state, iteration, relative, self.options)
             if iteration:
                 inner = min(first, (size / last) ** 2)
             last = size
@@ -277,7 +279,7 @@ class InterfaceSolver:
             correction = step.condensed.corrections.solve(
                 left, at.tangent, max(inner, 0.3 * enough / relative)
             )
-            at = self._smoothed(step, self._search(step, at, correction))
+            before, at = at, self._smoothed(step, self._search(step, at, correction))
             iteration += 1
 
     def _search(self, step: JointStep, at: Iterate, correction: Correction) -> Iterate:

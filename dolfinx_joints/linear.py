@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.errors import JointsError
+from dolfinx_joints.factor_faults import NO_MEMORY, in_words, of_error, why_singular
 from dolfinx_joints.krylov import IterativeSolver, options_set
 from dolfinx_joints.memory import factor_fits
 from dolfinx_joints.system import MatrixSystem
@@ -23,11 +25,6 @@ Floats = NDArray[np.float64]
 # Columns that `DirectSolver.solve_block` is best given at once: fewer read the factor more often
 # per column, more gain nothing (measurements in docs/design.md).
 BLOCK = 64
-
-SINGULAR = (
-    "The matrix is singular to working precision: is every block held by supports, springs or a "
-    "closed joint?"
-)
 
 
 # Linear solvers of the effective matrix.
@@ -104,10 +101,11 @@ class DirectSolver:
             JointsError: The factorization failed.
         """
         factored = self._factor_if_stale()
-        self._ksp.solve(b, x)
+        with self._told():
+            self._ksp.solve(b, x)
         if self._ksp.getConvergedReason() < 0 or (factored and not self._solves(b, x)):
             self._stale = True
-            raise JointsError(SINGULAR)
+            raise JointsError(why_singular(self._matrix))
         return factored
 
     def solve_block(self, right: Floats) -> Floats:
@@ -130,11 +128,11 @@ class DirectSolver:
         if right.shape[1] == 0:
             return right.copy()
         b, x = self._dense(right), self._dense(np.empty_like(right))
-        factor = self._ksp.getPC().getFactorMatrix()
-        factor.matSolve(b, x)
+        with self._told():
+            self._ksp.getPC().getFactorMatrix().matSolve(b, x)
         if factored and not self._solves_block(b, x):
             self._stale = True
-            raise JointsError(SINGULAR)
+            raise JointsError(why_singular(self._matrix))
         solution = x.getDenseArray(readonly=True).copy()
         b.destroy()
         x.destroy()
@@ -172,14 +170,13 @@ class DirectSolver:
             self._options[WORKSPACE] = MORE_WORKSPACE
             failure = self._factor()
         if failure == OUT_OF_MEMORY:
-            raise JointsError(
-                "The factor of the matrix does not fit into memory: take a coarser mesh, more "
-                "memory, or the iterative solver."
-            )
+            raise JointsError(f"{NO_MEMORY}{in_words(self._ksp.getPC())}.")
         if failure in ZERO_PIVOT:
-            raise JointsError(SINGULAR)
+            why = why_singular(self._matrix)
+            raise JointsError(why[:-1] + in_words(self._ksp.getPC()) + why[-1])
         if failure:
-            raise JointsError(f"The matrix could not be factored; PETSc's reason is {failure}.")
+            told = in_words(self._ksp.getPC()) or f"; PETSc's reason is {failure}"
+            raise JointsError(f"The matrix could not be factored{told}.")
         self._stale = False
         return True
 
@@ -188,14 +185,18 @@ class DirectSolver:
         with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
             self._ksp.setFromOptions()
-            try:
+            with self._told():
                 self._ksp.setUp()
-            except PETSc.Error as exc:
-                raise JointsError(
-                    "The matrix could not be factored (singular, or not positive definite: is "
-                    f"every block held by supports?); PETSc's error code is {exc.ierr}."
-                ) from None
         return int(self._ksp.getPC().getFailedReason())
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Say an error of PETSc in a sentence (collective)."""
+        try:
+            yield
+        except PETSc.Error as exc:
+            self._stale = True
+            raise JointsError(of_error(exc, self._matrix)) from None
 
     def destroy(self) -> None:
         """Free the factor."""

@@ -119,7 +119,7 @@ class Model:
             check_kind_of("factor", *_factor(load), "a function of time")
         rayleigh = damping or Rayleigh()
         check_kind_of("damping", rayleigh, isinstance(rayleigh, Rayleigh), "a Rayleigh damping")
-        self.jointed, self.loads = jointed, list(loads)
+        self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
         self.gdim = jointed.mesh.geometry.dim
         degree = jointed.shape.degree if degree is None else degree
         if degree not in (1, 2):

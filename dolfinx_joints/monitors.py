@@ -15,6 +15,7 @@ from dolfinx_joints.checks import check_count, check_kind_of
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.errors import MeshError, ResultsError
 from dolfinx_joints.joint_forces import PointExtras, ResultantsStream, strengths
+from dolfinx_joints.manifest import manifest
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root, raised_together
 from dolfinx_joints.probes import (
@@ -25,12 +26,8 @@ from dolfinx_joints.probes import (
     joint_statics,
 )
 from dolfinx_joints.results import ENERGY_TERMS, JOINT_ENERGY_TERMS
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 from dolfinx_joints.stages import Record
 from dolfinx_joints.stresses import StressEnvelopes
 
@@ -99,7 +96,10 @@ class ResultsMonitor:
         }
 
         def create() -> None:
-            writer = ResultsWriter(self._path, metadata, overwrite=self._overwrite)
+            made_by = manifest(model, first.settings, self._nodes.positions, surface)
+            facts = {"manifest": made_by, **metadata}
+            writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
+            self._writer = writer
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:
                 text = f"force of the support {group} on the body"
@@ -117,9 +117,14 @@ class ResultsMonitor:
                 found = self._envelopes
                 declare_envelopes(writer, found.nodes, found.arch, found.cantilever)
             writer.start()
-            self._writer = writer
 
-        on_root(self._comm, create)
+        try:
+            on_root(self._comm, create)
+        except BaseException as error:
+            if self._writer is not None:
+                self._writer.__exit__(type(error), error, None)
+                self._writer = None
+            raise
         self.record(first)
 
     def _find(self, model: Model, first: Record) -> None:
@@ -272,13 +277,14 @@ class ResultsMonitor:
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and close the file (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
-        if self._writer is not None:
-            if columns is not None:
-                values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
-                self._writer.append("envelopes", self._time, values)
-            self._writer.finish(status, summary)  # type: ignore[arg-type]
-            self._writer.close()
-            self._writer = None
+        with raised_together(self._comm):
+            if self._writer is not None:
+                writer, self._writer = self._writer, None
+                with writer:
+                    if columns is not None:
+                        values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
+                        writer.append("envelopes", self._time, values)
+                    writer.finish(status, summary)  # type: ignore[arg-type]
 
 
 def _groups(envelopes: bool | Sequence[str]) -> bool | list[str]:

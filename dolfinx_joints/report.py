@@ -11,6 +11,7 @@ from typing import Any
 
 from dolfinx_joints import paper_statements, report_body, report_response, report_sections
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import DamageTold
 from dolfinx_joints.report_page import Drawings, Html, Section, bullets, page, paragraph, plain
 from dolfinx_joints.report_response import largest_displacement, widest_opening
 from dolfinx_joints.report_runs import Run, opened, pairs
@@ -52,7 +53,8 @@ def write(
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")
     _check_packages()
-    with opened(results) as runs, _written(target):
+    damage = DamageTold(target, ResultsError, "cannot be made of what the files hold")
+    with opened(results) as runs, damage, _written(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         found = pairs(runs, paper_statements.CASE)
         first = list(found[0]) if found else []

@@ -22,7 +22,7 @@ _ENDINGS = (".h5", ".hdf5")
 # Facts of the machine and the files, and consequences of the discretisation.
 _NEITHER = {
     *("run", "steps", "stage", "point_names", "dofs", "cells", "joint_points", "ranks", "units"),
-    *("solver", "out", "every", "workers", "envelopes"),
+    *("solver", "out", "every", "workers", "envelopes", "manifest"),
 }
 
 

@@ -115,4 +115,7 @@ class JointResistance:
         """Counts, and the joint that moved most (collective)."""
         moved = np.abs(response.state.gap - state.gap).sum(axis=1)
         counts = vars(self.counts(response))
+        blamed = self.contact.not_finite(response)
+        if blamed is not None:
+            return {**counts, "joint": blamed[0], "law": blamed[1]}
         return {**counts, "joint": self.contact.worst_joint(moved)}

@@ -20,13 +20,13 @@ its ``time`` does, hence a row whose time can be read is a whole row.
 A file whose status is still "running" belongs to a live run or to one that was killed.
 
 A simulation writes the contents named in ``declare_histories``, ``declare_energy`` and
-``declare_states`` of ``results_writer``; any other name may be added.
+``declare_states`` of ``results_layout``; any other name may be added.
 """
 
 import json
 import os
 import time as clock
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import DamageTold, check_contents
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
@@ -98,17 +99,20 @@ class Results:
     @property
     def metadata(self) -> dict[str, Any]:
         """What the run was, as its writer said."""
-        return _decode_json(self._file["metadata"])
+        with self._reading():
+            return _decode_json(self._file["metadata"])
 
     @property
     def summary(self) -> dict[str, Any]:
         """Closing facts of the run; empty while the status is "running"."""
-        return _decode_json(self._file["summary"])
+        with self._reading():
+            return _decode_json(self._file["summary"])
 
     @property
     def status(self) -> str:
         """The run's status; "running" also when it was killed."""
-        return str(self._file["status"][0].decode())
+        with self._reading():
+            return str(self._file["status"][0].decode())
 
     @property
     def complete(self) -> bool:
@@ -165,8 +169,9 @@ class Results:
     @property
     def point_names(self) -> list[str]:
         """Names of the monitor points, from ``metadata["point_names"]`` or numbered."""
-        if "point_names" in self.metadata:
-            return [str(name) for name in self.metadata["point_names"]]
+        given = self.metadata.get("point_names")
+        if isinstance(given, list):
+            return [str(name) for name in given]
         return [f"point {i}" for i in range(len(self.static("histories/points")))]
 
     def point_index(self, point: int | str) -> int:
@@ -180,21 +185,34 @@ class Results:
 
     def static(self, name: str) -> NDArray[Any]:
         """Return an array written once."""
-        values: NDArray[Any] = self._static(name)[()]
+        dataset = self._static(name)
+        with self._reading():
+            values: NDArray[Any] = dataset[()]
         return values
 
     def time(self, stream: str) -> NDArray[np.float64]:
         """Times of the whole records of a stream, shape (rows,), [s]."""
-        times: NDArray[np.float64] = self._stream(stream)["time"][: self.rows(stream)]
+        group, rows = self._stream(stream), self.rows(stream)
+        with self._reading():
+            times: NDArray[np.float64] = group["time"][:rows]
+        if not (np.diff(times, prepend=-np.inf) > 0.0).all():
+            raise ResultsError(
+                f"{self.path} is damaged: the times of the stream {stream!r} do not increase."
+            )
         return times
 
     def rows(self, stream: str) -> int:
         """Number of whole records of a stream: those that all its datasets and its time hold."""
-        group = self._stream(stream)
-        rows = min(len(group[name]) for name in _dataset_names(group))
-        while rows and np.isnan(group["time"][rows - 1]):  # extended, but not yet filled
-            rows -= 1
-        return rows
+        group, block = self._stream(stream), 1
+        with self._reading():
+            rows = min(len(group[name]) for name in _dataset_names(group))
+            while rows:  # the last may be extended and not filled yet
+                first = max(0, rows - block)
+                known = np.flatnonzero(~np.isnan(group["time"][first:rows]))
+                if known.size:
+                    return first + int(known[-1]) + 1
+                rows, block = first, 8 * block
+        return 0
 
     def series(self, stream: str, name: str, index: Index = slice(None)) -> NDArray[Any]:
         """Values of one quantity of a stream.
@@ -213,11 +231,13 @@ class Results:
             start, stop, step = index.indices(rows)
             if step < 1:
                 raise ResultsError(f"A slice of records must go forward, got step {step}.")
-            values: NDArray[Any] = dataset[start : max(start, stop) : step]
+            with self._reading():
+                values: NDArray[Any] = dataset[start : max(start, stop) : step]
             return values
         if not -rows <= index < rows:
             raise ResultsError(f"The stream {stream!r} has {rows} records, got number {index}.")
-        row: NDArray[Any] = np.asarray(dataset[index % rows])
+        with self._reading():
+            row: NDArray[Any] = np.asarray(dataset[index % rows])
         return row
 
     def nearest(self, stream: str, time: float) -> int:
@@ -234,6 +254,9 @@ class Results:
     def description(self, *where: str) -> str:
         """Description of an array given by its name, or of a series by stream and name."""
         return str(self._dataset(*where).attrs["description"])
+
+    def _reading(self) -> DamageTold:
+        return DamageTold(self.path, ResultsError)
 
     def _dataset(self, *where: str) -> h5py.Dataset:
         return self._static(*where) if len(where) == 1 else self._series(*where)
@@ -264,8 +287,7 @@ def describe(path: str | Path) -> str:
     """Return a table of what a results file holds."""
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += [f"  {key}: {value}" for key, value in results.metadata.items()]
-        lines += [f"  {key}: {value}" for key, value in results.summary.items()]
+        lines += _told(results.metadata) + _told(results.summary)
         rows = [("static", name, results._static(name)) for name in results.statics]
         for stream, names in results.streams.items():
             times = results.time(stream)
@@ -280,6 +302,16 @@ def describe(path: str | Path) -> str:
     return "\n".join(lines)
 
 
+def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Lines on facts, those that hold others with these below them."""
+    lines = []
+    for key, value in facts.items():
+        inner = isinstance(value, dict) and len(indent) < 8
+        lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
+        lines += _told(value, indent + "  ") if inner else []
+    return lines
+
+
 def _open(path: Path) -> h5py.File:
     if not path.is_file():
         raise ResultsError(f"There is no results file {path}.")
@@ -292,18 +324,40 @@ def _open(path: Path) -> h5py.File:
         raise ResultsError(
             f"{path} cannot be read; its run has not started yet or ended before it did ({error})."
         ) from error
+    try:
+        with DamageTold(path, ResultsError):
+            _check(file, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _check(file: h5py.File, path: Path) -> None:
+    """Refuse what is not a results file, or not one that can be read safely."""
     found, version = file.attrs.get("format"), file.attrs.get("version")
-    whole = all(key in file for key in ("metadata", "status", "summary", "static", "streams"))
-    if found == FORMAT and version is not None and version <= VERSION and whole:
-        return file
-    file.close()
-    if found != FORMAT or version is None:
+    if not isinstance(found, str) or found != FORMAT or not isinstance(version, np.integer):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
     if version > VERSION:
         raise ResultsError(
             f"{path} has version {version} of the layout, this program reads up to {VERSION}."
         )
-    raise ResultsError(f"{path} was left incomplete before its run started.")
+    check_contents(file, path, ResultsError)
+    if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
+        raise ResultsError(f"{path} was left incomplete before its run started.")
+    _decode_json(file["metadata"])
+    _decode_json(file["summary"])
+    if not isinstance(file.attrs["created"], str) or file["status"].shape != (1,):
+        raise ValueError("its date or status is not what was written")
+    arrays = [file["static"][name] for name in _dataset_names(file["static"])]
+    for key, stream in file["streams"].items():
+        rows = [stream[name] for name in _dataset_names(stream)]
+        if stream["time"].ndim != 1 or not all(one.ndim for one in rows):
+            raise ValueError(f"the stream {key!r} has no rows")
+        arrays += rows
+    for array in arrays:
+        if not all(isinstance(array.attrs[key], str) for key in ("unit", "description")):
+            raise ValueError(f"{array.name!r} has no unit or no description")
 
 
 def _refuse_truncated(path: Path) -> None:
@@ -352,5 +406,7 @@ def listing(names: Iterable[str]) -> str:
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:
     text = bytes(dataset[:]).rstrip(b"\0").decode()
-    decoded: dict[str, Any] = json.loads(text) if text else {}
+    decoded = json.loads(text) if text else {}
+    if not isinstance(decoded, dict):
+        raise ValueError(f"{dataset.name!r} is no JSON object")
     return decoded

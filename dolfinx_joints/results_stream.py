@@ -75,6 +75,27 @@ class Stream:
         return 8 + sum(int(np.prod(d.shape[1:])) * d.dtype.itemsize for d in parts)
 
     @property
+    def chunks(self) -> int:
+        """Bytes of one chunk of each dataset."""
+        parts = (*self._datasets.values(), self._time)
+        return sum(int(np.prod(d.chunks)) * d.dtype.itemsize for d in parts)
+
+    @property
+    def growth(self) -> int:
+        """Bytes that the file needs for the rows that wait, in whole chunks."""
+        total = 0
+        for dataset in (*self._datasets.values(), self._time):
+            rows, height = dataset.shape[0], dataset.chunks[0]
+            chunks = -(-(rows + len(self.rows)) // height) - -(-rows // height)
+            total += chunks * int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+        return total
+
+    def drop(self) -> None:
+        """Forget the rows that wait."""
+        self.rows.clear()
+        self._bytes = 0
+
+    @property
     def records(self) -> int:
         """Rows in the file and waiting."""
         return len(self._time) + len(self.rows)
@@ -94,8 +115,7 @@ class Stream:
         for name, dataset in self._datasets.items():
             dataset.resize(start + len(times), axis=0)
             dataset[start:] = np.stack([row[name] for _, row in self.rows])
-        self.rows.clear()
-        self._bytes = 0
+        self.drop()
         return times
 
     def write_time(self, times: Sequence[float]) -> None:
@@ -111,7 +131,7 @@ def create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
         raise ResultsError(f"{name!r} is declared already, or is the path of another.")
     try:
         return group.create_dataset(name, **options)
-    except (OSError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
 
 

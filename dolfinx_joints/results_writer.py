@@ -17,14 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.results import (
-    ENERGY_TERMS,
-    FORMAT,
-    JOINT_ENERGY_TERMS,
-    VERSION,
-    Results,
-    listing,
-)
+from dolfinx_joints.file_lock import FileLock
+from dolfinx_joints.results import FORMAT, VERSION, Results, listing
+from dolfinx_joints.results_room import Room
 from dolfinx_joints.results_stream import Stream, create
 
 Status = Literal["running", "complete", "stopped", "failed"]
@@ -49,7 +44,8 @@ class ResultsWriter:
             next row comes.
 
     Raises:
-        ResultsError: the file exists, or cannot be created, or the metadata are not JSON.
+        ResultsError: the file exists, is being written by another run, or cannot be created, or
+            the metadata are not JSON.
     """
 
     def __init__(
@@ -65,14 +61,40 @@ class ResultsWriter:
         if not flush_interval >= 0.0:
             raise ResultsError(f"flush_interval must be 0 s or more, got {flush_interval} s.")
         encoded = _encode_json(metadata, "metadata")
+        self._lock = FileLock(self.path, ResultsError)
+        try:
+            self._create(overwrite)
+            try:
+                self._lay_out(encoded)
+            except BaseException:
+                self._file.close()
+                self._room.close()
+                self.path.unlink()
+                raise
+        except BaseException:
+            self._lock.release()
+            raise
+        self._streams: dict[str, Stream] = {}
+        self._started = False
+        self._finished = False
+        self._flush_interval = flush_interval
+        self._flushed_at = clock.monotonic()
+
+    def _create(self, overwrite: bool) -> None:
+        """Make an empty file."""
         if self.path.exists() and not overwrite:
             raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
         try:
             if self.path.exists():
                 self.path.unlink()  # not truncated: whoever reads the old file keeps it
             self._file = h5py.File(self.path, "x", libver="latest")
+            self._room = Room(self.path, self._file)
         except OSError as error:
             raise ResultsError(f"{self.path} cannot be created: {error}.") from error
+
+    def _lay_out(self, encoded: NDArray[np.uint8]) -> None:
+        """Make what every file has."""
+        self._room.reserve(self.path, encoded.nbytes + _SUMMARY_BYTES)
         self._file.attrs.update(
             format=FORMAT, version=VERSION, created=datetime.now(UTC).isoformat(timespec="seconds")
         )
@@ -81,11 +103,6 @@ class ResultsWriter:
         self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
         self._file.create_group("static")
         self._file.create_group("streams")
-        self._streams: dict[str, Stream] = {}
-        self._started = False
-        self._finished = False
-        self._flush_interval = flush_interval
-        self._flushed_at = clock.monotonic()
 
     @classmethod
     def resume(cls, path: str | Path, rows: Mapping[str, int]) -> Self:
@@ -99,9 +116,23 @@ class ResultsWriter:
             rows: records to keep of each stream; what follows them is left out.
 
         Raises:
-            ResultsError: the file has other streams or fewer records, or cannot be copied.
+            ResultsError: the file has other streams or fewer records, cannot be copied, or is
+                being written by a run that is still alive.
         """
         path = Path(path)
+        lock = FileLock(path, ResultsError)
+        try:
+            writer = cls._copied(path, rows)
+        except BaseException:
+            lock.release()
+            raise
+        writer._lock.release()
+        writer.path, writer._lock = path, lock
+        return writer
+
+    @classmethod
+    def _copied(cls, path: Path, rows: Mapping[str, int]) -> Self:
+        """A writer of the copy that has taken the file's place."""
         part = path.with_name(path.name + ".part")
         with Results(path) as old:
             found = {stream: old.rows(stream) for stream in old.streams}
@@ -114,10 +145,10 @@ class ResultsWriter:
             try:
                 writer._copy(old, rows)
                 part.replace(path)
-            except OSError as error:
+            except (OSError, ResultsError) as error:
+                writer.close()
                 part.unlink(missing_ok=True)
-                raise ResultsError(f"{path} cannot be copied: {error}.") from error
-        writer.path = path
+                raise ResultsError(f"{path} cannot be copied: {error}") from error
         return writer
 
     def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
@@ -136,6 +167,7 @@ class ResultsWriter:
             many = max(1, _COPIED_BYTES // new.row_bytes)
             for first in range(0, len(times), many):
                 block = slice(first, min(first + many, len(times)))
+                self._room.reserve(self.path, 2 * len(times[block]) * new.row_bytes + new.chunks)
                 new.copy(times[block], {name: old.series(stream, name, block) for name in names})
         self._file.flush()
 
@@ -175,6 +207,7 @@ class ResultsWriter:
         values = np.asarray(array)
         if values.dtype.kind not in "biuf":
             raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
+        self._room.reserve(self.path, values.nbytes)
         dataset = create(self._file["static"], name, data=values)
         dataset.attrs.update(unit=unit, description=description)
 
@@ -213,6 +246,7 @@ class ResultsWriter:
         """End the declarations; from here on others may read the file while it grows."""
         if self._started:
             raise ResultsError(f"{self.path} has been started already.")
+        self._room.reserve(self.path, 0)
         self._file.flush()
         self._file.swmr_mode = True
         self._started = True
@@ -283,14 +317,24 @@ class ResultsWriter:
                 self.finish("stopped", {})
         finally:
             self._file.close()
+            self._room.close()
+            self._lock.release()
 
     def _flush_streams(self, streams: Iterable[Stream]) -> None:
-        pending = [(stream, stream.write_values()) for stream in streams if stream.rows]
-        if pending:
-            self._file.flush()
-            for stream, times in pending:
-                stream.write_time(times)
-            self._file.flush()
+        waiting = [stream for stream in streams if stream.rows]
+        if not waiting:
+            return
+        try:
+            self._room.reserve(self.path, sum(stream.growth for stream in waiting))
+        except ResultsError:
+            for stream in waiting:
+                stream.drop()
+            raise
+        pending = [(stream, stream.write_values()) for stream in waiting]
+        self._file.flush()
+        for stream, times in pending:
+            stream.write_time(times)
+        self._file.flush()
 
     def _check_declaration(self, name: str) -> None:
         if self._started:
@@ -299,91 +343,6 @@ class ResultsWriter:
             raise ResultsError(
                 f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."
             )
-
-
-def declare_histories(
-    writer: ResultsWriter, points: ArrayLike, *, accelerations: bool = False
-) -> None:
-    """Declare the stream ``histories``, one record per step.
-
-    The names of the points belong in the metadata as ``point_names``.
-
-    Args:
-        writer: a writer not started yet.
-        points: monitor points, shape (num_points, 3), [m].
-        accelerations: Declare ``acceleration`` of the points and ``ground_acceleration`` as well.
-    """
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    writer.static("histories/points", points, "m", "monitor points")
-    writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
-    if accelerations:
-        text = "acceleration of monitor points relative to the ground, mean of the step ending here"
-        writer.series("histories", "acceleration", points.shape, "m/s^2", text)
-        text = "acceleration of the ground at the time of the record"
-        writer.series("histories", "ground_acceleration", (3,), "m/s^2", text)
-    for state in ("open", "stick", "slip"):
-        text = f"share of the joint points that {state if state != 'open' else 'are open'}"
-        writer.series("histories", f"joint_{state}", (), "-", text)
-    text = "iterations of the step's solve"
-    writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
-
-
-def declare_energy(
-    writer: ResultsWriter, joints: Sequence[str] = (), loads: Iterable[str] = ()
-) -> None:
-    """Declare the stream ``energy``, one record per step, a number [J] per ledger line.
-
-    Args:
-        writer: The writer.
-        joints: Names of the joints; the lines of joints are there for each of them as well.
-        loads: Names of the loads, whose works make up the input together with moving supports.
-    """
-    for term in ENERGY_TERMS:
-        writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")
-    for joint in joints:
-        for term in JOINT_ENERGY_TERMS:
-            name = f"joints/{joint}/{term}"
-            writer.series("energy", name, (), "J", f"{term} energy of {joint}")
-    for load in loads:
-        writer.series("energy", f"loads/{load}", (), "J", f"work of {load}")
-
-
-def declare_states(
-    writer: ResultsWriter,
-    nodes: ArrayLike,
-    surface: ArrayLike,
-    joints: Mapping[str, Mapping[str, ArrayLike]],
-    *,
-    status: bool = False,
-) -> None:
-    """Declare the stream ``states``, recorded at chosen times.
-
-    Args:
-        writer: a writer not started yet.
-        nodes: shape (num_nodes, 3), [m]; the two sides of a joint have their own.
-        surface: vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4); the
-            sides of the joints belong to them.
-        joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
-            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
-        status: Declare the ``status`` of the joint points as well.
-    """
-    nodes = np.asarray(nodes, dtype=np.float64)
-    writer.static("mesh/nodes", nodes, "m", "nodes")
-    writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
-    writer.series("states", "displacement", nodes.shape, "m", "displacement of the nodes")
-    for name, joint in joints.items():
-        where = f"joints/{name}"
-        writer.static(f"{where}/points", joint["points"], "m", "joint points")
-        writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
-        writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
-        writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
-        shape = np.asarray(joint["points"]).shape
-        writer.series("states", f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
-        text = "traction (n, s1, s2), compression if n < 0"
-        writer.series("states", f"{where}/traction", shape, "Pa", text)
-        if status:
-            text = "0 open, 1 sticking, 2 sliding in the step ending here"
-            writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)
 
 
 def _counted(rows: Mapping[str, int]) -> str:

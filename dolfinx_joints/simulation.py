@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
-from dolfinx_joints.dynamic_run import DynamicRun, warn_of
+from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.loads import BaseMotion, Load, in_axes
 from dolfinx_joints.model import Model
@@ -273,7 +273,7 @@ class Simulation:
             check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
-        with self._phase("set-up of the dynamic stage"):
+        with self._phase("set-up of the dynamic stage"), _released(checkpoint, at_end=False):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -297,8 +297,9 @@ class Simulation:
                 state=saved.state if saved else self._first_state(solver, velocity, start),
                 steps=steps,
                 motion=motion,
+                settings=facts,
             )
-        with run.watched():
+        with _released(checkpoint, at_end=True), run.watched():
             if saved is None:
                 run.start()
                 self._save(keeper, run)
@@ -307,11 +308,8 @@ class Simulation:
             while run.step < steps:
                 self._step(run, dt)
                 self._save(keeper, run)
-        self._watch.warn(f"by t = {run.state.time:.4g} s")
-        outcome = run.outcome()
-        if self.model.jointed.mesh.comm.rank == 0:
-            warn_of(outcome)
-        return outcome
+            self._watch.warn(f"by t = {run.state.time:.4g} s")
+        return run.outcome()
 
     def _step(self, run: DynamicRun, dt: float) -> None:
         """One step, told to the monitors (collective)."""
@@ -399,6 +397,19 @@ class Simulation:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
+
+
+@contextmanager
+def _released(checkpoint: Checkpoints | None, *, at_end: bool) -> Iterator[None]:
+    """Let other runs write the checkpoint if the block fails, or at its end."""
+    try:
+        yield
+    except BaseException:
+        at_end = True
+        raise
+    finally:
+        if checkpoint is not None and at_end:
+            checkpoint.release()
 
 
 def _check_motion(motion: Any, gdim: int) -> None:

@@ -238,6 +238,7 @@ class NewtonSolver:
         elastic cells is added: the correction only, not the equilibrium, depends on it.
 
         Raises:
+            ConvergenceError: A law gave a tangent that is not finite.
             JointsError: The body is not held even so.
         """
         for part in REGULARISATIONS:
@@ -247,6 +248,9 @@ class NewtonSolver:
             except JointsError as error:
                 tangent.forget()
                 failure = error
+        facts = resistance.failure(response, balance.state)
+        if facts.get("law"):
+            raise ConvergenceError(**facts) from failure
         raise failure
 
     def _polish(self, balance: _Balance, response: Response, norm: float) -> tuple[Response, float]:
@@ -285,7 +289,7 @@ class _Balance:
         state: JointState,
         rule: Rule,
     ) -> None:
-        self._matrix, self._resistance, self._state, self.rule = matrix, resistance, state, rule
+        self._matrix, self._resistance, self.state, self.rule = matrix, resistance, state, rule
         self._free, self._right = solver.free, b
         self._relative = solver.options.relative_tolerance
         self._force = b.duplicate()
@@ -296,7 +300,7 @@ class _Balance:
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the free dofs."""
-        response = self._resistance.respond(change, self._state, self.rule)
+        response = self._resistance.respond(change, self.state, self.rule)
         self._resistance.force(response, self._force)
         self._matrix.full.mult(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -39,6 +39,7 @@ class Record:
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
+        settings: How the stage is run, by name; of the record that monitors start with.
     """
 
     stage: str
@@ -54,6 +55,7 @@ class Record:
     halvings: int
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

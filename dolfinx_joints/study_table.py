@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import StudyError
+from dolfinx_joints.hdf5_checks import DamageTold, check_contents
 
 FORMAT = "dolfinx_joints study table"
 TABLE = "table.h5"
@@ -153,16 +154,19 @@ def read_table(path: str | Path) -> Table:
         raise StudyError(f"There is no table {place}; run the study first.")
     if not h5py.is_hdf5(place):
         raise StudyError(f"{place} is not an HDF5 file.")
-    with h5py.File(place, "r") as file:
+    with DamageTold(place, StudyError), h5py.File(place, "r") as file:
         if file.attrs.get("format") != FORMAT:
             raise StudyError(f"{place} is not a table of a study.")
+        check_contents(file, place, StudyError, texts=True)
         table: Table = {}
         for name in json.loads(file.attrs["columns"]):
             dataset = file["columns"][name.replace("/", "|")]
             text = h5py.check_string_dtype(dataset.dtype) is not None
             values = dataset.asstr()[()] if text else dataset[()]
             table[name] = np.array(values, dtype=object) if text else values
-    return table
+        if len({column.shape for column in table.values()}) > 1:
+            raise ValueError("its columns are not of one length")
+        return table
 
 
 def write_csv(table: Table, path: str | Path) -> Path:

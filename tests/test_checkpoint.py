@@ -109,7 +109,7 @@ def wall(jointed, joints=LAW):
 
 
 def content(path):
-    """Everything in a results file but times of day and seconds."""
+    """Everything in a results file but times of day, seconds and the command line."""
     with Results(path) as results:
         assert results.status == "complete"
         found = {name: results.static(name) for name in results.statics}
@@ -119,6 +119,7 @@ def content(path):
                 found[f"{stream}/{name}"] = results.series(stream, name)
         summary = {k: v for k, v in results.summary.items() if k not in ("seconds", "peak_mb")}
         metadata = {k: v for k, v in results.metadata.items() if k != "ranks"}
+        metadata["manifest"].pop("command")  # names other folders
         return found, summary, metadata
 
 

@@ -15,7 +15,8 @@ from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.records import Motion
 from dolfinx_joints.results import Results
-from dolfinx_joints.results_writer import ResultsWriter, declare_histories, declare_states
+from dolfinx_joints.results_layout import declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 DT = 0.005
 TIME = DT * np.arange(2001)  # 10 s

@@ -19,12 +19,8 @@ from dolfinx_joints.envelopes import ENVELOPE_NAMES as NAMES
 from dolfinx_joints.envelopes import declare_envelopes
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")

@@ -12,7 +12,8 @@ import pytest
 from dolfinx_joints import response_plots
 from dolfinx_joints.records import STANDARD_GRAVITY
 from dolfinx_joints.results import Results
-from dolfinx_joints.results_writer import ResultsWriter, declare_histories, declare_states
+from dolfinx_joints.results_layout import declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 

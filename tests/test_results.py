@@ -16,12 +16,8 @@ import pytest
 
 from dolfinx_joints.errors import ConvergenceError, JointsError, ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, VERSION, Results, describe
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 
 def writer_of(path: Path, **options: Any) -> ResultsWriter:

@@ -266,6 +266,18 @@ def test_half_built_root_is_not_taken_for_whole(tmp_path: Path) -> None:
     assert (tmp_path / "count").read_text() == "built\n" * 2
 
 
+@pytest.mark.parametrize("name", ["INT", "TERM", "HUP"])
+def test_interrupted_build_leaves_nothing(tmp_path: Path, name: str) -> None:
+    # Ctrl-C and an end of the session reach the whole group of processes, the build as well.
+    stopped = build(tmp_path, f"kill -{name} $$; kill -{name} $BASHPID; sleep 5")
+    assert stopped.returncode != 0
+    assert "nothing half done is kept" in stopped.stderr
+    assert not list(tmp_path.glob("dolfinx_joints/*root-*"))
+    again = build(tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert len(list(tmp_path.glob("dolfinx_joints/root-*"))) == 1
+
+
 def test_concurrent_call_waits_and_says_so(tmp_path: Path) -> None:
     code = f"({FAKE_BUILD % 'sleep 1'}) & sleep 0.4; {FAKE_BUILD % 'true'} wait"
     result = run_function(code, XDG_CACHE_HOME=str(tmp_path))

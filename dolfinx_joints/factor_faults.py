@@ -1,0 +1,82 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Why a factorization failed, in words."""
+
+from __future__ import annotations
+
+import math
+
+from petsc4py import PETSc
+
+SINGULAR = (
+    "The matrix is singular to working precision: is every block held by supports, springs or a "
+    "closed joint?"
+)
+NOT_FINITE = (
+    "The matrix holds numbers that are not finite: look for NaN in a material, a law's tangent or "
+    "a form."
+)
+NO_MEMORY = (
+    "The factor of the matrix does not fit into memory: take a coarser mesh, more memory, or the "
+    "iterative solver"
+)
+NOT_FACTORED = (
+    "The matrix could not be factored (singular, or not positive definite: is every block held by "
+    "supports?)"
+)
+
+# What PETSc calls a pivot that is zero or negative.
+_ZERO_PIVOT = (71, 81)
+_OUT_OF_MEMORY = 55
+
+# INFOG(1) of MUMPS, from its user's guide. INFOG(2) is a size where `{}` stands.
+_MUMPS = {
+    -2: "its number of entries is out of range",
+    -5: "allocation of {} real numbers failed in the analysis",
+    -6: "structurally singular, of rank {}",
+    -7: "allocation of {} integers failed in the analysis",
+    -8: "integer workspace too small",
+    -9: "real workspace too small by {} numbers",
+    -10: "numerically singular after {} pivots",
+    -11: "real workspace too small for a solution by {} numbers",
+    -13: "allocation of {} numbers failed in the factorization",
+    -14: "integer workspace too small for a solution",
+    -16: "its number of unknowns, {}, is out of range",
+    -17: "send buffer too small",
+    -19: "the memory allowed is too small by {} numbers",
+    -20: "receive buffer too small",
+    -40: "not positive definite",
+    -51: "an integer of the ordering is too large for 32 bits, {}",
+}
+
+
+def why_singular(matrix: PETSc.Mat) -> str:
+    """A sentence on a matrix that gives no solution (collective)."""
+    # The largest of absolute values would lose NaN; the sum of squares does not.
+    finite = math.isfinite(matrix.norm(PETSc.NormType.NORM_FROBENIUS))
+    return SINGULAR if finite else NOT_FINITE
+
+
+def in_words(pc: PETSc.PC) -> str:
+    """What the package says of its failure, in brackets and after a blank; '' if nothing."""
+    if pc.getFactorSolverType() != "mumps":
+        return ""
+    factor = pc.getFactorMatrix()
+    code, size = factor.getMumpsInfog(1), factor.getMumpsInfog(2)
+    if code >= 0:
+        return ""
+    number = -1_000_000 * size if size < 0 else size  # then it counts millions
+    told = _MUMPS.get(code, "see its user's guide").format(f"{number:,}".replace(",", " "))
+    return f" (MUMPS: {told}; INFOG(1) = {code}, INFOG(2) = {size})"
+
+
+def of_error(error: PETSc.Error, matrix: PETSc.Mat) -> str:
+    """A sentence on an error of PETSc in a factorization (collective)."""
+    if why_singular(matrix) == NOT_FINITE:
+        return NOT_FINITE
+    if error.ierr in _ZERO_PIVOT:
+        return f"{NOT_FACTORED}."
+    if error.ierr == _OUT_OF_MEMORY:
+        return f"{NO_MEMORY}."
+    last = str(error).strip().rsplit("\n", 1)[-1].removeprefix("[0] ")
+    return f"{NOT_FACTORED}; PETSc says: {last}."

@@ -1,0 +1,98 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One writer per file: a lock on ``PATH.lock``, which the system drops when its process ends."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import socket
+import warnings
+from pathlib import Path
+from typing import IO, Self
+
+# What systems answer where a file system has no locks.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+
+
+class FileLock:
+    """The right to write a file, held until `release` or the end of the process.
+
+    What a killed process leaves is an unlocked ``PATH.lock``, which the next one takes over. On a
+    file system without locks a warning says that nothing is locked.
+
+    Args:
+        path: The file to be written; it need not exist.
+        error: What to raise.
+
+    Raises:
+        Exception: ``error``: another run writes the file, or ``PATH.lock`` cannot be written.
+    """
+
+    def __init__(self, path: Path, error: type[Exception]) -> None:
+        """Take the lock or refuse at once."""
+        self._place = path.with_name(f"{path.name}.lock")
+        self._file: IO[str] | None = None
+        while self._file is None:
+            try:
+                file = self._place.open("a+", encoding="utf-8")
+            except OSError as exc:
+                raise error(
+                    f"{path} cannot be created: {exc.strerror} ({self._place.name} beside it)."
+                ) from exc
+            try:
+                self._take(file, path, error)
+            except BaseException:
+                file.close()
+                raise
+            # Whoever had it may have deleted it before it was locked here.
+            if self._is_in_place(file):
+                self._file = file
+            else:
+                file.close()
+
+    def _take(self, file: IO[str], path: Path, error: type[Exception]) -> None:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.seek(0)
+            owner = file.read(200).strip() or "another process"
+            raise error(
+                f"{path} is being written by {owner}; wait for it, end it, or take another file."
+            ) from None
+        except OSError as exc:
+            if exc.errno not in _NO_LOCKS:
+                raise error(f"{path} cannot be locked: {exc}.") from exc
+            warnings.warn(
+                f"{path} is on a file system without locks ({exc.strerror}): nothing keeps a "
+                "second run from writing it.",
+                stacklevel=4,
+            )
+        try:
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+            file.flush()
+        except OSError as exc:
+            raise error(f"{path} cannot be created: {exc.strerror}.") from exc
+
+    def _is_in_place(self, file: IO[str]) -> bool:
+        try:
+            return os.path.samestat(os.fstat(file.fileno()), self._place.stat())
+        except FileNotFoundError:
+            return False
+
+    def __enter__(self) -> Self:
+        """Return the lock."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let others write the file."""
+        self.release()
+
+    def release(self) -> None:
+        """Let others write the file."""
+        if self._file is not None:
+            self._place.unlink(missing_ok=True)
+            self._file.close()
+            self._file = None

@@ -7,11 +7,13 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.results_writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]
@@ -148,3 +150,18 @@ def declare_envelopes(
         quantity, end = name.split("_")
         text = f"{'largest' if end == 'max' else 'smallest'} {_TEXTS[quantity]} over the run"
         writer.series("envelopes", name, shape, "Pa", text)
+
+
+def chosen_faces(envelopes: bool | Sequence[str]) -> bool | list[str]:
+    """Whether envelopes are wanted, or names of facet groups.
+
+    Raises:
+        ValueError: It is neither, or an empty list.
+    """
+    if isinstance(envelopes, bool):
+        return envelopes
+    good = isinstance(envelopes, list | tuple) and all(isinstance(n, str) for n in envelopes)
+    check_kind_of("envelopes", envelopes, good, "True, False or a list of facet groups")
+    if not envelopes:
+        raise ValueError("envelopes is an empty list; name facet groups, or pass False.")
+    return list(envelopes)

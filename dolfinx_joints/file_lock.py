@@ -9,11 +9,20 @@ import fcntl
 import os
 import socket
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, Protocol, Self
 
 # What systems answer where a file system has no locks.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+
+
+class Lock(Protocol):
+    """What holds the right to write files."""
+
+    def release(self) -> None:
+        """Let others write them."""
 
 
 class FileLock:
@@ -96,3 +105,16 @@ class FileLock:
             self._place.unlink(missing_ok=True)
             self._file.close()
             self._file = None
+
+
+@contextmanager
+def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
+    """Let other runs write a file if the block fails, or at its end."""
+    try:
+        yield
+    except BaseException:
+        at_end = True
+        raise
+    finally:
+        if lock is not None and at_end:
+            lock.release()

@@ -13,7 +13,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_kind_of, check_number
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -184,3 +184,16 @@ def _vector(value: Sequence[float], gdim: int, name: str) -> NDArray[np.float64]
     if vector.shape != (gdim,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"{name} is {value}; it must hold {gdim} finite numbers.")
     return vector
+
+
+def check_motion(motion: Any, gdim: int) -> None:
+    """Refuse a ground motion that gives no acceleration vector.
+
+    Raises:
+        ValueError: It is no function, or gives fewer than ``gdim`` numbers.
+    """
+    wanted = f"a function of time that gives at least {gdim} numbers"
+    check_kind_of("motion", motion, callable(motion), wanted)
+    first = np.asarray(motion(0.0))
+    good = first.ndim == 1 and len(first) >= gdim and first.dtype.kind in "if"
+    check_kind_of("motion(0)", first.tolist(), good, f"at least {gdim} numbers")

@@ -20,17 +20,18 @@ from dolfinx_joints.absorbing import ViscousBoundary, absorbing_groups
 from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.contact import Contact, InitialGap
 from dolfinx_joints.damping import Rayleigh
-from dolfinx_joints.elasticity import Elastic, ElasticBody, Material, is_plastic
+from dolfinx_joints.elasticity import ElasticBody, Material, is_plastic
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import JointOperator
 from dolfinx_joints.laws import Law
 from dolfinx_joints.loads import AddedMass, Load
+from dolfinx_joints.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.mesh import JointedMesh
 from dolfinx_joints.parallel import lasting
 from dolfinx_joints.redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.supports import Constraints, Spring, Support
 from dolfinx_joints.system import MatrixSystem
-from dolfinx_joints.thermal import Temperature
+from dolfinx_joints.thermal import Temperature, check_temperatures
 
 if TYPE_CHECKING:
     from dolfinx_joints.plastic_bulk import PlasticBulk
@@ -139,12 +140,12 @@ class Model:
         elif joints is not None and isinstance(joints, Mapping) and joints:
             raise MeshError(f"The mesh has no joints, but laws were given for {', '.join(joints)}.")
         by_group = material if isinstance(material, Mapping) else {"": material}
-        _check_temperatures(jointed, by_group, self.loads)
+        check_temperatures(jointed, by_group, self.loads)
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
         bulk = self.body.stiffness_form(u, v)
         springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
-        self.body_mass = _without_zeros(self._matrix(self.body.mass_form(u, v)))
+        self.body_mass = without_zeros(self._matrix(self.body.mass_form(u, v)))
         self.mass = self.body_mass
         if extra_mass is not None or added_mass:
             total = self._matrix(self.body.mass_form(u, v), extra_mass)
@@ -152,8 +153,8 @@ class Model:
                 moved = added.matrix(self)
                 total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 moved.destroy()
-            self.mass = _without_zeros(total)
-        self.stiffness = _blocked(self._matrix(bulk, extra_stiffness, *springs))
+            self.mass = without_zeros(total)
+        self.stiffness = blocked(self._matrix(bulk, extra_stiffness, *springs))
         self.stiffness.setNearNullSpace(self._rigid_modes())
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
         self.redistribution: Redistribution | None = None
@@ -174,9 +175,9 @@ class Model:
             # Springs and extra forms are part of K but do not damp.
             self.rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
             bulk_damping = self._matrix(rayleigh.stiffness_factor * bulk, None, *dashpots)
-            self.dashpots = _blocked(bulk_damping)
+            self.dashpots = blocked(bulk_damping)
         elif dashpots:
-            self.dashpots = _blocked(self._matrix(dashpots[0], None, *dashpots[1:]))
+            self.dashpots = blocked(self._matrix(dashpots[0], None, *dashpots[1:]))
         self._symmetric = symmetric
 
     def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
@@ -242,7 +243,7 @@ class Model:
         _check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return _without_ghosts(vector, self.mass)
+        return without_ghosts(vector, self.mass)
 
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
@@ -338,32 +339,6 @@ class Model:
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
 
 
-def _check_temperatures(
-    jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
-) -> None:
-    """Refuse temperatures where their stress is no pressure, or unknown to a plastic law.
-
-    Raises:
-        ValueError: One acts on cells that are not isotropic and elastic.
-    """
-    for load in loads:
-        if not isinstance(load, Temperature):
-            continue
-        for name, each in materials.items():
-            if isinstance(each, Elastic) or not _share_cells(jointed, load.cells, name):
-                continue
-            raise ValueError(
-                f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
-                "cells only, name those by cells=."
-            )
-
-
-def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
-    """Whether two cell groups, or the whole body, have cells in common (collective)."""
-    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
-    return bool(jointed.mesh.comm.allreduce(len(common)))
-
-
 def _names(loads: Sequence[Load]) -> list[str]:
     """A name for each load: its kind and group, with a number where that is not enough."""
     plain = [
@@ -395,36 +370,3 @@ def _check_form(form: Any, arguments: int, what: str) -> None:
     count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
     if count != arguments:
         raise ValueError(f"{what}; this one has {count} arguments: {str(form)[:80]}.")
-
-
-def _blocked(matrix: PETSc.Mat) -> PETSc.Mat:
-    """The matrix in blocks of a node: its products, which time steps wait for, are faster.
-
-    Whole, even if symmetric: PETSc's product with half a matrix reads beyond it where the last rows
-    are empty, as those of dashpots on a boundary, and would hide that K is not symmetric after all.
-    """
-    return matrix.convert("baij")
-
-
-def _without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """The matrix without zeros off its diagonal: two thirds of M, which couples no components."""
-    starts, columns, values = matrix.getValuesCSR()
-    rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    kept = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])
-    counts = np.bincount(rows[kept], minlength=len(starts) - 1)
-    thin = PETSc.Mat().createAIJ(
-        matrix.getSizes(),
-        bsize=matrix.getBlockSize(),
-        csr=(np.append(0, np.cumsum(counts)).astype(PETSc.IntType), columns[kept], values[kept]),
-        comm=matrix.comm,
-    )
-    thin.assemble()
-    matrix.destroy()
-    return thin
-
-
-def _without_ghosts(vector: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Vec:
-    """The owned part of a ghosted vector in the layout of a matrix."""
-    plain = matrix.createVecRight()
-    plain.setArray(vector.getArray(readonly=True)[: plain.getLocalSize()])
-    return plain

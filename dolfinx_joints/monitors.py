@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_count, check_kind_of
-from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
 from dolfinx_joints.errors import MeshError, ResultsError
 from dolfinx_joints.joint_forces import PointExtras, ResultantsStream, strengths
 from dolfinx_joints.manifest import manifest
@@ -74,7 +74,7 @@ class ResultsMonitor:
         self._path, self._points, self._every = Path(path), dict(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
         check_kind_of("resultants", resultants, isinstance(resultants, bool), "True or False")
-        self._with_envelopes = _groups(envelopes)
+        self._with_envelopes = chosen_faces(envelopes)
         self._with_resultants = resultants
         self._writer: ResultsWriter | None = None
 
@@ -285,17 +285,6 @@ class ResultsMonitor:
                         values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]
-
-
-def _groups(envelopes: bool | Sequence[str]) -> bool | list[str]:
-    """Whether envelopes are wanted, or names of facet groups."""
-    if isinstance(envelopes, bool):
-        return envelopes
-    good = isinstance(envelopes, list | tuple) and all(isinstance(n, str) for n in envelopes)
-    check_kind_of("envelopes", envelopes, good, "True, False or a list of facet groups")
-    if not envelopes:
-        raise ValueError("envelopes is an empty list; name facet groups, or pass False.")
-    return list(envelopes)
 
 
 class FieldMonitor:

@@ -19,7 +19,8 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count, check_kind_of, check_number
 from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import ConvergenceError, JointsError
-from dolfinx_joints.loads import BaseMotion, Load, in_axes
+from dolfinx_joints.file_lock import released
+from dolfinx_joints.loads import BaseMotion, Load, check_motion, in_axes
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
@@ -261,7 +262,7 @@ class Simulation:
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
-            _check_motion(motion, self.model.gdim)
+            check_motion(motion, self.model.gdim)
             motion = in_axes(motion, self.model.gdim)
             if any(getattr(load, "absolute", False) for load in (*self.model.loads, *loads)):
                 raise ValueError(
@@ -273,7 +274,7 @@ class Simulation:
             check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
-        with self._phase("set-up of the dynamic stage"), _released(checkpoint, at_end=False):
+        with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -299,7 +300,7 @@ class Simulation:
                 motion=motion,
                 settings=facts,
             )
-        with _released(checkpoint, at_end=True), run.watched():
+        with released(checkpoint, at_end=True), run.watched():
             if saved is None:
                 run.start()
                 self._save(keeper, run)
@@ -397,25 +398,3 @@ class Simulation:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
-
-
-@contextmanager
-def _released(checkpoint: Checkpoints | None, *, at_end: bool) -> Iterator[None]:
-    """Let other runs write the checkpoint if the block fails, or at its end."""
-    try:
-        yield
-    except BaseException:
-        at_end = True
-        raise
-    finally:
-        if checkpoint is not None and at_end:
-            checkpoint.release()
-
-
-def _check_motion(motion: Any, gdim: int) -> None:
-    """Refuse a ground motion that gives no acceleration vector."""
-    wanted = f"a function of time that gives at least {gdim} numbers"
-    check_kind_of("motion", motion, callable(motion), wanted)
-    first = np.asarray(motion(0.0))
-    good = first.ndim == 1 and len(first) >= gdim and first.dtype.kind in "if"
-    check_kind_of("motion(0)", first.tolist(), good, f"at least {gdim} numbers")

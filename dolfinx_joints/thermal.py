@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,9 @@ import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_joints.checks import check_kind_of, check_number
-from dolfinx_joints.loads import TimeFactor, always
+from dolfinx_joints.elasticity import Elastic
+from dolfinx_joints.loads import Load, TimeFactor, always
+from dolfinx_joints.mesh import JointedMesh
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -125,3 +127,29 @@ class Temperature:
 def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
     """Reference temperatures by cell group, none where there is one for all."""
     return reference if isinstance(reference, Mapping) else {}
+
+
+def check_temperatures(
+    jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
+) -> None:
+    """Refuse temperatures where their stress is no pressure, or unknown to a plastic law.
+
+    Raises:
+        ValueError: One acts on cells that are not isotropic and elastic.
+    """
+    for load in loads:
+        if not isinstance(load, Temperature):
+            continue
+        for name, each in materials.items():
+            if isinstance(each, Elastic) or not _share_cells(jointed, load.cells, name):
+                continue
+            raise ValueError(
+                f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
+                "cells only, name those by cells=."
+            )
+
+
+def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
+    """Whether two cell groups, or the whole body, have cells in common (collective)."""
+    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
+    return bool(jointed.mesh.comm.allreduce(len(common)))

@@ -1,0 +1,41 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Assembled matrices in the form that a run keeps: blocks of a node, no zeros, no ghosts."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+
+def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix in blocks of a node: its products, which time steps wait for, are faster.
+
+    Whole, even if symmetric: PETSc's product with half a matrix reads beyond it where the last rows
+    are empty, as those of dashpots on a boundary, and would hide that K is not symmetric after all.
+    """
+    return matrix.convert("baij")
+
+
+def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix without zeros off its diagonal: two thirds of M, which couples no components."""
+    starts, columns, values = matrix.getValuesCSR()
+    rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    kept = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])
+    counts = np.bincount(rows[kept], minlength=len(starts) - 1)
+    thin = PETSc.Mat().createAIJ(
+        matrix.getSizes(),
+        bsize=matrix.getBlockSize(),
+        csr=(np.append(0, np.cumsum(counts)).astype(PETSc.IntType), columns[kept], values[kept]),
+        comm=matrix.comm,
+    )
+    thin.assemble()
+    matrix.destroy()
+    return thin
+
+
+def without_ghosts(vector: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Vec:
+    """The owned part of a ghosted vector in the layout of a matrix."""
+    plain = matrix.createVecRight()
+    plain.setArray(vector.getArray(readonly=True)[: plain.getLocalSize()])
+    return plain

@@ -99,7 +99,7 @@ lint: ## Check style and types
 dist: ## Build source distribution and wheel in dist/, and try them in an empty environment
 	@$(call install_tool,$(BUILD_TOOL),$(BUILD_NEEDS))
 	rm -rf dist *.egg-info
-	$(call with_tool,$(BUILD_TOOL)) -m build --no-isolation
+	$(call with_tool,$(BUILD_TOOL)) -m build -q --no-isolation
 	rm -rf *.egg-info
 	DOLFINX_JOINTS_DIST="$(CURDIR)/dist" $(PYTHON) -m pytest -q tests/test_packaging.py
 

@@ -17,6 +17,8 @@ PAPER_ARGS ?=
 STUDY_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
+DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
+CODE = $(wildcard dolfinx_joints/*.py geometry/*.py studies/*.py)
 
 # Tools that are not Debian packages, or not in one version everywhere, come from PyPI into the
 # user's cache; running the package needs none of them. mypy comes with Debian's packages, and the
@@ -102,6 +104,15 @@ dist: ## Build source distribution and wheel in dist/, and try them in an empty 
 	$(call with_tool,$(BUILD_TOOL)) -m build -q --no-isolation
 	rm -rf *.egg-info
 	DOLFINX_JOINTS_DIST="$(CURDIR)/dist" $(PYTHON) -m pytest -q tests/test_packaging.py
+
+build/demos/%/printed.txt: demos/%.py $(CODE)
+	mkdir -p $(@D)
+	cd $(@D) && "$(CURDIR)/$(RUN)" python3 "$(CURDIR)/$<" >new.txt
+	mv $(@D)/new.txt $@
+
+docs: $(DEMOS:%=build/demos/%/printed.txt) ## Build the documentation site in build/site; runs the demos for it
+	@$(call install_tool,$(SITE_TOOL),$(SITE_NEEDS))
+	$(call with_tool,$(SITE_TOOL)) docs/site/build.py --runs build/demos --out build/site
 
 clean: ## Remove what the other targets left in this folder
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

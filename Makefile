@@ -113,6 +113,7 @@ build/demos/%/printed.txt: demos/%.py $(CODE)
 docs: $(DEMOS:%=build/demos/%/printed.txt) ## Build the documentation site in build/site; runs the demos for it
 	@$(call install_tool,$(SITE_TOOL),$(SITE_NEEDS))
 	$(call with_tool,$(SITE_TOOL)) docs/site/build.py --runs build/demos --out build/site
+	DOLFINX_JOINTS_SITE="$(CURDIR)/build/site" $(PYTHON) -m pytest -q tests/test_site.py
 
 clean: ## Remove what the other targets left in this folder
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -14,6 +14,7 @@ import struct
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from email import message_from_string
 from pathlib import Path
@@ -122,10 +123,10 @@ def test_the_wheel_is_the_package_and_its_licence(wheel):
 
 
 def test_one_version_everywhere():
-    (line,) = [
-        line for line in (PROJECT / "CITATION.cff").read_text().splitlines() if "version: " in line
-    ][1:]  # the first is that of the format
-    assert line.partition(": ")[2] == dolfinx_joints.__version__
+    with (PROJECT / "pyproject.toml").open("rb") as file:
+        assert tomllib.load(file)["project"]["version"] == dolfinx_joints.__version__
+    citation = (PROJECT / "CITATION.cff").read_text("utf-8").splitlines()
+    assert f"version: {dolfinx_joints.__version__}" in citation
 
 
 RUN = """

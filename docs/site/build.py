@@ -21,7 +21,7 @@ from sphinx.cmd.build import main as sphinx
 HERE = Path(__file__).resolve().parent
 REMOTE = re.compile(r"<(?:script|img|link|iframe)\b[^>]*\b(?:src|href)=\"(?:https?:)?//[^>]*>")
 # What a page needs of MathJax, a tenth of what comes with it.
-MATHJAX = ("tex-chtml.js", "output/chtml/fonts/woff-v2")
+MATHJAX = ("tex-chtml-full.js", "output/chtml/fonts/woff-v2")
 
 
 def main() -> int:

@@ -28,7 +28,7 @@ default_role = "py:obj"
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-mathjax_path = "mathjax/tex-chtml.js"  # a copy in the site: a page asks the net for nothing
+mathjax_path = "mathjax/tex-chtml-full.js"  # a copy in the site: a page asks the net for nothing
 
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
@@ -36,6 +36,7 @@ autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 python_maximum_signature_line_length = 80
+toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
 html_title = f"dolfinx_joints {release}"

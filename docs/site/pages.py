@@ -99,13 +99,12 @@ def demo_page(script: Path, run: Path, pictures: Path) -> str:
         run: Folder in which it ran.
         pictures: Folder beside the page, where figures are copied to.
     """
-    parts = [_cell(cell) for cell in re.split(r"^# %%", script.read_text("utf-8"), flags=re.M)[1:]]
-    page = "\n\n".join(part for part in parts if part)
+    cells = re.split(r"^# %%", script.read_text("utf-8"), flags=re.M)[1:]
+    title, *parts = filter(None, map(_cell, cells))
     # One title; what follows at its level is a section.
-    title, _, rest = page.partition("\n")
-    rest = re.sub(r"^# ", "## ", rest, flags=re.M) if title.startswith("# ") else rest
+    parts = [re.sub(r"\A# ", "## ", part) for part in parts]
     printed = (run / "printed.txt").read_text("utf-8").strip("\n")
-    page = f"{title}\n{rest}\n\n## What it prints\n\n```text\n{printed}\n```\n"
+    page = "\n\n".join([title, *parts, "## What it prints", f"```text\n{printed}\n```\n"])
     figures = sorted(run.rglob("*.png"))
     if figures:
         pictures.mkdir(parents=True)
@@ -132,12 +131,12 @@ def api_page() -> str:
     for name, module in _HOME.items():
         homes[module].append(name)
     page = (
-        "# Public names\n\nAll of them are names of the package, `import dolfinx_joints as dj`, "
-        "and are imported when first used. Lengths are in metres, all else in SI units too.\n"
+        "# Public names\n\nWhat `import dolfinx_joints as dj` offers, by the module that it comes "
+        "from. All units are SI units; angles are in degrees where the name says so.\n"
     )
-    for module in sorted(homes, key=_summary):
+    for module in sorted(homes):
         directives = "\n\n".join(_directive(module, name) for name in sorted(homes[module]))
-        page += f"\n## {_summary(module)}\n\n```{{eval-rst}}\n{directives}\n```\n"
+        page += f"\n## {module}\n\n*{_summary(module)}.*\n\n```{{eval-rst}}\n{directives}\n```\n"
     return page
 
 

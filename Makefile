@@ -17,29 +17,42 @@ PAPER_ARGS ?=
 STUDY_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
+DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
+CODE = $(wildcard dolfinx_joints/*.py geometry/*.py studies/*.py)
 
-# ruff is not a Debian package: it comes from PyPI, into the user's cache. mypy comes with
-# Debian's packages, and the same way as ruff where DOLFINx came from elsewhere.
-RUFF_VERSION := 0.17
-MYPY_VERSION := 1.15
+# Tools that are not Debian packages, or not in one version everywhere, come from PyPI into the
+# user's cache; running the package needs none of them. mypy comes with Debian's packages, and the
+# same way as the others where DOLFINx came from elsewhere. A change of requirements is one of the
+# folder's name too.
 TOOLS = $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/dolfinx_joints/tools
-RUFF = $(RUN) "$(TOOLS)/ruff-$(RUFF_VERSION)/bin/ruff"
-MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/mypy-$(MYPY_VERSION)" python3 -m mypy
+RUFF_TOOL := ruff-0.17
+RUFF_NEEDS := 'ruff==0.17.*'
+MYPY_TOOL := mypy-1.15
+MYPY_NEEDS := 'mypy==1.15.*'
+BUILD_TOOL := build-1.6
+BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
+SITE_TOOL := site-1
+SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
+RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
+MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
 BASH_SCRIPTS := with-dolfinx .ci/run
 
-# $(call install_tool,NAME,MINOR VERSION): into a new directory, then one rename, so that an
+# $(call install_tool,FOLDER,REQUIREMENTS): into a new directory, then one rename, so that an
 # interrupted call leaves nothing that is taken for whole.
 define install_tool
-[ -d "$(TOOLS)/$(1)-$(2)" ] || { \
+[ -d "$(TOOLS)/$(1)" ] || { \
 	mkdir -p "$(TOOLS)"; new=$$(mktemp -d "$(TOOLS)/new-XXXXXX"); \
 	trap 'rm -rf "$$new"' EXIT; \
-	echo "installing $(1) $(2) from PyPI in $(TOOLS)"; \
+	echo "installing $(2) from PyPI in $(TOOLS)"; \
 	$(PYTHON) -m pip install -q --disable-pip-version-check --root-user-action=ignore \
-		--no-warn-script-location --target "$$new/whole" "$(1)==$(2).*"; \
-	mv -T "$$new/whole" "$(TOOLS)/$(1)-$(2)" || [ -d "$(TOOLS)/$(1)-$(2)" ]; }
+		--no-warn-script-location --no-warn-conflicts --target "$$new/whole" $(2); \
+	mv -T "$$new/whole" "$(TOOLS)/$(1)" || [ -d "$(TOOLS)/$(1)" ]; }
 endef
 
-.PHONY: help demo paper studies test verify bench lint clean
+# $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
+with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
+
+.PHONY: help demo paper studies test verify bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -79,12 +92,29 @@ bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
 
 lint: ## Check style and types
-	@$(call install_tool,ruff,$(RUFF_VERSION))
-	@$(PYTHON) -c 'import mypy' 2>/dev/null || $(call install_tool,mypy,$(MYPY_VERSION))
+	@$(call install_tool,$(RUFF_TOOL),$(RUFF_NEEDS))
+	@$(PYTHON) -c 'import mypy' 2>/dev/null || $(call install_tool,$(MYPY_TOOL),$(MYPY_NEEDS))
 	$(RUFF) check .
 	$(RUFF) format --check .
 	$(MYPY) dolfinx_joints
 	@if command -v shellcheck >/dev/null; then echo shellcheck; shellcheck -x $(BASH_SCRIPTS); fi
+
+dist: ## Build source distribution and wheel in dist/, and try them in an empty environment
+	@$(call install_tool,$(BUILD_TOOL),$(BUILD_NEEDS))
+	rm -rf dist *.egg-info
+	$(call with_tool,$(BUILD_TOOL)) -m build -q --no-isolation
+	rm -rf *.egg-info
+	DOLFINX_JOINTS_DIST="$(CURDIR)/dist" $(PYTHON) -m pytest -q tests/test_packaging.py
+
+build/demos/%/printed.txt: demos/%.py $(CODE)
+	mkdir -p $(@D)
+	cd $(@D) && "$(CURDIR)/$(RUN)" python3 "$(CURDIR)/$<" >new.txt
+	mv $(@D)/new.txt $@
+
+docs: $(DEMOS:%=build/demos/%/printed.txt) ## Build the documentation site in build/site; runs the demos for it
+	@$(call install_tool,$(SITE_TOOL),$(SITE_NEEDS))
+	$(call with_tool,$(SITE_TOOL)) docs/site/build.py --runs build/demos --out build/site
+	DOLFINX_JOINTS_SITE="$(CURDIR)/build/site" $(PYTHON) -m pytest -q tests/test_site.py
 
 clean: ## Remove what the other targets left in this folder
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -28,7 +28,7 @@ BLOCK = 64
 
 
 # Linear solvers of the effective matrix.
-LINEAR = ("auto", "direct", "iterative")
+LINEAR = ("auto", "direct", "mumps", "iterative")
 
 # MUMPS' option for the per cent by which its workspace exceeds the estimate.
 WORKSPACE = "mat_mumps_icntl_14"
@@ -60,18 +60,27 @@ class DirectSolver:
     Args:
         matrix: Matrix to be factored.
         symmetric: Use Cholesky (CHOLMOD in serial where PETSc has it, else MUMPS) instead of LU.
+        mumps: Use MUMPS everywhere.
         options: PETSc options without prefix that replace the defaults.
+
+    Attributes:
+        package: PETSc's name of the package that factors.
     """
 
     _made = 0
 
     def __init__(
-        self, matrix: PETSc.Mat, *, symmetric: bool, options: Mapping[str, Any] | None = None
+        self,
+        matrix: PETSc.Mat,
+        *,
+        symmetric: bool,
+        mumps: bool = False,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
         """Choose the package; nothing is factored yet."""
         self._matrix = matrix
-        serial = matrix.comm.size == 1
-        package = "cholmod" if symmetric and serial and _has_cholmod() else "mumps"
+        cholmod = symmetric and not mumps and matrix.comm.size == 1 and _has_cholmod()
+        package = "cholmod" if cholmod else "mumps"
         self._options: dict[str, Any] = {
             "ksp_type": "preonly",
             "pc_type": "cholesky" if symmetric else "lu",
@@ -82,6 +91,7 @@ class DirectSolver:
         if package == "mumps":
             self._options[WORKSPACE] = 60
         self._options |= dict(options or {})
+        self.package = str(self._options["pc_factor_mat_solver_type"])
         self._create()
         self._stale = True
 
@@ -209,8 +219,9 @@ class EffectiveMatrix:
     Args:
         system: Where M, C, K and the constraints come from.
         effective: The coefficients.
-        linear: ``direct``, ``iterative``, or ``auto``: iterative where A is symmetric and its
-            factor is not expected to fit into memory, direct elsewhere.
+        linear: ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``, or ``auto``:
+            iterative where A is symmetric and its factor is not expected to fit into memory,
+            direct elsewhere.
         added: What A holds besides.
 
     Attributes:
@@ -255,7 +266,8 @@ class EffectiveMatrix:
 
     def _made(self) -> DirectSolver | IterativeSolver:
         if not self._iterates():
-            return DirectSolver(self.held, symmetric=self.symmetric)
+            mumps = self._linear == "mumps"
+            return DirectSolver(self.held, symmetric=self.symmetric, mumps=mumps)
         self.held.setNearNullSpace(self._near)
         return IterativeSolver(self.held)
 

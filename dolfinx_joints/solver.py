@@ -51,8 +51,8 @@ class NewtonOptions:
         relative_tolerance: Residual against the largest of the forces that change in the step.
         max_iterations: Iterations before the solve is given up.
         max_cuts: Halvings of a Newton correction that the line search may try.
-        linear: Solver of the bulk, ``direct``, ``iterative``, or ``auto``: direct where its factor
-            is expected to fit into memory.
+        linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,
+            or ``auto``: direct where its factor is expected to fit into memory.
         compliance: What the condensed solver keeps of the compliance at the joints, see
             `Compliance`.
         linear_options: PETSc options of the direct solver of the tangent, without prefix.

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from dolfinx_joints import linear, memory
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.krylov import IterativeSolver
-from dolfinx_joints.linear import DirectSolver, Effective, EffectiveMatrix
+from dolfinx_joints.linear import STATIC, DirectSolver, Effective, EffectiveMatrix
 from dolfinx_joints.system import MatrixSystem
 
 pytestmark = pytest.mark.mpi
@@ -166,6 +166,25 @@ def test_options_do_not_leak(comm):
 
 
 STEP = Effective(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+
+
+@pytest.mark.parametrize("effective", [STEP, STATIC])
+def test_mumps_takes_the_place_of_cholmod(wall, effective):
+    # Two factors of one matrix whose condition number is some ten thousand, see below.
+    matrices = {k: EffectiveMatrix(wall, effective, linear=k) for k in ("direct", "mumps")}
+    b = load(wall.stiffness)
+    found = {}
+    for kind, matrix in matrices.items():
+        found[kind] = b.duplicate()
+        assert matrix.solver.solve(b, found[kind])
+    cholmod = wall.stiffness.comm.size == 1 and PETSc.Sys.hasExternalPackage("cholmod")
+    assert matrices["direct"].solver.package == ("cholmod" if cholmod else "mumps")
+    assert matrices["mumps"].solver.package == "mumps"
+    size = found["direct"].norm()
+    found["mumps"].axpy(-1.0, found["direct"])
+    assert found["mumps"].norm() <= 1e-10 * size
+    for matrix in matrices.values():
+        matrix.destroy()
 
 
 @pytest.fixture(scope="module")

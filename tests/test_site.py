@@ -1,0 +1,121 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pages of the documentation site, and links between the project's texts.
+
+The site itself is looked at where it has been built: in the folder that ``DOLFINX_JOINTS_SITE``
+names (``make docs``).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+from browser import Browser, chromium
+
+import dolfinx_joints
+
+PROJECT = Path(__file__).resolve().parents[1]
+TEXTS = [PROJECT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+TEXTS += sorted((PROJECT / "docs").glob("*.md"))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    """The module that gathers the pages, beside the texts and in no package."""
+    spec = spec_from_file_location("pages", PROJECT / "docs" / "site" / "pages.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def anchors(text: str) -> set[str]:
+    """What links to headings may name: GitHub's rule, which the site follows."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    headings = re.findall(r"^#+ (.*)$", prose, flags=re.M)
+    plain = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
+    return {"#" + heading.strip().replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(text):
+    content = text.read_text("utf-8")
+    for link, anchor in re.findall(r"\]\(([^)\s:#]*)(#[^)\s]*)?\)", content):
+        file = (text.parent / link).resolve() if link else text
+        assert file.is_file(), link
+        if anchor:
+            assert anchor in anchors(file.read_text("utf-8")), f"{link}{anchor}"
+
+
+def test_every_text_is_in_the_menu(pages):
+    listed = {name for group in pages.MENU.values() for name in group}
+    assert {str(path.relative_to(PROJECT)) for path in TEXTS} - listed == {"README.md"}
+
+
+def test_every_public_name_has_an_entry(pages):
+    page = pages.api_page()
+    entries = re.findall(r"^\.\. auto(?:class|function):: dolfinx_joints\.(\w+)$", page, re.M)
+    assert sorted(entries) == sorted(dolfinx_joints.__all__)
+
+
+def test_a_demo_becomes_a_page(pages, tmp_path):
+    script = tmp_path / "demo.py"
+    script.write_text(
+        "#!/usr/bin/env python3\n# %% [markdown]\n# # Title\n#\n# Text $a\\,b$.\n\n# %%\nx = 1\n\n"
+        "# a comment\nprint(x)\n\n# %% [markdown]\n# # Verification\n\n# %%\nassert x\n"
+    )
+    run = tmp_path / "run"
+    (run / "output").mkdir(parents=True)
+    (run / "printed.txt").write_text("1\n")
+    (run / "output" / "two_lines.png").write_bytes(b"picture")
+    page = pages.demo_page(script, run, tmp_path / "pages" / "demo")
+    assert page == (
+        "# Title\n\nText $a\\,b$.\n\n```python\nx = 1\n\n# a comment\nprint(x)\n```\n\n"
+        "## Verification\n\n```python\nassert x\n```\n\n## What it prints\n\n```text\n1\n```\n\n"
+        "## Figures\n\n![two lines](demo/two_lines.png)\n"
+    )
+    assert (tmp_path / "pages" / "demo" / "two_lines.png").read_bytes() == b"picture"
+
+
+def test_links_to_demos_and_the_readme_lead_to_pages(pages):
+    text = "[a](../demos/03_ambiesta.py) [b](../README.md#results) [c](theory.md#2-the-law) [d](x)"
+    found = pages.with_page_links(text, PROJECT / "docs" / "guide.md")
+    assert found == (
+        "[a](../demos/03_ambiesta.md) [b](../index.md#results) [c](theory.md#2-the-law) [d](x)"
+    )
+
+
+READY = """new Promise(done => {
+    const look = () => {
+        if (document.readyState !== 'complete') setTimeout(look, 50);
+        else Promise.resolve(window.MathJax?.startup?.promise).then(() => done(true));
+    };
+    look();
+})"""
+
+
+@pytest.mark.slow
+def test_the_site_shows_every_equation_and_asks_for_nothing():
+    site = os.environ.get("DOLFINX_JOINTS_SITE")
+    if site is None or chromium() is None:
+        pytest.skip("looks at a built site in a browser: make docs")
+    shown = "document.querySelectorAll('mjx-container').length"
+    wrong = "document.querySelectorAll('mjx-merror').length"
+    tags = "[...document.querySelectorAll('mjx-labels')].map(e => e.children.length)"
+    tags += ".reduce((a, b) => a + b, 0)"
+    with Browser() as browser:
+        for page in sorted([*Path(site).glob("*.html"), *Path(site).glob("d*/*.html")]):
+            browser._call("Page.navigate", url=page.resolve().as_uri())
+            browser.run(READY)
+            equations = page.read_text("utf-8").count('class="math notranslate')
+            assert browser.run(shown) == equations, page
+            assert browser.run(wrong) == 0, page
+            if page.name == "theory.html":
+                text = (PROJECT / "docs" / "theory.md").read_text("utf-8")
+                assert browser.run(tags) == len(re.findall(r"\\tag\{", text)) > 0
+            assert browser.errors == [], page
+        outside = [r for r in browser.requests if not r.startswith(("file:", "data:", "about:"))]
+    assert outside == []

@@ -264,12 +264,14 @@ def page() -> str:
     lines = ["# Malformed files", ""]
     lines += [
         "What each reader says of a malformed file of each kind: one sentence, in an exception of "
-        "the type named. In records, counts are compared with the size of the file, and files with a largest "
-        "size, before anything is allocated for what they announce. This page is written by "
+        "the type named. In records, counts are compared with the size of the file, "
+        "and files with a largest size, before anything is allocated for what they announce. This page is written by "
         "`./with-dolfinx python3 tests/bad_files.py > docs/bad_files.md`, and "
         "`tests/test_bad_files.py` compares it with what the readers say.",
         "",
-        "Target spectra are arrays, not files. STEP files are not listed. What a `.msh` announces Gmsh checks itself. An SMC file has no field for a unit: the format "
+        "Target spectra are arrays, not files. STEP files are not listed. "
+        "What a `.msh` announces Gmsh checks itself. "
+        "An SMC file has no field for a unit: the format "
         "fixes cm/s² for what its first line calls an accelerogram.",
     ]
     with tempfile.TemporaryDirectory() as folder:

@@ -265,7 +265,8 @@ def page() -> str:
     lines += [
         "What each reader says of a malformed file of each kind: one sentence, in an exception of "
         "the type named. In records, counts are compared with the size of the file, "
-        "and files with a largest size, before anything is allocated for what they announce. This page is written by "
+        "and files with a largest size, before anything is allocated for what they announce. "
+        "This page is written by "
         "`./with-dolfinx python3 tests/bad_files.py > docs/bad_files.md`, and "
         "`tests/test_bad_files.py` compares it with what the readers say.",
         "",

@@ -12,12 +12,8 @@ import pytest
 from dolfinx_joints import joint_surface, plots
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.results import ENERGY_TERMS, Results
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 

@@ -15,13 +15,9 @@ from dolfinx_joints import Results, ResultsError, cli
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.measures import joint_measures
 from dolfinx_joints.results import ENERGY_TERMS
+from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results_overview import overview
-from dolfinx_joints.results_writer import (
-    ResultsWriter,
-    declare_energy,
-    declare_histories,
-    declare_states,
-)
+from dolfinx_joints.results_writer import ResultsWriter
 from dolfinx_joints.tables import write_csv
 
 STEPS, EVERY = 7, 3

@@ -13,7 +13,8 @@ from dolfinx_joints import plots, rendering, views
 from dolfinx_joints.errors import JointsError, ResultsError
 from dolfinx_joints.joint_values import colours
 from dolfinx_joints.results import Results
-from dolfinx_joints.results_writer import ResultsWriter, declare_states
+from dolfinx_joints.results_layout import declare_states
+from dolfinx_joints.results_writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")

@@ -24,7 +24,7 @@ class ViscousBoundary:
 
     Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping, with density and
     wave speeds of the cells behind each facet; massless cells give none. It takes waves that arrive
-    along the normal altogether, and holds nothing in statics.
+    along the normal altogether, and holds nothing in statics. These cells must be isotropic.
 
     Attributes:
         group: Name of the facet group.
@@ -44,12 +44,14 @@ class ViscousBoundary:
         return ufl.inner(impedance(jointed, body, u), v) * jointed.ds(self.group)
 
 
-def absorbing_groups(jointed: JointedMesh, supports: Sequence[Any]) -> tuple[str, ...]:
+def absorbing_groups(
+    jointed: JointedMesh, body: ElasticBody, supports: Sequence[Any]
+) -> tuple[str, ...]:
     """Groups with a viscous boundary (collective).
 
     Raises:
         MeshError: A group does not exist.
-        ValueError: A facet would have dashpots twice.
+        ValueError: A facet would have dashpots twice, or has an orthotropic cell behind it.
     """
     groups = [support.group for support in supports if isinstance(support, ViscousBoundary)]
     if groups:
@@ -60,7 +62,24 @@ def absorbing_groups(jointed: JointedMesh, supports: Sequence[Any]) -> tuple[str
                 f"The viscous boundaries on {', '.join(groups)} have facets in common; a facet may "
                 "have dashpots once."
             )
+        orthotropic = np.isnan(_shear_moduli(jointed, body, facets)).any()
+        if any(jointed.mesh.comm.allgather(bool(orthotropic))):
+            raise ValueError(
+                f"The viscous boundaries on {', '.join(groups)} have orthotropic cells behind "
+                "them, which have no single wave speeds; give these cells an Elastic material."
+            )
     return tuple(groups)
+
+
+def _shear_moduli(jointed: JointedMesh, body: ElasticBody, facets: Any) -> Any:
+    """Mu of the cell behind each facet, NaN where it is orthotropic, shape (n,), [Pa]."""
+    field, topology = body.shear_modulus, jointed.mesh.topology
+    if not hasattr(field, "function_space"):
+        return np.full(len(facets), float(field.value))
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    cells = topology.connectivity(topology.dim - 1, topology.dim)
+    behind = cells.array[cells.offsets[facets]]
+    return field.x.array[field.function_space.dofmap.list[behind, 0]]
 
 
 def impedance(jointed: JointedMesh, body: ElasticBody, velocity: Any) -> Any:

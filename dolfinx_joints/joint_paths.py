@@ -29,10 +29,11 @@ SAME_PLACE = 1e-6
 class OpenPaths:
     """Paths from a facet group along the open points of a joint.
 
-    With a nodal rule, points of one facet are neighbours, and paths begin at points on the group.
-    With a Gauss rule, points of facets with a common edge (a common vertex in 2-D) are neighbours,
-    those of one facet as well, and paths begin in facets with an edge (a vertex) on the group. All
-    of it is known to all ranks.
+    With a nodal rule, points of one facet and points at the same place are neighbours, and paths
+    begin at points on the group. With a Gauss rule, points of facets with a common edge (a common
+    vertex in 2-D) are neighbours, those of one facet as well, and paths begin in facets with an
+    edge (a vertex) on the group. Places count, not nodes: where another joint crosses, nodes are
+    double and water passes. All of it is known to all ranks.
 
     Args:
         model: The model.
@@ -55,17 +56,21 @@ class OpenPaths:
             hubs: Ints = np.arange(len(facets))[:, None]
             here = layout.joint == pairs.names.index(joint)
             starts = here & _close(layout.points, wet, near)
+            same = len(facets) + _places(layout.points, near)[number][..., None]
         else:
-            hubs = _edges(pairs.minus_vertices[facets])
             at = np.zeros((len(facets), corners, 3))
             at[..., : model.gdim] = pairs.nodes[facets, :corners]
+            hubs = _edges(_places(at.reshape(-1, 3), near).reshape(at.shape[:2]))
+            same = None
             touching = _close(at.reshape(-1, 3), wet, near).reshape(at.shape[:2])
             starts = np.zeros(len(layout.areas), dtype=bool)
             starts[number[touching.sum(axis=1) >= model.gdim - 1]] = True
         if not starts.any():
             raise MeshError(f"The facet group {group!r} touches no point of the joint {joint!r}.")
         self._starts = starts
-        links = np.broadcast_arrays(number[:, :, None], hubs[:, None, :])
+        shared = np.broadcast_to(hubs[:, None, :], (*number.shape, hubs.shape[1]))
+        every = shared if same is None else np.concatenate([shared, same], axis=2)
+        links = np.broadcast_arrays(number[:, :, None], every)
         self._point, self._hub = (each.ravel() for each in links)
 
     def reached(self, open_points: Mask) -> Mask:
@@ -95,6 +100,13 @@ def _close(points: Floats, places: Floats, near: float) -> Mask:
     if len(places) == 0:
         return np.zeros(len(points), dtype=bool)
     return np.asarray(KDTree(places).query(points)[0] <= near)
+
+
+def _places(points: Floats, near: float) -> Ints:
+    """Numbers of the places of points (n, 3), the same for those at one place, shape (n,)."""
+    pairs = KDTree(points).query_pairs(near, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points),) * 2)
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _edges(vertices: Ints) -> Ints:

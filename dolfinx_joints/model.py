@@ -164,7 +164,7 @@ class Model:
             if extra_mass is not None or added_mass:
                 body = self._matrix(self.body.mass_form(u, v))
                 self.body_mass = self._redistributed(body, self.operator, degree).mass
-        self.absorbing = absorbing_groups(jointed, supports)
+        self.absorbing = absorbing_groups(jointed, self.body, supports)
         dashpots = [
             s.form(jointed, self.body, u, v) for s in supports if isinstance(s, ViscousBoundary)
         ]

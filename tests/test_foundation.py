@@ -26,6 +26,7 @@ from dolfinx_joints import (
     MeshError,
     Model,
     Newmark,
+    Orthotropic,
     RigidJoint,
     Simulation,
     SupportForces,
@@ -426,6 +427,11 @@ def test_what_is_refused(dam):
         model("base", "base")
     with pytest.raises(MeshError, match="no facet group 'bas'"):
         model("bas")
+    lifts = Orthotropic(young=(25e9,) * 3, poisson=(0.2,) * 3, shear=(9e9,) * 3, density=2400.0)
+    for material in (lifts, {"rock": lifts, "dam": CONCRETE}):
+        with pytest.raises(ValueError, match="on base have orthotropic cells behind them, which"):
+            model("base", material=material)
+    assert np.isfinite(model("base", material={"rock": ROCK, "dam": lifts}).damping.norm())
     with pytest.raises(ValueError, match="'base' has no viscous boundary; add ViscousBoundary"):
         load(model("left"))
     with pytest.raises(ValueError, match="surface is 3 m; .* from 0 to 4 m"):

@@ -56,8 +56,11 @@ FRICTION = dj.FrictionNoTension(
 
 
 @cache
-def blocks(cell="quadrilateral", across=4):
-    """Groups ``base``, ``top``, and ``x0`` and ``x1`` of the upper block; 1 m thick."""
+def blocks(cell="quadrilateral", across=4, cut=False):
+    """Groups ``base``, ``top``, and ``x0`` and ``x1`` of the upper block; 1 m thick.
+
+    With ``cut`` another joint, ``cut``, parts the upper block in halves.
+    """
     kind, top = getattr(CellType, cell), FOOT + HEIGHT
     if cell in ("hexahedron", "tetrahedron"):
         mesh = create_box(COMM, [[0, 0, 0], [LENGTH, 1, top]], [across, across // 2, 3], kind)
@@ -72,6 +75,8 @@ def blocks(cell="quadrilateral", across=4):
         "x0": lambda x: np.isclose(x[0], 0.0) & (x[up] > FOOT - 1e-9),
         "x1": lambda x: np.isclose(x[0], LENGTH) & (x[up] > FOOT - 1e-9),
     }
+    if cut:
+        places["cut"] = lambda x: np.isclose(x[0], LENGTH / 2) & (x[up] > FOOT - 1e-9)
     found = [locate_entities(mesh, dim - 1, where) for where in places.values()]
     facets, order = np.unique(np.concatenate(found), return_index=True)
     tags = np.repeat(np.arange(len(found), dtype=np.int32), [len(f) for f in found])[order]
@@ -79,7 +84,7 @@ def blocks(cell="quadrilateral", across=4):
     return dj.split_mesh(
         mesh,
         meshtags(mesh, dim - 1, facets, tags),
-        joints={"joint": groups.pop("joint")},
+        joints={name: groups.pop(name) for name in ("joint", "cut") if name in groups},
         groups=groups,
     )
 
@@ -330,6 +335,23 @@ def test_water_reaches_what_is_connected(cell, rule):
         state = dj.Simulation(model).statics()
         wet = water.at_points(model, state.joints) > 0.0
         np.testing.assert_array_equal(wet, side(model.operator.points[:, 0]))
+
+
+@pytest.mark.parametrize("rule", ["nodal", "gauss"])
+@pytest.mark.parametrize("cell", CELLS)
+def test_water_passes_where_another_joint_crosses(cell, rule):
+    """All of an open joint bears gamma (level - FOOT), also beyond a joint that ends at it."""
+    water = dj.JointWater(joint="joint", level=5.0, reached_from="x0")
+    model = model_of(
+        blocks(cell, cut=True),
+        water,
+        held=("base", "top"),
+        quadrature=rule,
+        initial_gaps={"joint": 0.01, "cut": 0.01},
+    )
+    state = dj.Simulation(model).statics()
+    pushed = over_joint(model, water.at_points(model, state.joints))
+    assert pushed == pytest.approx(GAMMA * (5.0 - FOOT) * LENGTH, rel=1e-12)
 
 
 @pytest.mark.parametrize("rule", ["nodal", "gauss"])

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
@@ -46,6 +47,9 @@ PRODUCTS = 15
 # W costs 2.3 m^3 operations, of which ten fit into the time of one entry of a product. It is made
 # when a quarter of that has been spent in vain: most runs go on for long.
 OPERATIONS_PER_ENTRY = 40.0
+
+# A pivot of I + T0 S, whose diagonal is one, that is rounding.
+SINGULAR = 1e-10
 
 # A change of T (between 0 and 1) that is none.
 SAME = 1e-12
@@ -104,7 +108,10 @@ class Corrections:
         return self._solve_active(residual, tangent, active, tolerance)
 
     def _tied_if_cheaper(self, active: int, changed: int, residual: Floats) -> _Tied | None:
-        """The second way, made once what it would have saved so far is what it costs."""
+        """The second way, made once what it would have saved so far is what it costs.
+
+        None where the first is cheaper, or there is no second.
+        """
         assert self._stuck is not None
         size, loaded = float(len(residual)), np.count_nonzero(residual)
         inner = float(active) ** 2
@@ -119,7 +126,9 @@ class Corrections:
             if self._missed * OPERATIONS_PER_ENTRY > 2.3 * size**3:
                 whole = self._split.whole()
                 if whole is not None:
-                    self._tied = _Tied(whole, self._stuck.ravel(), self._comm)
+                    self._tied = _tied(whole, self._stuck.ravel(), self._comm)
+                if self._tied is None:
+                    self._stuck = None
         return self._tied
 
     def _solve_active(
@@ -174,20 +183,31 @@ class Corrections:
             self._block = self._hold(memory["held"])
 
 
+def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:
+    """W, or None where I + T0 S is singular: rigid joints that meet, more points than dofs."""
+    root = np.sqrt(stuck)
+    inner = root[:, None] * whole * root
+    inner[np.diag_indices(len(inner))] += 1.0
+    try:
+        lower = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
+        regular = float(np.diag(lower).min()) ** 2 > SINGULAR
+    except np.linalg.LinAlgError:
+        regular = False
+    del inner
+    if not comm.allreduce(regular, op=MPI.LAND):
+        return None
+    half = solve_triangular(
+        lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
+    )
+    return _Tied(RowMatrix.of(whole - half.T @ half, comm), stuck)
+
+
 class _Tied:
     """W = S (I + T0 S)^-1, symmetric, and the system of the points that do not stick."""
 
-    def __init__(self, whole: Floats, stuck: Floats, comm: Any) -> None:
-        """Factor I + T0^(1/2) S T0^(1/2)."""
-        self._stuck, root = stuck, np.sqrt(stuck)
-        inner = root[:, None] * whole * root
-        inner[np.diag_indices(len(inner))] += 1.0
-        lower = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
-        del inner
-        half = solve_triangular(
-            lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
-        )
-        self._matrix = RowMatrix.of(whole - half.T @ half, comm)
+    def __init__(self, matrix: RowMatrix, stuck: Floats) -> None:
+        """Keep W and T0."""
+        self._matrix, self._stuck = matrix, stuck
 
     def solve(
         self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float

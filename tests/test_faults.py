@@ -482,3 +482,16 @@ def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
     with pytest.raises(OSError, match="no room"):
         run._finish("complete", {})
     assert finished == ["complete"]
+
+
+def test_parameters_are_told_without_addresses_and_numpy():
+    from functools import partial
+
+    from dolfinx_joints.manifest import told
+
+    assert told(np.int64(200)) == 200
+    assert told(np.float32(0.5)) == 0.5
+    text = told(partial(shaking, group="crest"))
+    assert "0x" not in text
+    assert "function shaking" in text
+    assert "group='crest'" in text

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: those of the command line, without the program's name.
 
     Returns:
-        0, or 2 where a file cannot be used; wrong usage ends the program with 2.
+        0, or 2 where a file cannot be used or written; wrong usage ends the program with 2.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -30,8 +31,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _csv(options.file, options.out, force=options.force)
         else:
             _report(options.results, options.out, with_3d=not options.no_3d)
+        sys.stdout.flush()
     except JointsError as error:
         print(f"dolfinx-joints: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"dolfinx-joints: The output cannot be written: {error}.", file=sys.stderr)
+        # What is still buffered would fail again at the end of the process.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 2
     return 0
 

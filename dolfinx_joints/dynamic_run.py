@@ -208,8 +208,14 @@ class DynamicRun:
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
+        failures: list[Exception] = []
         for monitor in self._started:
-            monitor.finish(status, summary)
+            try:
+                monitor.finish(status, summary)
+            except Exception as failure:  # the others still have rows to write and files to close
+                failures.append(failure)
+        if failures:
+            raise failures[0]
 
     def outcome(self) -> Outcome:
         """Where the run stands."""

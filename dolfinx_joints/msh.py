@@ -82,10 +82,13 @@ def load_msh(path: Path) -> RawMesh:
 
 
 def _check_head(path: Path) -> None:
-    """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh."""
+    """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh.
+
+    Gmsh takes a file for a mesh by its first word, a section of comments included.
+    """
     with path.open("rb") as file:
         head = file.read(64)
-    if path.suffix != ".msh" or not head.startswith(b"$MeshFormat"):
+    if path.suffix != ".msh" or not head.startswith((b"$MeshFormat", b"$Comments")):
         what = "is empty" if not head else "does not begin with '$MeshFormat'"
         if path.suffix != ".msh":
             what = "has a name that does not end in '.msh'"

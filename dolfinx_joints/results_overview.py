@@ -16,7 +16,17 @@ _WIDTH = 100
 _LABEL = 12
 
 # Facts that have a line of their own, and are not repeated among the others.
-_TOLD = ("stage", "steps", "point_names", "dofs", "joint_points", "ranks", "units", "laws")
+_TOLD = (
+    "stage",
+    "steps",
+    "point_names",
+    "dofs",
+    "joint_points",
+    "ranks",
+    "units",
+    "laws",
+    "manifest",
+)
 _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error", "seconds")
 
 
@@ -44,6 +54,7 @@ def overview(path: str | Path) -> str:
         lines += _line("counts", _facts(others, others))
         settings = {k: v for k, v in told.items() if k not in _TOLD}
         lines += _line("settings", _facts(settings, settings))
+        lines += _made_by(told.get("manifest"))
         lines += _line("points", told.get("point_names", []))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
@@ -56,6 +67,23 @@ def overview(path: str | Path) -> str:
         found = _together((name, results.unit(name)) for name in results.statics)
         lines += _line("written once", found)
     return "\n".join(lines)
+
+
+def _made_by(manifest: Any) -> list[str]:
+    """What made the file, a line each; joints of equal laws share one."""
+    lines: list[str] = []
+    for label, value in manifest.items() if isinstance(manifest, dict) else ():
+        if label == "joint_laws" and isinstance(value, dict):
+            joints: dict[str, list[str]] = {}
+            for joint, law in value.items():
+                joints.setdefault(str(law), []).append(joint)
+            for i, (law, names) in enumerate(joints.items()):
+                lines += _line("" if i else label, [f"{', '.join(names)}: {law}"])
+        elif isinstance(value, dict):
+            lines += _line(label, _facts(value, value))
+        else:
+            lines += _line(label, map(str, value) if isinstance(value, list) else [str(value)])
+    return lines
 
 
 def _by_law(results: Results) -> dict[str, list[str]]:

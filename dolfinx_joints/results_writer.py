@@ -316,9 +316,11 @@ class ResultsWriter:
             if not self._finished:
                 self.finish("stopped", {})
         finally:
-            self._file.close()
-            self._room.close()
-            self._lock.release()
+            try:
+                self._file.close()
+            finally:
+                self._room.close()
+                self._lock.release()
 
     def _flush_streams(self, streams: Iterable[Stream]) -> None:
         waiting = [stream for stream in streams if stream.rows]
@@ -354,7 +356,8 @@ def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
         text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise ResultsError(f"The {what} must be what JSON can hold: {error}.") from error
-    return np.frombuffer(text.encode(), dtype=np.uint8)
+    # Names of files on the command line need not be UTF-8.
+    return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 
 
 def _plain(value: Any) -> Any:

@@ -23,6 +23,16 @@ def write_file(path: Path) -> Path:
     return path
 
 
+def write_file_with_records(path: Path) -> Path:
+    """Write a results file with a record of energies."""
+    with ResultsWriter(path, {"title": "wall"}) as writer:
+        writer.series("energy", "kinetic", (), "J", "kinetic energy")
+        writer.start()
+        writer.append("energy", 0.0, {"kinetic": 1.0})
+        writer.finish("complete", {})
+    return path
+
+
 def test_info_prints_what_the_file_holds(tmp_path, capsys):
     path = write_file(tmp_path / "r.h5")
     assert cli.main(["info", str(path)]) == 0
@@ -71,3 +81,42 @@ def test_wrong_usage_is_status_2(arguments, capsys):
         cli.main(arguments)
     assert ended.value.code == 2
     assert "usage: dolfinx-joints" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("command", ["info", "csv"])
+def test_a_full_disk_below_the_output_is_one_line(tmp_path, command):
+    path = write_file_with_records(tmp_path / "r.h5")
+    options = ["--out", str(tmp_path / "tables")] if command == "csv" else []
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "dolfinx_joints", command, str(path), *options],
+            cwd=Path(__file__).resolve().parents[1],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("dolfinx-joints: The output cannot be written: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_info_tells_each_law_of_the_manifest_once(tmp_path):
+    made = {
+        "versions": {"numpy": "2.2"},
+        "joint_laws": {"joint_1": "Law(a=1)", "joint_2": "Law(a=1)", "joint_3": "Law(a=2)"},
+        "loads": ["Gravity()"],
+        "petsc_options": {},
+    }
+    with ResultsWriter(tmp_path / "r.h5", {"manifest": made, "title": "wall"}) as writer:
+        writer.start()
+        writer.finish("complete", {})
+    lines = overview(tmp_path / "r.h5").splitlines()
+    assert lines[1:] == [
+        "settings     title=wall",
+        "versions     numpy=2.2",
+        "joint_laws   joint_1, joint_2: Law(a=1)",
+        "             joint_3: Law(a=2)",
+        "loads        Gravity()",
+    ]

@@ -433,7 +433,7 @@ def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
     assert "base" in made["supports"][0]
     assert len(made["mesh_sha256"]) == 64
     assert made["mesh_sha256"] in (comm.bcast(made["mesh_sha256"]),)
-    assert main(["info", str(path)]) == 0
+    assert main(["info", "--all", str(path)]) == 0
     printed = capsys.readouterr().out
     assert f"      dolfinx_joints: {__version__}\n" in printed
     assert "      time step: 0.004\n" in printed
@@ -460,3 +460,38 @@ def test_warnings_of_a_run_are_kept(wall, tmp_path):
         run.dynamics(dt=0.15, steps=3, motion=shaking)
     with Results(tmp_path / "run.h5") as results:
         assert any("A single step errs" in text for text in results.summary["warnings"])
+
+
+def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
+    from types import SimpleNamespace
+    from unittest.mock import MagicMock
+
+    from dolfinx_joints.dynamic_run import DynamicRun
+    from dolfinx_joints.stepping import StepCounts
+
+    finished = []
+
+    def fail(status, summary):
+        raise OSError("no room")
+
+    run = DynamicRun.__new__(DynamicRun)
+    bad = SimpleNamespace(finish=fail)
+    good = SimpleNamespace(finish=lambda status, summary: finished.append(status))
+    run._started, run._seconds, run._warnings = [bad, good], {}, []
+    run.outcome = MagicMock(return_value=MagicMock(counts=StepCounts()))
+    with pytest.raises(OSError, match="no room"):
+        run._finish("complete", {})
+    assert finished == ["complete"]
+
+
+def test_parameters_are_told_without_addresses_and_numpy():
+    from functools import partial
+
+    from dolfinx_joints.manifest import told
+
+    assert told(np.int64(200)) == 200
+    assert told(np.float32(0.5)) == 0.5
+    text = told(partial(shaking, group="crest"))
+    assert "0x" not in text
+    assert "function shaking" in text
+    assert "group='crest'" in text

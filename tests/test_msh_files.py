@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.msh import load_msh
 from geometry.two_blocks import two_blocks
 
 
@@ -98,3 +99,12 @@ def test_groups_without_names_are_refused(tmp_path, lines):
     del bad[bad.index("$PhysicalNames") : bad.index("$EndPhysicalNames") + 1]
     path.write_text("\n".join(bad))
     assert "has no named physical group of cells" in refusal(path)
+
+
+def test_comments_may_come_first(lines, tmp_path):
+    path = tmp_path / "blocks.msh"
+    path.write_text("\n".join(["$Comments", "by hand", "$EndComments", *lines]))
+    # As many cells as the file without them has.
+    plain = tmp_path / "plain.msh"
+    plain.write_text("\n".join(lines))
+    assert len(load_msh(path).cells) == len(load_msh(plain).cells) > 0

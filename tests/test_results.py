@@ -337,3 +337,28 @@ def test_a_convergence_error_says_what_it_knows() -> None:
     assert str(ConvergenceError(iteration=1)) == "The solve did not converge in 1 iteration."
     assert isinstance(error, JointsError)
     assert isinstance(error, RuntimeError)
+
+
+def test_texts_that_are_no_utf8_do_not_stop_a_run(tmp_path: Path) -> None:
+    # What sys.argv gives for the byte 0xff.
+    with ResultsWriter(tmp_path / "r.h5", {"command": ["\udcff.h5"]}) as writer:
+        writer.start()
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        assert results.metadata["command"] == ["?.h5"]
+
+
+def test_a_file_that_cannot_be_closed_is_not_locked_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = writer_of(tmp_path / "r.h5")
+    close = writer._file.close
+
+    def fail() -> None:
+        close()
+        raise RuntimeError("no room")
+
+    monkeypatch.setattr(writer._file, "close", fail)
+    with pytest.raises(RuntimeError, match="no room"):
+        writer.close()
+    assert not (tmp_path / "r.h5.lock").exists()

@@ -4,8 +4,10 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 
-RUN := ./with-dolfinx
-PYTHON := $(RUN) python3
+# make test DOLFINX=0.11 and the like: any target with that DOLFINx.
+DOLFINX ?=
+RUN = ./with-dolfinx$(DOLFINX:%= --dolfinx %)
+PYTHON = $(RUN) python3
 # A rank that waits for one that has failed would wait for ever: tests and demos abort all ranks
 # when an error hits only one, and timeout ends what hangs nevertheless.
 MPI_SECONDS ?= 1800

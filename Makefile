@@ -4,8 +4,10 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 
-RUN := ./with-dolfinx
-PYTHON := $(RUN) python3
+# make test DOLFINX=0.11 and the like: any target with that DOLFINx.
+DOLFINX ?=
+RUN = ./with-dolfinx$(DOLFINX:%= --dolfinx %)
+PYTHON = $(RUN) python3
 # A rank that waits for one that has failed would wait for ever: tests and demos abort all ranks
 # when an error hits only one, and timeout ends what hangs nevertheless.
 MPI_SECONDS ?= 1800
@@ -52,12 +54,18 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test verify bench lint dist docs clean
+# What reaches DOLFINx, PETSc and SLEPc directly: meshes, forms, assembly, solvers, files. One file
+# each, for about a minute; all tests with that DOLFINx: make test verify DOLFINX=0.11
+TESTS_OF_VERSIONS := $(addprefix tests/,test_layers.py test_linear.py test_materials.py \
+	test_modal.py test_model.py test_monitors.py test_stresses.py \
+	verification/test_thermal.py verification/test_water.py)
+
+.PHONY: help demo paper studies test test-0.11 verify bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
 	@echo 'Each target sets up what it needs by itself; the first may take minutes for that.'
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z0-9.-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' Makefile
 
 demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the dam
 	$(PYTHON) demos/01_impact.py
@@ -78,6 +86,10 @@ test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count
 	$(PYTHON) -m pytest -q -m "not slow" tests
 	$(MPIRUN) -n 2 $(MPI_PYTEST)
 	$(MPIRUN) -n 3 $(MPI_PYTEST)
+
+test-0.11: DOLFINX := 0.11
+test-0.11: ## Run the tests that reach DOLFINx directly with DOLFINx 0.11 of Debian unstable, on 1 rank
+	$(PYTHON) -m pytest -q -m "not slow" $(TESTS_OF_VERSIONS)
 
 verify: ## Run the slow verification problems, objectivity on 4 ranks, the demos on 2
 	$(PYTHON) -m pytest -q -m slow tests

@@ -21,6 +21,20 @@ def create_mesh(comm: Any, cells: NDArray[np.int64], x: NDArray[np.float64], ele
     return mesh.create_mesh(comm, cells, element, x)
 
 
+def geometry_nodes(mesh: Any) -> NDArray[np.int32]:
+    """Local nodes of each local cell, shape (cells, nodes of a cell); one of a list since 0.11."""
+    geometry = mesh.geometry
+    found = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return np.asarray(found, dtype=np.int32)
+
+
+def geometry_degree(mesh: Any) -> int:
+    """Degree of the cells' geometry; its map is one of a list since 0.11."""
+    geometry = mesh.geometry
+    found = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+    return int(found.degree)
+
+
 def gmsh_permutation(cell_type: Any, num_nodes: int) -> NDArray[np.int64]:
     """Map from Gmsh's node order to DOLFINx's; the module was renamed in 0.10."""
     try:

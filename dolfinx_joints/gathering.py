@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh
@@ -39,7 +40,7 @@ def gather_mesh(
     owned = mesh.topology.index_map(tdim).size_local
     original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-    dofmap = np.asarray(mesh.geometry.dofmap)
+    dofmap = _compat.geometry_nodes(mesh)
     cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     points = _stack(comm, np.column_stack([nodes.astype(np.float64), x]))
@@ -71,7 +72,7 @@ def _check_tags(mesh: dolfinx.mesh.Mesh, tags: Any, dim: int, name: str) -> None
 
 
 def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
-    name, degree = mesh.topology.cell_name(), mesh.geometry.cmap.degree
+    name, degree = mesh.topology.cell_name(), _compat.geometry_degree(mesh)
     if mesh.geometry.dim != mesh.topology.dim:
         raise MeshError(
             f"A mesh of dimension {mesh.topology.dim} in {mesh.geometry.dim}-D space cannot be "

@@ -22,6 +22,7 @@ import dolfinx.mesh
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints import _compat
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.mesh import JointedMesh
 
@@ -117,7 +118,8 @@ class WettedFacets:
         self.nodes: Ints = np.take_along_axis(
             space.dofmap.list[cells].astype(np.int64), self._closure, axis=1
         )
-        self._x: Floats = mesh.geometry.x[mesh.geometry.dofmap[cells]][:, :, : self._gdim]
+        nodes = _compat.geometry_nodes(mesh)[cells]
+        self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
         self.lowest = float("inf")
         self._facet, self._corners = self._pieces()
 

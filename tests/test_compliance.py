@@ -106,7 +106,7 @@ def scene(read, wall_file, blocks_file, two_rectangles_file) -> Callable[..., Sc
     return make
 
 
-@pytest.mark.parametrize(("name", "kind"), product(("wall", "blocks", "plane"), KINDS))
+@pytest.mark.parametrize(("name", "kind"), [*product(("wall", "blocks", "plane"), KINDS)])
 def test_every_kind_is_the_definition(scene, name, kind):
     # What the compressed one leaves out is 1e-12 of the diagonal in each block.
     case = scene(name)

@@ -334,7 +334,7 @@ def node_orders(shape):
 
 
 @pytest.mark.parametrize(
-    ("cell", "order", "rule"), itertools.product(["hex", "tet"], [1, 2], ["nodal", "gauss"])
+    ("cell", "order", "rule"), [*itertools.product(["hex", "tet"], [1, 2], ["nodal", "gauss"])]
 )
 def test_sides_whose_cells_are_turned(comm, blocks_file, cell, order, rule):
     # The nodes of every cell in a random admissible order, so that the facets of the two sides

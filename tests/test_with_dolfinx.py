@@ -29,7 +29,7 @@ def run(
 
 def run_nested(*command: str, **variables: str | None) -> subprocess.CompletedProcess:
     """Run the script as it is run inside its own environment."""
-    return run(str(SCRIPT), *command, DOLFINX_JOINTS_INSIDE="1", **variables)
+    return run(str(SCRIPT), *command, DOLFINX_JOINTS_INSIDE="0.9", **variables)
 
 
 def run_function(
@@ -46,7 +46,7 @@ def run_function(
 def test_help_goes_to_stdout_and_names_the_variables() -> None:
     result = run(str(SCRIPT), "--help")
     assert result.returncode == 0
-    assert result.stdout.startswith("Usage: ./with-dolfinx COMMAND")
+    assert result.stdout.startswith("Usage: ./with-dolfinx [--dolfinx VERSION] COMMAND")
     assert "DOLFINX_JOINTS_ENTER" in result.stdout
     assert "DOLFINX_JOINTS_MIRROR" in result.stdout
     assert result.stderr == ""
@@ -54,7 +54,13 @@ def test_help_goes_to_stdout_and_names_the_variables() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
-    [([], "which command shall be run?"), (["--frobnicate"], "unknown option --frobnicate")],
+    [
+        ([], "which command shall be run?"),
+        (["--frobnicate"], "unknown option --frobnicate"),
+        (["--dolfinx"], "--dolfinx must be 0.9 or 0.11, not ''"),
+        (["--dolfinx", "0.10", "true"], "--dolfinx must be 0.9 or 0.11, not '0.10'"),
+        (["--dolfinx", "0.11"], "which command shall be run?"),
+    ],
 )
 def test_wrong_usage_is_one_line_and_status_2(arguments: list[str], text: str) -> None:
     result = run(str(SCRIPT), *arguments)
@@ -78,6 +84,14 @@ def test_nested_call_passes_the_status_through(status: int) -> None:
     assert run_nested("sh", "-c", f"exit {status}").returncode == status
 
 
+def test_nested_call_cannot_change_the_version() -> None:
+    assert run_nested("--dolfinx", "0.9", "echo", "here").stdout == "here\n"
+    result = run_nested("--dolfinx", "0.11", "echo", "here")
+    assert (result.returncode, result.stdout) == (SETUP_FAILED, "")
+    assert "inside the private Debian with DOLFINx 0.9 already" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
 def test_missing_command_has_status_127() -> None:
     assert run_nested("no-such-command").returncode == 127
 
@@ -98,7 +112,7 @@ def test_one_thread_per_process_unless_the_user_says_otherwise() -> None:
 
 def test_project_is_importable_from_any_directory(tmp_path: Path) -> None:
     command = (str(SCRIPT), "sh", "-c", 'echo "$PYTHONPATH"; pwd')
-    result = run(*command, cwd=tmp_path, DOLFINX_JOINTS_INSIDE="1", PYTHONPATH=None)
+    result = run(*command, cwd=tmp_path, DOLFINX_JOINTS_INSIDE="0.9", PYTHONPATH=None)
     assert result.stdout.splitlines() == [str(PROJECT), str(tmp_path)]
 
 
@@ -117,7 +131,7 @@ def test_project_path_may_contain_spaces(tmp_path: Path) -> None:
     copy.write_bytes(SCRIPT.read_bytes())
     copy.chmod(0o755)
     command = (str(copy), "sh", "-c", 'echo "$PYTHONPATH"')
-    result = run(*command, DOLFINX_JOINTS_INSIDE="1", PYTHONPATH=None)
+    result = run(*command, DOLFINX_JOINTS_INSIDE="0.9", PYTHONPATH=None)
     assert result.stdout == f"{copy.parent}\n"
 
 
@@ -147,6 +161,44 @@ def test_lacking_modules_are_named(host_python) -> None:
     result = run(str(SCRIPT), "true", PATH=host_python("lacks 0.10.0 gmsh tqdm"))
     assert result.returncode == SETUP_FAILED
     assert "has DOLFINx 0.10.0 but not: gmsh tqdm" in result.stderr
+
+
+# Names the Debian that a call would build, on a system without DOLFINx as Debian packages.
+NAME_ROOT = """
+dolfinx_of_this_debian() { :; }
+ensure_root() { echo "$1 $suite"; exit 0; }
+main "$@"
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "report", "suite"),
+    [
+        ([], "absent", "trixie"),
+        ([], "ready 0.11.0", None),
+        (["--dolfinx", "0.9"], "absent", "trixie"),
+        (["--dolfinx", "0.9"], "ready 0.9.0", None),
+        (["--dolfinx", "0.9"], "ready 0.11.0", "trixie"),
+        (["--dolfinx", "0.11"], "absent", "sid"),
+        (["--dolfinx", "0.11"], "ready 0.11.0.post0", None),
+        (["--dolfinx", "0.11"], "ready 0.9.0", "sid"),
+        (["--dolfinx", "0.11"], "lacks 0.9.0 gmsh", "sid"),
+    ],
+)
+def test_the_version_asked_for_is_found_or_built(
+    options: list[str], report: str, suite: str | None, host_python, tmp_path: Path
+) -> None:
+    # The host's own python3 is used (None) if and only if its DOLFINx is the one asked for.
+    variables = {"PATH": host_python(report), "XDG_CACHE_HOME": str(tmp_path)}
+    result = run_function(NAME_ROOT, *options, "echo", "here", **variables)
+    assert result.returncode == 0, result.stderr
+    if suite is None:
+        assert result.stdout == "here\n"
+    else:
+        folder, name = result.stdout.split()
+        assert name == suite
+        versions = run_function("root_path; choose_debian 0.11; root_path", **variables)
+        assert folder == versions.stdout.split()[suite == "sid"]
 
 
 # ---------------------------------------------------------------- the Debian mirror
@@ -219,6 +271,14 @@ def test_mirror_of_the_user_comes_first() -> None:
     assert result.stdout.strip() == "http://chosen.example/debian"
 
 
+def test_mirror_of_the_user_may_be_one_of_an_earlier_day() -> None:
+    option = '--aptopt=Acquire::Check-Valid-Until "false"'
+    code = "have() { false; }; apt_options"
+    mirror = "http://chosen.example/debian"
+    assert run_function(code, DOLFINX_JOINTS_MIRROR=mirror).stdout == f"{option}\n"
+    assert run_function(code).stdout == ""
+
+
 # ---------------------------------------------------------------- the private root
 
 # Replaces the part of a build that needs a network and a minute.
@@ -250,6 +310,14 @@ def test_failed_build_leaves_nothing_and_shows_its_log(tmp_path: Path) -> None:
     assert "E: no route to the mirror" in result.stderr
     assert "DOLFINX_JOINTS_MIRROR" in result.stderr
     assert not list(tmp_path.glob("dolfinx_joints/*root-*"))
+
+
+def test_failed_build_of_unstable_names_a_day_that_had_it(tmp_path: Path) -> None:
+    code = f"choose_debian 0.11; {FAKE_BUILD % 'return 1'}"
+    result = run_function(code, XDG_CACHE_HOME=str(tmp_path))
+    assert result.returncode == SETUP_FAILED
+    assert "if it lacks a package or DOLFINx 0.11 today" in result.stderr
+    assert "https://snapshot.debian.org/archive/debian/" in result.stderr
 
 
 def test_half_built_root_is_not_taken_for_whole(tmp_path: Path) -> None:

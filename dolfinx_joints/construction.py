@@ -80,7 +80,14 @@ def grouted(
     still.set(0.0)
     fresh = contact.respond(still, contact.resting(target), "end_point")
     joints = _chosen(idle if before.joints_free else idle & here, fresh, response)
-    return replace(before, joints=joints, joints_free=False)
+    # Water in a joint that was open is that of an open one until a static stage looks again.
+    wet = {
+        type(load).__name__
+        for load in model.loads
+        if hasattr(load, "in_dynamics") and load.joint in chosen
+    }
+    missing = tuple(sorted({*before.missing, *wet}))
+    return replace(before, joints=joints, joints_free=False, missing=missing)
 
 
 def _chosen(rows: Rows, one: Response, other: Response) -> Response:

@@ -151,13 +151,13 @@ def check_grouted(static: StaticState | None) -> None:
 
 
 def check_complete(static: StaticState | None) -> None:
-    """Refuse a static state without some of the loads for a dynamic stage.
+    """Refuse a static state without some of the loads, or with water from before the grout.
 
     Raises:
         JointsError: Some are missing.
     """
     if static is not None and static.missing:
         raise JointsError(
-            f"The last static stage left out {', '.join(static.missing)}, which would act at once "
-            "in the dynamic stage; run statics() with all loads before."
+            f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
+            "which would act at once; run statics() with all loads before."
         )

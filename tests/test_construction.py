@@ -23,6 +23,7 @@ from dolfinx_joints import (
     Gravity,
     HydrostaticPressure,
     JointsError,
+    JointWater,
     KeyedJoint,
     MeshError,
     Model,
@@ -385,7 +386,25 @@ def test_refusals(wall):
     with pytest.raises(ValueError, match="gap is -0.001 m; it must be zero or more"):
         run.grout(gap=-1e-3)
     run.grout()
-    with pytest.raises(JointsError, match="left out HydrostaticPressure, which would act at once"):
+    with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)
     with pytest.raises(JointsError, match="Joints cannot become free again"):
         run.statics(joints="free")
+
+
+def test_water_in_a_joint_is_looked_at_again_after_the_grout(wall):
+    """Grouting an open joint takes its water away: that is no start for an earthquake."""
+    weight, water = Gravity(), JointWater(joint="joint_1", level=5.0)
+    run = Simulation(wall([weight, water]))
+    with pytest.raises(JointsError, match="JointWater acts in the joint 'joint_1', which is free"):
+        run.statics(joints="free")
+    run.statics(joints="free", loads=[weight])
+    run.grout()
+    run.statics(loads=[weight, water])
+    run.grout(["joint_1"])
+    with pytest.raises(JointsError, match="lacks JointWater as the dynamic stage has it"):
+        run.dynamics(dt=1e-3, steps=1)
+    state = run.statics()
+    end = run.dynamics(dt=1e-3, steps=5).state.displacement
+    end.axpy(-1.0, state.displacement)
+    assert end.norm() <= 1e-8 * state.displacement.norm()

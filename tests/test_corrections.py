@@ -235,6 +235,21 @@ def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
     check(one.solve(r, blocks, EXACT), s, blocks, r)
 
 
+def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch):
+    # I + T0 S = G with two rows alike, as where three rigid joints meet: no W, yet an answer to
+    # every right-hand side in its range.
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    s, stuck = scaled_compliance(), np.ones((POINTS, 3))
+    g = s + np.eye(3 * POINTS)
+    g[3:6], g[:, 3:6] = g[:3], g[:, :3]
+    g[3:6, 3:6] = g[:3, :3]
+    one = Corrections(RowMatrix.of(g - np.eye(3 * POINTS), comm), None, stuck, comm)
+    blocks, r = tangents(states("stuck"), stuck), g @ right_side()
+    for _ in range(3):
+        found = one.solve(r, blocks, EXACT)
+        np.testing.assert_allclose(g @ found.step, r, rtol=0, atol=1e-10 * np.abs(r).max())
+
+
 @pytest.mark.parametrize("tolerance", [0.03, 1e-4, 1e-8])
 @pytest.mark.parametrize("kind", ["mixed", "sliding"])
 def test_the_residual_is_within_the_tolerance(comm, route, kind, tolerance):

@@ -84,7 +84,7 @@ def grouted(
     wet = {
         type(load).__name__
         for load in model.loads
-        if hasattr(load, "in_dynamics") and load.joint in chosen
+        if hasattr(load, "in_dynamics") and getattr(load, "joint", None) in chosen
     }
     missing = tuple(sorted({*before.missing, *wet}))
     return replace(before, joints=joints, joints_free=False, missing=missing)

@@ -102,6 +102,12 @@ def from_step(
     return path
 
 
+# Points of a STEP file and their numbers; the unit that lengths are given in.
+_POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
+_LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
+_FARTHEST = 1e9
+
+
 def _check_file(step: Path) -> None:
     """Raise ValueError unless the file looks like a whole STEP file."""
     if not step.is_file():
@@ -116,6 +122,25 @@ def _check_file(step: Path) -> None:
         raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
     if not tail.endswith(_END):
         raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
+    _check_content(step)
+
+
+def _check_content(step: Path) -> None:
+    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length."""
+    text = step.read_text("latin-1")
+    points = list(_POINT.finditer(text))
+    for found in points:
+        try:
+            good = all(abs(float(number)) < _FARTHEST for number in found[1].split(","))
+        except ValueError:
+            good = False
+        if not good:
+            raise ValueError(
+                f"{step} has a point at ({found[1].strip()[:60]}); coordinates must be numbers "
+                f"below {_FARTHEST:g}."
+            )
+    if points and not _LENGTH.search(text):
+        raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
 
 
 def _import(step: Path) -> dict[int, str]:

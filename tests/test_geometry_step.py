@@ -178,6 +178,26 @@ def test_a_file_that_is_cut_is_refused(tmp_path, step):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1nan", r"has a point at \(nan,.*\); coordinates"),
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1abc", r"has a point at \(abc,.*\); coordinates"),
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\g<1>1.E300", "coordinates must be numbers below"),
+        (rb"\.METRE\.", b".SECOND.", "names no unit of length in metres"),
+    ],
+)
+def test_what_open_cascade_reads_in_silence_is_refused(tmp_path, step, old, new, sentence):
+    damaged, count = re.subn(old, new, step.read_bytes())
+    assert count
+    path = tmp_path / "bad.step"
+    path.write_bytes(damaged)
+    with pytest.raises(ValueError, match=sentence) as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    one_sentence(failure)
+    assert not gmsh.isInitialized()
+
+
+@pytest.mark.parametrize(
     ("boxes", "dim", "sentence"),
     [
         ({"a": BOXES["rock"]}, 2, r"holds no solids, 1 other shapes; solids are needed\."),

@@ -7,18 +7,21 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
+from test_geometry_step import write_step
 from test_record_formats import WAVE, at2, columns, cosmos, esm, knet, smc
 
 import dolfinx_joints as dj
 from dolfinx_joints.errors import MeshError, RecordError, TemperatureError
 from dolfinx_joints.record_reading import read_components
 from dolfinx_joints.temperature_file import LARGEST_FILE, read_temperature_points
+from geometry.from_step import from_step
 from geometry.section_table import read_sections
 
 KINDS = (
@@ -231,9 +234,41 @@ def mesh_door() -> Door:
     )
 
 
+def step_door() -> Door:
+    """A STEP file of two boxes that touch."""
+    with tempfile.TemporaryDirectory() as folder:
+        boxes = {"rock": (0, 0, 0, 4000, 2000, 3000), "pier": (1000, 0, 3000, 2000, 2000, 5000)}
+        good = write_step(Path(folder) / "good.step", boxes).read_text()
+    start = re.search(r"CARTESIAN_POINT\('',\([^,]+,[^,]+,[^)]+", good)
+    assert start is not None
+    point = "CARTESIAN_POINT('',("
+    return Door(
+        "STEP",
+        ".step",
+        ValueError,
+        lambda path: from_step(path.with_suffix(".msh"), path, size=1.0),
+        good,
+        {
+            "empty": Bad("no bytes", b""),
+            "binary junk": Bad("junk", JUNK),
+            "truncated": Bad("cut in the middle", good[: len(good) // 2]),
+            "wrong count": "no number of entities is announced",
+            "text in numbers": Bad(
+                "a coordinate is `abc`", swapped(good, start[0], f"{point}abc,0.,0.")
+            ),
+            "not a number": Bad(
+                "a coordinate is `nan`", swapped(good, start[0], f"{point}nan,0.,0.")
+            ),
+            "wrong unit": Bad("lengths in seconds", good.replace(".METRE.", ".SECOND.")),
+            "no unit": Bad("no unit of length", good.replace("LENGTH_UNIT", "MASS_UNIT")),
+            "huge": Bad("a coordinate is 1e300", swapped(good, start[0], f"{point}1.E300,0.,0.")),
+        },
+    )
+
+
 def doors() -> list[Door]:
     """Every format."""
-    return [*record_doors(), *table_doors(), mesh_door()]
+    return [*record_doors(), *table_doors(), mesh_door(), step_door()]
 
 
 def put(directory: Path, door: Door, content: str | bytes | int) -> Path:
@@ -270,7 +305,7 @@ def page() -> str:
         "`./with-dolfinx python3 tests/bad_files.py > docs/bad_files.md`, and "
         "`tests/test_bad_files.py` compares it with what the readers say.",
         "",
-        "Target spectra are arrays, not files. STEP files are not listed. "
+        "Target spectra are arrays, not files. "
         "What a `.msh` announces Gmsh checks itself. "
         "An SMC file has no field for a unit: the format "
         "fixes cm/s² for what its first line calls an accelerogram.",

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """One malformed file of each kind for each format that is read, and the page that lists them.
 
-./with-dolfinx python3 tests/bad_files.py > docs/bad_files.md
+./with-dolfinx python3 tests/bad_files.py docs/bad_files.md
 """
 
 from __future__ import annotations
 
 import re
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -302,7 +303,7 @@ def page() -> str:
         "the type named. In records, counts are compared with the size of the file, "
         "and files with a largest size, before anything is allocated for what they announce. "
         "This page is written by "
-        "`./with-dolfinx python3 tests/bad_files.py > docs/bad_files.md`, and "
+        "`./with-dolfinx python3 tests/bad_files.py docs/bad_files.md`, and "
         "`tests/test_bad_files.py` compares it with what the readers say.",
         "",
         "Target spectra are arrays, not files. "
@@ -327,4 +328,5 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    print(page(), end="")
+    # Not to the standard output: Open CASCADE prints there what it writes.
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")

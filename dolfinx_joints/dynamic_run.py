@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.water_pressures import WaterPressures
 
-# Warnings that a results file keeps, and characters of each.
+# Warnings that a results file keeps, and characters of each and of the error that ended a run.
 _MOST_WARNINGS, _LONGEST_WARNING = 40, 500
+_LONGEST_ERROR = 2000
 
 
 class DynamicRun:
@@ -189,7 +190,7 @@ class DynamicRun:
                     warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
-            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
         self._finish("complete", {"peak_mb": peak})

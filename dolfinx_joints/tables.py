@@ -76,7 +76,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     paths = {name: folder / f"{name}.csv" for name in tables}
     there = [str(path) for path in paths.values() if path.exists()]
     if there and not overwrite:
-        raise ResultsError(f"There is {listing(there)} already; --force replaces (overwrite=True).")
+        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in paths.items():

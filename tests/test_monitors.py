@@ -233,6 +233,28 @@ class GivesUp:
         return Newmark().advance(solver, state, dt)
 
 
+def test_a_long_error_leaves_room_for_the_summary(comm, wall_file, read, new_path):
+    def loud(time: float) -> np.ndarray:
+        if time > 2.5 * DT:
+            raise RuntimeError("x" * 100_000)
+        return np.zeros(3)
+
+    path = new_path("loud.h5")
+    run = Simulation(wall(read(wall_file())), monitors=[ResultsMonitor(path, points=POINTS)])
+    run.statics()
+    with pytest.raises(RuntimeError):
+        run.dynamics(dt=DT, steps=5, motion=loud)
+
+    def look():
+        with Results(path) as results:
+            assert results.status == "failed"
+            assert results.summary["error"].startswith("RuntimeError: xxx")
+            assert len(results.summary["error"]) == 2000
+            assert results.summary["solver"]
+
+    on_root(comm, look)
+
+
 def test_a_run_that_fails_keeps_what_was_computed(comm, wall_file, read, new_path):
     path, fields = new_path("failed.h5"), new_path("failed.bp")
     monitors = [ResultsMonitor(path, points=POINTS, every=1), FieldMonitor(fields, every=1)]

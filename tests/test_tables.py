@@ -156,7 +156,7 @@ def test_tables_are_not_replaced_unless_told(tmp_path, capsys):
     assert cli.main(arguments) == 2
     told = capsys.readouterr()
     joints = out / "joints.csv"
-    expected = f"dolfinx-joints: There is {joints} already; --force replaces (overwrite=True).\n"
+    expected = f"dolfinx-joints: {joints}: there already; --force replaces (overwrite=True).\n"
     assert told.err == expected
     assert [path.name for path in out.iterdir()] == ["joints.csv"]
     assert joints.read_text() == "mine"

@@ -74,6 +74,7 @@ def load_msh(path: Path) -> RawMesh:
         return _read_model(gmsh.model, str(path))
     finally:
         if started:
+            gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
             gmsh.finalize()
         else:
             gmsh.model.remove()

@@ -60,6 +60,7 @@ def gmsh_session() -> Iterator[None]:
         yield
     finally:
         if owned:
+            gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
             gmsh.finalize()
         else:
             gmsh.model.remove()
@@ -67,6 +68,22 @@ def gmsh_session() -> Iterator[None]:
                 gmsh.model.setCurrent(previous)
             for name, value in saved.items():
                 gmsh.option.setNumber(name, value)
+
+
+def raise_order(order: int) -> None:
+    """Make elements of the current mesh, of order 1, ones of this order.
+
+    Raises RuntimeError where Gmsh does not, which it would not tell.
+    """
+    if order == 1:
+        return
+    gmsh.model.mesh.setOrder(order)
+    properties = map(gmsh.model.mesh.getElementProperties, gmsh.model.mesh.getElementTypes())
+    if any(dim > 0 and found != order for _, dim, found, *_ in properties):
+        raise RuntimeError(
+            f"Gmsh made no elements of order {order}: it is locked since a file could not be read "
+            "in this session; call gmsh.clear() and try again."
+        )
 
 
 def positive(what: str, value: float, unit: str = "m") -> float:
@@ -130,8 +147,7 @@ def write_mesh(
     path = mesh_path(out)
     with gmsh_session():
         surfaces = _add_solid(solid)
-        if order == 2:
-            gmsh.model.mesh.setOrder(2)
+        raise_order(order)
         if place is not None:
             _move_nodes(place, surfaces)
         report = _report()

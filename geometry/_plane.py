@@ -46,8 +46,7 @@ def write_plane(
     path = _base.mesh_path(out)
     with _base.gmsh_session():
         _add_plane(plane)
-        if order == 2:
-            gmsh.model.mesh.setOrder(2)
+        _base.raise_order(order)
         if section is not None:
             tags, reference, _ = gmsh.model.mesh.getNodes()
             p, q, _ = reference.reshape(-1, 3).T

@@ -319,7 +319,7 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
         gmsh.model.mesh.setSize(corners, min(size, joint_size))
     try:
         gmsh.model.mesh.generate(3)
-        gmsh.model.mesh.setOrder(order)
+        _base.raise_order(order)
     except Exception as error:
         raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
     worst = min(

@@ -9,7 +9,9 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from dolfinx_joints import MeshError, read_msh
 from geometry import _base, _extrude
 from geometry.ambiesta import ArchDam, ambiesta, mid_crest
 from geometry.arch import Sector
@@ -125,6 +127,37 @@ def test_two_blocks(tmp_path, cell, order, element, angle):
     assert area(groups, "joint_1") == pytest.approx(1 / np.cos(np.radians(angle)))
     assert np.ptp(groups.at("base")[:, 2]) == 0
     assert set(groups.at("top")[:, 2]) == {2.0}
+
+
+BAD = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 1 1 1\n3 1 0 1\n1\n0 abc 0\n$EndNodes\n"
+
+
+def test_a_reading_that_failed_leaves_no_trace_in_later_meshes(tmp_path):
+    """Gmsh stays locked after it, and then leaves the order of elements as it is."""
+    bad = tmp_path / "bad.msh"
+    bad.write_text(BAD)
+    with pytest.raises(MeshError, match="Gmsh cannot read"):
+        read_msh(bad, MPI.COMM_SELF)
+    path = two_blocks(tmp_path / "b.msh", size=0.5, order=2)
+    assert _base.describe(path).element == "hex27"
+
+
+def test_a_locked_gmsh_of_the_caller_is_told(tmp_path):
+    bad = tmp_path / "bad.msh"
+    bad.write_text(BAD)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        with pytest.raises(Exception, match="Could not read nodes"):
+            gmsh.merge(str(bad))
+        with pytest.raises(RuntimeError, match=r"no elements of order 2: .* call gmsh.clear\(\)"):
+            two_blocks(tmp_path / "b.msh", size=0.5, order=2)
+        gmsh.clear()
+        path = two_blocks(tmp_path / "b.msh", size=0.5, order=2)
+    finally:
+        gmsh.clear()
+        gmsh.finalize()
+    assert _base.describe(path).element == "hex27"
 
 
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)

@@ -333,7 +333,7 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     ("name", "text"),
     [
         ("compliance", "compliance is 'sparse'; it must be one of auto, dense, compressed, free."),
-        ("linear", "linear is 'sparse'; it must be one of auto, direct, iterative."),
+        ("linear", "linear is 'sparse'; it must be one of auto, direct, mumps, iterative."),
     ],
 )
 @pytest.mark.mpi

@@ -12,7 +12,7 @@ PYTHON = $(RUN) python3
 # when an error hits only one, and timeout ends what hangs nevertheless.
 MPI_SECONDS ?= 1800
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
-MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow" tests
+MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow"
 
 DEMO_ARGS ?=
 PAPER_ARGS ?=
@@ -84,15 +84,16 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
 	$(PYTHON) -m pytest -q -m "not slow" tests
-	$(MPIRUN) -n 2 $(MPI_PYTEST)
-	$(MPIRUN) -n 3 $(MPI_PYTEST)
+	$(MPIRUN) -n 2 $(MPI_PYTEST) tests
+	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
 
 test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests that reach DOLFINx directly with DOLFINx 0.11 of Debian unstable, on 1 rank
 	$(PYTHON) -m pytest -q -m "not slow" $(TESTS_OF_VERSIONS)
 
-verify: ## Run the slow verification problems, objectivity on 4 ranks, the demos on 2
+verify: ## Run the slow tests, verification on 3 ranks, objectivity on 4, the demos on 2
 	$(PYTHON) -m pytest -q -m slow tests
+	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
 		tests/verification/test_objectivity.py
 	$(MPIRUN) -n 2 python3 demos/01_impact.py

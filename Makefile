@@ -60,7 +60,7 @@ TESTS_OF_VERSIONS := $(addprefix tests/,test_layers.py test_linear.py test_mater
 	test_modal.py test_model.py test_monitors.py test_stresses.py \
 	verification/test_thermal.py verification/test_water.py)
 
-.PHONY: help demo paper studies test test-0.11 verify bench lint dist docs clean
+.PHONY: help demo paper studies test test-0.11 verify fuzz bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -91,7 +91,7 @@ test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests that reach DOLFINx directly with DOLFINx 0.11 of Debian unstable, on 1 rank
 	$(PYTHON) -m pytest -q -m "not slow" $(TESTS_OF_VERSIONS)
 
-verify: ## Run the slow tests, verification on 3 ranks, objectivity on 4, the demos on 2
+verify: fuzz ## Run the slow tests, verification on 3 ranks, objectivity on 4, the demos on 2, fuzz
 	$(PYTHON) -m pytest -q -m slow tests
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
@@ -100,6 +100,11 @@ verify: ## Run the slow tests, verification on 3 ranks, objectivity on 4, the de
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
 	$(MPIRUN) -n 2 python3 demos/04_gravity_dam.py
+
+FUZZ = -m pytest -q --color=no -p no:cacheprovider --hypothesis-profile=campaign tests/generated
+fuzz: ## Throw 10 000 generated inputs at each cheap door, 500 at each that runs Gmsh or DOLFINx
+	$(PYTHON) $(FUZZ)
+	$(MPIRUN) -n 2 python3 $(FUZZ) -m mpi
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of
+from dolfinx_joints.checks import check_each, check_kind_of, check_number, shown
 from dolfinx_joints.errors import JointsError, MeshError
 from dolfinx_joints.joints import GapOperator
 from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
@@ -69,8 +69,7 @@ class Contact:
         by_name = laws if isinstance(laws, Mapping) else dict.fromkeys(operator.names, laws)
         for name in (*by_name, *gaps):
             if name not in operator.names:
-                known = ", ".join(operator.names) or "none"
-                raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
+                raise MeshError(no_such_joint(name, operator.names))
         for law in by_name.values():
             check_kind_of("A joint law", law, hasattr(law, "end_point"), "a law")
             names = getattr(law, "internal_variables", ())
@@ -275,17 +274,17 @@ class Contact:
         return None if joint is None else (joint, type(self.laws[joint]).__name__)
 
 
+def no_such_joint(name: Any, names: Collection[str]) -> str:
+    """What to say of the name of a joint that there is none of."""
+    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."
+
+
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     """Values of an initial gap at the points of a joint."""
-    values = np.asarray(gap(places) if callable(gap) else gap)
-    if values.dtype.kind not in "if" or not np.all(np.isfinite(values)):
-        raise ValueError(f"The initial gap of {name!r} must be finite, in m; it is {gap!r}.")
-    if values.shape not in ((), (len(places),)):
-        raise ValueError(
-            f"The initial gap of {name!r} has shape {values.shape}; for {len(places)} points it "
-            f"must be a number or have shape ({len(places)},)."
-        )
-    return np.broadcast_to(values, len(places)).astype(np.float64)
+    what = f"The initial gap of {name!r}"
+    if not callable(gap):
+        check_number(what, gap, lambda _: True, "finite", unit="m")
+    return check_each(what, gap(places) if callable(gap) else gap, len(places))
 
 
 def _steps(law: Law) -> bool:

@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.cells import CellShape
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_choice, check_number, shown
 from dolfinx_joints.mesh import JointedMesh
 
 if TYPE_CHECKING:
@@ -111,8 +111,7 @@ class ElasticBody:
         """Put the parameters on the cells (collective)."""
         from dolfinx import fem
 
-        if plane not in ("strain", "stress"):
-            raise ValueError(f"plane is {plane!r}; it must be 'strain' or 'stress'.")
+        check_choice("plane", plane, ("strain", "stress"))
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"
@@ -123,7 +122,7 @@ class ElasticBody:
         for given in by_group.values():
             if not _is_material(given):
                 raise ValueError(
-                    f"material is {given!r}; it must be an Elastic, an Orthotropic or a plastic "
+                    f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a plastic "
                     "material, or one of these per named cell group."
                 )
         self._plastic = {group: is_plastic(given) for group, given in by_group.items()}

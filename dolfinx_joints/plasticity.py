@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_choice, check_kind_of, check_number
 
 if TYPE_CHECKING:
     from dolfinx_joints.elasticity import Elastic
@@ -157,10 +157,7 @@ class DruckerPrager:
                 lambda v: 0 <= v <= friction,
                 f"from 0 to the friction angle, {friction:g} degrees",
             )
-        if self.fit not in FITS:
-            raise ValueError(
-                f"DruckerPrager: fit is {self.fit!r}; it must be one of {', '.join(FITS)}."
-            )
+        check_choice("DruckerPrager: fit", self.fit, FITS)
 
     @property
     def slope(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_function, check_name, check_number, shown
 from dolfinx_joints.elasticity import Elastic
 from dolfinx_joints.loads import Load, TimeFactor, always
 from dolfinx_joints.mesh import JointedMesh
@@ -56,7 +56,9 @@ class Temperature:
         if not isinstance(self.reference, Mapping):
             check_number("Temperature: reference", self.reference, lambda _: True, "finite")
         for group, value in _by_group(self.reference).items():
-            check_number(f"Temperature: reference of {group!r}", value, lambda _: True, "finite")
+            check_name("Temperature: a group of reference", group, "a cell group")
+            name = f"Temperature: reference of {shown(group)}"
+            check_number(name, value, lambda _: True, "finite")
         check_number(
             "Temperature: expansion",
             self.expansion,
@@ -64,8 +66,9 @@ class Temperature:
             "zero or more and finite",
             unit="1/K",
         )
-        named = self.cells is None or isinstance(self.cells, str)
-        check_kind_of("Temperature: cells", self.cells, named, "the name of a cell group")
+        if self.cells is not None:
+            check_name("Temperature: cells", self.cells, "a cell group")
+        check_function("Temperature: factor", self.factor)
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch a free body as the temperature does (collective)."""

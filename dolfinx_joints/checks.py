@@ -57,11 +57,7 @@ def check_number(
     Raises:
         ValueError: The value is refused.
     """
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    try:
-        number = float(value) if is_number else math.nan
-    except OverflowError:
-        number = math.inf
+    is_number, number = isinstance(value, Real) and not isinstance(value, bool), real(value)
     if not (math.isfinite(number) and valid(number)):
         given = f"{shown(value, str)} {unit}".rstrip() if is_number else shown(value)
         raise ValueError(f"{name} is {given}; it must be {allowed}.")
@@ -69,6 +65,18 @@ def check_number(
         given = f"{shown(value, str)} {unit}".rstrip()
         size = f"between {SMALLEST:g} and {LARGEST:g} in size"
         raise ValueError(f"{name} is {given}; it must be {'zero or ' if valid(0.0) else ''}{size}.")
+
+
+def real(value: Any) -> float:
+    """A value as a number, NaN if it is none, as truth values and texts."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except Exception:  # of a class of the user's own
+        return math.nan
 
 
 def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:

@@ -89,6 +89,13 @@ def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
         raise ValueError(f"{name} is {shown(value)}; it must be {wanted}.")
 
 
+def offers(value: Any, *methods: str) -> bool:
+    """Whether a value has some methods; a class in the place of an object has none."""
+    return not isinstance(value, type) and all(
+        callable(getattr(value, name, None)) for name in methods
+    )
+
+
 def check_choice(name: str, value: Any, known: Collection[str]) -> None:
     """Refuse what is none of the names of an option.
 

@@ -63,7 +63,7 @@ def grouted(
     check_kind_of("joints", names, good, "a list of joint names")
     check_number("gap", gap, lambda v: v >= 0, "zero or more and finite", unit="m")
     for name in names or ():
-        if name not in known:
+        if not isinstance(name, str) or name not in known:
             raise MeshError(no_such_joint(name, known))
     _check_elastic(model)
     contact, response = model.contact, before.joints

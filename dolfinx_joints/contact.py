@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_each, check_kind_of, check_number, shown
+from dolfinx_joints.checks import check_each, check_kind_of, check_number, numbers_of, shown
 from dolfinx_joints.errors import JointsError, MeshError
 from dolfinx_joints.joints import GapOperator
-from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
+from dolfinx_joints.laws import Floats, JointState, Law, Response, Status, check_law
 from dolfinx_joints.parallel import raised_together
 
 InitialGap = float | Callable[[Floats], Floats]
@@ -71,7 +71,7 @@ class Contact:
             if name not in operator.names:
                 raise MeshError(no_such_joint(name, operator.names))
         for law in by_name.values():
-            check_kind_of("A joint law", law, hasattr(law, "end_point"), "a law")
+            check_law("A joint law", law)
             names = getattr(law, "internal_variables", ())
             good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
             check_kind_of("internal_variables", names, good, "a tuple of names")
@@ -104,12 +104,13 @@ class Contact:
         return self.resting(self.gap(u))
 
     def resting(self, gap: Floats) -> JointState:
-        """State without shear traction and without history at a gap, shape (n, 3), [m]."""
+        """State without shear traction and history at a gap, shape (n, 3), [m] (collective)."""
         state = JointState.at_rest(gap, variables=self._variables)
-        for law, points in self._laws:
-            if hasattr(law, "initial_variables"):
-                first = law.initial_variables(state.gap[points])
-                state.internal[points, : _variables(law)] = first
+        with raised_together(self.operator.comm):
+            for law, points in self._laws:
+                if hasattr(law, "initial_variables"):
+                    first = _first_variables(law, state.gap[points])
+                    state.internal[points, : _variables(law)] = first
         return state
 
     def trial(self, u: Any, state: JointState) -> Response:
@@ -176,16 +177,16 @@ class Contact:
         if len(self._laws) == 1:
             law = self._laws[0][0]
             if compliance is None:
-                return _checked(law, _method(law, rule)(gap, state))
-            return _checked(law, _local_method(law, rule)(gap, compliance, state))
+                return _checked(law, _method(law, rule)(gap, state), len(gap))
+            return _checked(law, _local_method(law, rule)(gap, compliance, state), len(gap))
         answer = _empty_response(len(gap), self._variables)
         for law, points in self._laws:
             before = _state_of(law, points, state)
             if compliance is None:
-                part = _checked(law, _method(law, rule)(gap[points], before))
+                part = _checked(law, _method(law, rule)(gap[points], before), len(points))
             else:
                 method = _local_method(law, rule)
-                part = _checked(law, method(gap[points], compliance[points], before))
+                part = _checked(law, method(gap[points], compliance[points], before), len(points))
             for name in ("traction", "tangent", "dissipation", "status"):
                 getattr(answer, name)[points] = getattr(part, name)
             answer.state.gap[points] = part.state.gap
@@ -302,13 +303,26 @@ def _local_method(law: Any, rule: Rule) -> Any:
     return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
 
 
-def _checked(law: Law, response: Response) -> Response:
-    """A response that holds the law's internal variables.
+def _checked(law: Law, response: Response, count: int) -> Response:
+    """A response of ``count`` points that holds the law's internal variables.
 
     Raises:
         ValueError: It does not.
     """
-    wanted = (len(response.traction), _variables(law))
+    kind = type(law).__name__
+    good = isinstance(response, Response) and isinstance(response.state, JointState)
+    check_kind_of(f"What {kind} returned", response, good, "a Response")
+    given = {name: getattr(response, name) for name in _SHAPES if hasattr(response, name)}
+    given |= {"gap": response.state.gap, "elastic_slip": response.state.elastic_slip}
+    for name, array in given.items():
+        wanted_shape = (count, *_SHAPES[name])
+        numeric = isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
+        if not numeric or array.shape != wanted_shape:
+            raise ValueError(
+                f"{kind} returned {name} {shown(array)}; it must be an array of numbers of shape "
+                f"{wanted_shape}."
+            )
+    wanted = (count, _variables(law))
     if wanted[1] and response.state.internal.shape != wanted:
         raise ValueError(
             f"{type(law).__name__} returned internal variables of shape "
@@ -316,6 +330,28 @@ def _checked(law: Law, response: Response) -> Response:
             f"{', '.join(law.internal_variables)} it must be {wanted}."  # type: ignore[attr-defined]
         )
     return response
+
+
+def _first_variables(law: Any, gap: Floats) -> Floats:
+    """Internal variables of a law at rest."""
+    first, wanted = numbers_of(law.initial_variables(gap)), (len(gap), _variables(law))
+    if first is None or first.shape != wanted:
+        raise ValueError(
+            f"{type(law).__name__}.initial_variables must give numbers of shape {wanted}, one "
+            "column for each internal variable."
+        )
+    return first
+
+
+# Of the arrays of a response, after the number of points.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "traction": (3,),
+    "tangent": (3, 3),
+    "dissipation": (),
+    "status": (),
+    "gap": (3,),
+    "elastic_slip": (2,),
+}
 
 
 def _variables(law: Law) -> int:

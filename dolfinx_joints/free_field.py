@@ -125,6 +125,7 @@ class FreeField:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
         gdim = model.gdim
         base = self._base(model)
+        lowest, highest = _heights(model, self.groups)
         lame, shear, density = _rock(model, self.groups)
         letters = "xyz"[:gdim] if self.components is None else self.components
         velocity = lru_cache(maxsize=512)(in_axes(self.incident, gdim, "FreeField: incident"))
@@ -134,7 +135,7 @@ class FreeField:
             modulus = lame + 2.0 * shear if axis == gdim - 1 else shear
             speed = float(np.sqrt(modulus / density))
             spacing = speed / (LEVELS * self.highest_frequency)
-            self._check_levels((self.surface - base) / spacing)
+            self._check_levels((highest - lowest) / spacing)
             for way in (1, -1):
                 start = 0.0 if way > 0 else 2.0 * (self.surface - base) / speed
                 for level, force in _levels(model, self.groups, axis, way, base, spacing):

@@ -118,12 +118,15 @@ class Spring:
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
         """The bilinear form of the springs."""
+        from dolfinx import fem
+
+        stiffness = self.normal_stiffness, self.tangential_stiffness
+        # As constants, so that no other values of them are compiled anew.
+        of_normal, of_tangential = (fem.Constant(jointed.mesh, float(k)) for k in stiffness)
         n = ufl.FacetNormal(jointed.mesh)
         normal = ufl.inner(u, n) * ufl.inner(v, n)
         tangential = ufl.inner(u, v) - normal
-        return (
-            self.normal_stiffness * normal + self.tangential_stiffness * tangential
-        ) * jointed.ds(self.group)
+        return (of_normal * normal + of_tangential * tangential) * jointed.ds(self.group)
 
 
 Support = Fixed | Prescribed | Spring | ViscousBoundary

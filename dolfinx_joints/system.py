@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import number_at
+from dolfinx_joints.checks import check_kind_of, number_at
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
@@ -244,6 +244,16 @@ class MatrixSystem:
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
+
+
+def check_system(system: Any) -> None:
+    """Refuse what is no system, such as the model that makes one.
+
+    Raises:
+        ValueError: It is none.
+    """
+    good = isinstance(system, MatrixSystem)
+    check_kind_of("system", system, good, "a MatrixSystem, such as model.system()")
 
 
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:

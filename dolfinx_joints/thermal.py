@@ -81,15 +81,18 @@ class Temperature:
 
     def blocked_stress(self, model: Model) -> Any:
         """Pressure that it makes in a body held still (UFL), [Pa]."""
+        from dolfinx import fem
+
+        expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
         change = self._field(model) - self._reference(model)
-        return model.body.blocked_stress(self.expansion * change)
+        return model.body.blocked_stress(expansion * change)
 
     def _reference(self, model: Model) -> Any:
-        """T_0 as a number, or as a function of degree 0."""
+        """T_0 as a constant, or as a function of degree 0."""
         from dolfinx import fem
 
         if not isinstance(self.reference, Mapping):
-            return self.reference
+            return fem.Constant(model.jointed.mesh, float(self.reference))
         jointed = model.jointed
         space = fem.functionspace(jointed.mesh, ("DG", 0))
         field, count = fem.Function(space), np.zeros(len(space.dofmap.list), dtype=np.int64)

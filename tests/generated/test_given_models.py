@@ -28,7 +28,7 @@ LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction
 FREE = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e10)
 HELD = [dj.Fixed(group="base")]
 SPRUNG = [dj.Spring(group="base", normal_stiffness=1e10), dj.ViscousBoundary(group="sides")]
-GROUPS = st.sampled_from(["base", "top", "joint_1+", "sides", "nowhere"])
+GROUPS = st.sampled_from(["base", "top", "sides", "top", "sides", "joint_1+", "nowhere"])
 CELLS = st.sampled_from([None, "lower", "upper", "nowhere"])
 
 
@@ -46,7 +46,7 @@ def model(blocks: Any) -> dj.Model:
 
 def value(*typical: float) -> Any:
     """Typical values, functions of places, and functions that give or do what they should not."""
-    odd = st.sampled_from([raising, len, np.zeros_like, lambda x: x[:, 0], math.sin])
+    odd = st.sampled_from([raising, np.ones_like, lambda x: x[:, 0], lambda x: np.abs(x[:, 1])])
     return numbers(*typical) | odd | JUNK.map(returning)
 
 
@@ -78,15 +78,16 @@ def test_model(blocks: Any, comm: Any, given: dict[str, Any], jointed: Any) -> N
     answer("Model", passed_on(lambda: dj.Model(jointed, **given)), REFUSALS, comm)
 
 
-FACTOR = st.sampled_from([math.cos, raising]) | JUNK.map(returning)
+FACTOR = st.sampled_from([math.cos, math.exp, raising]) | JUNK.map(returning)
+MOTION = st.sampled_from([lambda t: (t, 1.0), lambda t: [1.0, t, 2]]) | JUNK.map(returning)
 GROUP, LEVEL = {"group": GROUPS}, {"level": numbers(1.0, -2.0)}
-PAIR = st.lists(numbers(1.0, 0.0), min_size=2, max_size=3)
+PAIR = st.sampled_from([2, 2, 2, 3]).flatmap(lambda n: st.tuples(*[numbers(1.0, 0.0)] * n))
 LOADS: dict[str, tuple[Any, Any, Any]] = {
     "Gravity": (dj.Gravity, {}, {"acceleration": PAIR}),
     "Traction": (dj.Traction, {**GROUP, "value": PAIR}, {"factor": FACTOR}),
     "Pressure": (dj.Pressure, {**GROUP, "value": numbers(1e6)}, {"factor": FACTOR}),
     "FormLoad": (dj.FormLoad, {"form": JUNK.map(returning)}, {"factor": FACTOR}),
-    "BaseMotion": (dj.BaseMotion, {"acceleration": FACTOR}, {}),
+    "BaseMotion": (dj.BaseMotion, {"acceleration": MOTION}, {}),
     "HydrostaticPressure": (dj.HydrostaticPressure, {**GROUP, **LEVEL}, {"factor": FACTOR}),
     "Uplift": (
         dj.Uplift,
@@ -110,13 +111,13 @@ LOADS: dict[str, tuple[Any, Any, Any]] = {
     "FreeField": (
         dj.FreeField,
         {
-            "groups": st.lists(GROUPS, min_size=1, max_size=2),
-            "incident": FACTOR,
-            "surface": numbers(2.0, 3.0),
+            "groups": st.sampled_from([["sides"], ("sides",), ["base"], ["sides", "nowhere"]]),
+            "incident": MOTION,
+            "surface": numbers(2.0, 2.5),
         },
         {
             "base": numbers(-1.0, 0.0),
-            "components": st.sampled_from(["x", "xy", "z"]),
+            "components": st.sampled_from(["x", "y", "xy", "z"]),
             "highest_frequency": numbers(25.0),
         },
     ),

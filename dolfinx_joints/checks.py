@@ -7,12 +7,15 @@ from __future__ import annotations
 import math
 import operator
 import os
+import re
 from collections.abc import Callable, Collection
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
@@ -38,8 +41,10 @@ def shown(value: Any, say: Callable[[Any], str] = repr) -> str:
         text = say(value)
     except Exception:  # what a class of the user's own may do, or an int of 5000 digits
         text = f"a value of type {type(value).__name__}"
+    text = _ADDRESS.sub("", text)  # other on every rank
     text = "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
-    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+    cut = LONGEST_SHOWN // 2
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:cut]}...{text[-cut + 3 :]}"
 
 
 def check_number(
@@ -157,9 +162,7 @@ def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.fl
     return vector
 
 
-def number_at(
-    name: str, function: Callable[[float], Any], time: float, *, unit: str = ""
-) -> float:
+def number_at(name: str, function: Callable[[float], Any], time: float, *, unit: str = "") -> float:
     """What a function of time gives, a finite number.
 
     Args:
@@ -179,9 +182,7 @@ def number_at(
     return float(number)
 
 
-def check_each(
-    name: str, given: Any, count: int, *, negative: bool = True
-) -> NDArray[np.float64]:
+def check_each(name: str, given: Any, count: int, *, negative: bool = True) -> NDArray[np.float64]:
     """What a function of points gives, one finite number for each or one for all, shape (count,).
 
     Args:

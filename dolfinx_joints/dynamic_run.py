@@ -238,9 +238,7 @@ class DynamicRun:
         )
 
 
-def check_beginning(
-    model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any
-) -> None:
+def check_beginning(model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any) -> None:
     """Refuse what a dynamic stage cannot begin with (collective).
 
     Raises:

@@ -111,7 +111,8 @@ class Orthotropic:
                 u, _, v = np.linalg.svd(frame)  # exactly orthogonal
                 return u @ v
         raise ValueError(
-            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in x, y, z."
+            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in "
+            "x, y, z."
         )
 
 

@@ -72,7 +72,9 @@ class Motion:
             row = int(np.argmin((np.abs(values) <= LARGEST).all(axis=1)))
             raise RecordError(f"acceleration must be finite, got {values[row]} at sample {row}.")
         if not SMALLEST <= real(self.dt) <= LARGEST:
-            raise RecordError(f"dt must be a positive number of seconds, got {shown(self.dt, str)}.")
+            raise RecordError(
+                f"dt must be a positive number of seconds, got {shown(self.dt, str)}."
+            )
         if not isinstance(self.name, str):
             raise RecordError(f"name must be a text, got {shown(self.name)}.")
         values.flags.writeable = False
@@ -255,7 +257,9 @@ class Motion:
         """Multiply by one factor, or by one for each component."""
         factors = numbers_of(factor)
         if factors is None or factors.shape not in ((), (3,)) or not finite(factors):
-            raise RecordError(f"factor must be one finite number or three, got {shown(factor, str)}.")
+            raise RecordError(
+                f"factor must be one finite number or three, got {shown(factor, str)}."
+            )
         return replace(self, acceleration=factors * self.acceleration)
 
 

@@ -192,4 +192,6 @@ def _check(load: Any, *positive: str) -> None:
     check_number(f"{on_group(load)}: level", load.level, lambda _: True, "finite", unit="m")
     for name in positive:
         value = getattr(load, name)
-        check_number(f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite")
+        check_number(
+            f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite"
+        )

@@ -167,9 +167,7 @@ DOORS: tuple[Door, ...] = (
         {"normal_stiffness": POSITIVE, "shear_stiffness": POSITIVE, **NO_BODY},
         names,
     ),
-    door(
-        "dj.Rayleigh", {}, {"mass_factor": NOT_NEGATIVE, "stiffness_factor": NOT_NEGATIVE}, names
-    ),
+    door("dj.Rayleigh", {}, {"mass_factor": NOT_NEGATIVE, "stiffness_factor": NOT_NEGATIVE}, names),
     door("dj.stiffness_proportional", DAMPING, NO_DAMPING, names),
     door("dj.mass_proportional", DAMPING, NO_DAMPING, names),
     door(

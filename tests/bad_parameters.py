@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -21,13 +22,14 @@ DOORS: tuple[Door, ...] = tuple(
 )
 
 
-def refusal(row: Row) -> tuple[str, str]:
-    """Type and sentence that bad input is refused with; two empty ones where it is taken."""
+@cache
+def refusal(row: Row) -> tuple[type[Exception] | None, str]:
+    """Type and sentence that bad input is refused with, None and an empty one where it is taken."""
     try:
         row.call()
     except Exception as error:
-        return type(error).__name__, str(error)
-    return "", ""
+        return type(error), str(error)
+    return None, ""
 
 
 def page() -> str:
@@ -46,7 +48,9 @@ def page() -> str:
     for door in DOORS:
         lines += ["", f"## {door.title}", "", f"`{door.error.__name__}`", ""]
         lines += ["| kind | given | what is said |", "|---|---|---|"]
-        lines += [f"| {row.kind} | {_code(row.given)} | {_code(refusal(row)[1])} |" for row in door.rows]
+        lines += [
+            f"| {row.kind} | {_code(row.given)} | {_code(refusal(row)[1])} |" for row in door.rows
+        ]
     return "\n".join(lines) + "\n"
 
 

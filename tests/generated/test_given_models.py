@@ -58,7 +58,9 @@ MODEL = {
 }
 OPTIONS = {
     "supports": st.sampled_from([HELD, SPRUNG, (), [dj.Fixed(group="nowhere")], [dj.Fixed]]),
-    "loads": st.sampled_from([[dj.Gravity()], (), [dj.Gravity], [dj.Gravity(acceleration=[1] * 3)]]),
+    "loads": st.sampled_from(
+        [[dj.Gravity()], (), [dj.Gravity], [dj.Gravity(acceleration=[1] * 3)]]
+    ),
     "damping": st.sampled_from([None, dj.Rayleigh(mass_factor=0.1, stiffness_factor=1e-3)]),
     "initial_gaps": st.none() | st.dictionaries(st.sampled_from(["joint_1", "j"]), value(1e-3)),
     "degree": st.sampled_from([None, 1]),

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +114,9 @@ DYNAMICS = {
     "scheme": st.sampled_from(
         [None, dj.EnergyConsistent(), dj.ImplicitContact(), dj.Newmark(), dj.Newmark]
     ),
-    "control": st.sampled_from([None, dj.StepControl(max_halvings=1), dj.StepControl(landing=True)]),
+    "control": st.sampled_from(
+        [None, dj.StepControl(max_halvings=1), dj.StepControl(landing=True)]
+    ),
     "velocity": st.none(),
     "start": st.none(),
     "resume": st.booleans(),
@@ -200,8 +202,8 @@ def own_law(spoiled: dict[str, Any], parts: dict[str, Any]) -> Any:
         closed_stiffness = staticmethod(LAW.closed_stiffness)
 
     own = Own()
-    for name, given in spoiled.items():
-        setattr(own, name, given if callable(given) else returning(given))
+    for name, odd in spoiled.items():
+        setattr(own, name, odd if callable(odd) else returning(odd))
     return own
 
 
@@ -229,10 +231,9 @@ def test_laws_of_the_users_own(
 
 
 @pytest.fixture(scope="module")
-def in_folder(new_path: Callable[[str], Path]) -> Iterator[Path]:
-    """A folder for files whose names are junk."""
-    folder = new_path("monitored")
-    yield folder
+def results(new_path: Callable[[str], Path]) -> Path:
+    """A results file that each run replaces."""
+    return new_path("monitored.h5")
 
 
 PLACE = st.sampled_from([[0.5, 0.0], (0.5, 2.0), [0.5, 0.0, 0.0], [9.0, 9.0], np.array([0.0, 1.0])])
@@ -250,11 +251,9 @@ PLACE = st.sampled_from([[0.5, 0.0], (0.5, 2.0), [0.5, 0.0, 0.0], [9.0, 9.0], np
         },
     )
 )
-def test_results_monitor(
-    model: dj.Model, comm: Any, in_folder: Path, given: dict[str, Any]
-) -> None:
+def test_results_monitor(model: dj.Model, comm: Any, results: Path, given: dict[str, Any]) -> None:
     def work() -> None:
-        monitor = dj.ResultsMonitor(f"{in_folder}.h5", overwrite=True, **given)
+        monitor = dj.ResultsMonitor(results, overwrite=True, **given)
         dj.Simulation(model, monitors=[monitor]).dynamics(dt=1e-3, steps=1)
 
     answer("ResultsMonitor in a run", passed_on(work), REFUSALS, comm)

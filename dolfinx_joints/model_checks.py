@@ -81,7 +81,7 @@ def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
         )
     for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
         if not jointed.joint_names and isinstance(given, Mapping) and given:
-            names = ", ".join(map(shown, given))
+            names = ", ".join(shown(name, str) for name in given)
             raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
 
 

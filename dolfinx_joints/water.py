@@ -156,7 +156,7 @@ class WestergaardMass:
             return self.level - lowest if self.depth is None else self.depth
         flat = positions.reshape(-1, positions.shape[-1])
         name = f"{on_group(self)}: depth"
-        deep = check_each(name, self.depth(flat), len(flat), negative=False)
+        deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
         return deep.reshape(positions.shape[:-1])
 
 

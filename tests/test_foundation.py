@@ -450,7 +450,7 @@ def test_what_is_refused(dam):
     with pytest.raises(ValueError, match="FreeField: groups is .*; it must be names .* each once"):
         load(model("base"), groups=["base", "base"])
     for gives in (0.0, (0.0,), (0.0, math.nan), "abc", None):
-        with pytest.raises(ValueError, match="at t = 0 s; it must give 2 finite velocities"):
+        with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
             load(model("base"), incident=lambda t, gives=gives: gives)
     with pytest.raises(ValueError, match="FreeField: incident is 1.0; it must be a function"):
         load(model("base"), incident=1.0)

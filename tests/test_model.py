@@ -611,14 +611,6 @@ def test_options_out_of_range(comm, bar, blocks):
     for options, text in (
         ({"plane": "bent"}, "plane is 'bent'; it must be 'strain' or 'stress'."),
         ({"degree": 3}, "degree is 3; the displacement may be of degree 1 or 2."),
-        (
-            {"supports": [Fixed(group="base", components="xq")]},
-            "components is 'xq'; it must name some of 'xyz', each once.",
-        ),
-        (
-            {"supports": [Fixed(group="base", components="xx")]},
-            "components is 'xx'; it must name some of 'xyz', each once.",
-        ),
     ):
         call = lambda options=options: Model(bar, **{**base, **options})  # noqa: E731
         assert error_on_all_ranks(comm, ValueError, call) == text

@@ -182,20 +182,23 @@ def number_at(name: str, function: Callable[[float], Any], time: float, *, unit:
     return float(number)
 
 
-def check_each(name: str, given: Any, count: int, *, negative: bool = True) -> NDArray[np.float64]:
-    """What a function of points gives, one finite number for each or one for all, shape (count,).
+def check_each(
+    name: str, given: Any, count: int, *, negative: bool = True, one: bool = True
+) -> NDArray[np.float64]:
+    """What a function of points gives, a finite number for each, shape (count,).
 
     Args:
         name: What the values are.
         given: What the function has given, or a number in its place.
         count: Number of points.
         negative: Whether values may be negative.
+        one: Whether one number for all will do.
 
     Raises:
         ValueError: It is something else.
     """
     values = numbers_of(given)
-    fits = values is not None and values.shape in ((), (count,))
+    fits = values is not None and values.shape in (((), (count,)) if one else ((count,),))
     if values is None or not (fits and finite(values) and (negative or (values >= 0.0).all())):
         said = shown(given) if values is None else f"an array of shape {values.shape}"
         if fits and values is not None and values.size:

@@ -13,7 +13,6 @@ pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
 from dolfinx_joints import (
-    ConvergenceError,
     Elastic,
     Fixed,
     FrictionNoTension,

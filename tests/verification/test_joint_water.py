@@ -734,7 +734,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, closed=lambda x: np.full(len(x), -4.0))],
-            " from -4 to -4; for 5 points it must give one finite number of zero or more for each.",
+            "it must give one finite number of zero or more for each.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="top")],

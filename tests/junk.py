@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from datetime import date
 from decimal import Decimal
 from fractions import Fraction
@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from generated_input import CAMPAIGN
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from hypothesis.strategies import SearchStrategy
@@ -35,6 +37,18 @@ class _ManyLines:
 class _NoNumber(float):
     def __float__(self) -> float:
         raise OwnError
+
+
+def shared(inputs: settings, doors: Sized) -> settings:
+    """Inputs of each of several doors that are much alike: in ``make test`` they share them.
+
+    Args:
+        inputs: What one of them alone would get.
+        doors: The doors.
+    """
+    if settings().max_examples >= CAMPAIGN:
+        return inputs
+    return settings(max_examples=max(inputs.max_examples // len(doors), 1))
 
 
 def returning(value: Any) -> Callable[..., Any]:

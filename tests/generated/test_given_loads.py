@@ -12,7 +12,7 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import arguments, numbers, passed_on
+from junk import arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 
@@ -140,7 +140,7 @@ DOORS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DOORS)
-@cheap()
+@shared(cheap(), DOORS)
 @given(data=st.data())
 def test_loads(name: str, data: Any) -> None:
     kind, needed, optional = DOORS[name]

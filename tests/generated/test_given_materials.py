@@ -14,7 +14,7 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on
+from junk import JUNK, arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 
@@ -99,7 +99,7 @@ LAWS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-@cheap()
+@shared(cheap(), LAWS)
 @given(data=st.data())
 def test_joint_laws(name: str, data: Any) -> None:
     kind, needed, optional = LAWS[name]
@@ -159,7 +159,7 @@ DAMPING: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DAMPING)
-@cheap()
+@shared(cheap(), DAMPING)
 @given(data=st.data(), at=FREQUENCY | JUNK)
 def test_damping(name: str, data: Any, at: Any) -> None:
     kind, needed, optional = DAMPING[name]

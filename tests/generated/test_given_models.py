@@ -13,7 +13,7 @@ import pytest
 from generated_input import answer, costly
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on, raising, returning
+from junk import JUNK, arguments, numbers, passed_on, raising, returning, shared
 
 import dolfinx_joints as dj
 from dolfinx_joints.loads import Load
@@ -128,7 +128,7 @@ LOADS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LOADS)
-@costly()
+@shared(costly(), LOADS)
 @given(data=st.data(), time=numbers(0.0, 1.0))
 def test_loads_of_a_model(blocks: Any, comm: Any, name: str, data: Any, time: float) -> None:
     kind, needed, optional = LOADS[name]
@@ -164,7 +164,7 @@ ADDED: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", ADDED)
-@costly()
+@shared(costly(), ADDED)
 @given(data=st.data())
 def test_added_masses(model: dj.Model, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = ADDED[name]
@@ -185,7 +185,7 @@ SUPPORTS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
-@costly()
+@shared(costly(), SUPPORTS)
 @given(data=st.data())
 def test_supports(blocks: Any, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = SUPPORTS[name]

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from generated_input import answer, cheap
+from generated_input import answer, cheap, costly
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
-from junk import JUNK, arguments, numbers, passed_on
+from junk import JUNK, arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 from dolfinx_joints.spectrum_matching import match_spectrum
@@ -65,7 +65,7 @@ METHODS: dict[str, tuple[Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", METHODS)
-@cheap()
+@shared(cheap(), METHODS)
 @given(data=st.data())
 def test_methods_of_motions(name: str, data: Any) -> None:
     given = data.draw(arguments(*METHODS[name]))
@@ -78,7 +78,7 @@ def test_methods_of_motions(name: str, data: Any) -> None:
 TARGET = st.sampled_from([([0.2, 0.5], [3.0, 2.0]), (np.array([0.25, 0.8]), np.array([4.0, 1.0]))])
 
 
-@cheap()
+@costly()
 @given(
     arguments(
         {"motion": st.just(MOTION), "target": TARGET | st.tuples(JUNK, JUNK)},

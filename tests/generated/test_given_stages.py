@@ -14,7 +14,7 @@ import pytest
 from generated_input import answer, costly
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on, raising, returning
+from junk import JUNK, arguments, numbers, passed_on, raising, returning, shared
 
 import dolfinx_joints as dj
 from dolfinx_joints.laws import Response
@@ -93,7 +93,7 @@ STATICS: dict[str, tuple[Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", STATICS)
-@costly()
+@shared(costly(), STATICS)
 @given(data=st.data(), first=st.sampled_from([None, "active", "free"]))
 def test_static_stages(model: dj.Model, comm: Any, name: str, data: Any, first: Any) -> None:
     needed, optional = STATICS[name]

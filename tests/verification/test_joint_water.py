@@ -700,12 +700,13 @@ def test_runs_with_other_water_are_refused(new_path):
         ),
         (
             lambda: dj.SeepageLine(start=(0, 0), end=(0, 0), upstream=1.0, downstream=0.0),
-            "SeepageLine: end is [0.0, 0.0]; it must be another point than start [0.0, 0.0], with as "
-            "many coordinates.",
+            "SeepageLine: end is [0.0, 0.0]; it must be another point than start [0.0, 0.0], with "
+            "as many coordinates.",
         ),
         (
             lambda: dj.SeepageLine(start="ab", end=(0, 0), upstream=1.0, downstream=0.0),
-            "SeepageLine: start is 'ab'; it must be 2 or 3 finite numbers, none above 1e+75 in size.",
+            "SeepageLine: start is 'ab'; it must be 2 or 3 finite numbers, none above 1e+75 in "
+            "size.",
         ),
         (
             lambda: dj.SeepageLine(

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from datetime import date
 from decimal import Decimal
 from fractions import Fraction
@@ -39,16 +39,16 @@ class _NoNumber(float):
         raise OwnError
 
 
-def shared(inputs: settings, doors: Sized) -> settings:
-    """Inputs of each of several doors that are much alike: in ``make test`` they share them.
+def shared(inputs: settings, doors: int) -> settings:
+    """Inputs of a door that in ``make test`` shares them with others that are much alike.
 
     Args:
-        inputs: What one of them alone would get.
-        doors: The doors.
+        inputs: What it would get alone, as in the campaign.
+        doors: Number of the doors that share.
     """
     if settings().max_examples >= CAMPAIGN:
         return inputs
-    return settings(max_examples=max(inputs.max_examples // len(doors), 1))
+    return settings(max_examples=max(inputs.max_examples // doors, 1))
 
 
 def returning(value: Any) -> Callable[..., Any]:

@@ -73,7 +73,7 @@ OPTIONS = {
 }
 
 
-@costly()
+@shared(costly(), 3)
 @given(given=arguments(MODEL, OPTIONS), jointed=st.sampled_from([None, None, None, None]) | JUNK)
 def test_model(blocks: Any, comm: Any, given: dict[str, Any], jointed: Any) -> None:
     jointed = blocks if jointed is None else jointed
@@ -128,7 +128,7 @@ LOADS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LOADS)
-@shared(costly(), LOADS)
+@shared(costly(), len(LOADS))
 @given(data=st.data(), time=numbers(0.0, 1.0))
 def test_loads_of_a_model(blocks: Any, comm: Any, name: str, data: Any, time: float) -> None:
     kind, needed, optional = LOADS[name]
@@ -164,7 +164,7 @@ ADDED: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", ADDED)
-@shared(costly(), ADDED)
+@shared(costly(), len(ADDED))
 @given(data=st.data())
 def test_added_masses(model: dj.Model, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = ADDED[name]
@@ -185,7 +185,7 @@ SUPPORTS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
-@shared(costly(), SUPPORTS)
+@shared(costly(), len(SUPPORTS))
 @given(data=st.data())
 def test_supports(blocks: Any, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = SUPPORTS[name]

@@ -81,7 +81,7 @@ DOORS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DOORS)
-@shared(cheap(), DOORS)
+@shared(cheap(), len(DOORS))
 @given(data=st.data())
 def test_options(name: str, data: Any) -> None:
     kind, needed, optional = DOORS[name]
@@ -89,7 +89,7 @@ def test_options(name: str, data: Any) -> None:
     answer(name, passed_on(lambda: kind(**given)))
 
 
-@costly()
+@shared(costly(), 3)
 @given(
     arguments(
         {},

@@ -59,7 +59,7 @@ class Odd:
     start = record = finish = advance = conserves = keeper = staticmethod(returning(None))
 
 
-@costly()
+@shared(costly(), 3)
 @given(
     given=arguments(
         {},
@@ -93,7 +93,7 @@ STATICS: dict[str, tuple[Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", STATICS)
-@shared(costly(), STATICS)
+@shared(costly(), len(STATICS))
 @given(data=st.data(), first=st.sampled_from([None, "active", "free"]))
 def test_static_stages(model: dj.Model, comm: Any, name: str, data: Any, first: Any) -> None:
     needed, optional = STATICS[name]
@@ -124,14 +124,14 @@ DYNAMICS = {
 }
 
 
-@costly()
+@shared(costly(), 3)
 @given(given=arguments({"dt": numbers(1e-3, 1e-2), "steps": FEW}, DYNAMICS, few(JUNK)))
 def test_dynamics(model: dj.Model, comm: Any, given: dict[str, Any]) -> None:
     run = dj.Simulation(model)
     answer("Simulation.dynamics", passed_on(lambda: run.dynamics(**given)), REFUSALS, comm)
 
 
-@costly()
+@shared(costly(), 3)
 @given(data=st.data(), other=st.none() | st.none() | st.none() | JUNK)
 def test_modes(model: dj.Model, comm: Any, data: Any, other: Any) -> None:
     system = model.system() if other is None else other
@@ -143,7 +143,7 @@ def test_modes(model: dj.Model, comm: Any, data: Any, other: Any) -> None:
     answer("JointForces", forces, REFUSALS, comm)
 
 
-@costly()
+@shared(costly(), 3)
 @given(given=arguments({"coordinates": st.none()}, {"rings": few(st.integers(-1, 4))}, few(JUNK)))
 @pytest.mark.filterwarnings("ignore:.* joint nodes keep their mass")
 def test_redistribute(model: dj.Model, comm: Any, given: dict[str, Any]) -> None:
@@ -165,14 +165,14 @@ FACES = st.dictionaries(
 )
 
 
-@costly()
+@shared(costly(), 3)
 @given(given=arguments({"faces": FACES}))
 def test_steady_temperature(blocks: Any, comm: Any, given: dict[str, Any]) -> None:
     solve = passed_on(lambda: dj.steady_temperature(blocks, **given))
     answer("steady_temperature", solve, REFUSALS, comm)
 
 
-@costly()
+@shared(costly(), 3)
 @given(
     given=arguments(
         {"faces": FACES, "reference": numbers(5.0), "expansion": numbers(1e-5)},
@@ -207,7 +207,7 @@ def own_law(spoiled: dict[str, Any], parts: dict[str, Any]) -> Any:
     return own
 
 
-@costly()
+@shared(costly(), 3)
 @given(
     spoiled=st.dictionaries(st.sampled_from([*METHODS, "internal_variables"]), JUNK, max_size=2),
     parts=st.dictionaries(
@@ -239,7 +239,7 @@ def results(new_path: Callable[[str], Path]) -> Path:
 PLACE = st.sampled_from([[0.5, 0.0], (0.5, 2.0), [0.5, 0.0, 0.0], [9.0, 9.0], np.array([0.0, 1.0])])
 
 
-@costly()
+@shared(costly(), 3)
 @given(
     given=arguments(
         {"points": st.dictionaries(st.text(max_size=2), PLACE, max_size=2)},

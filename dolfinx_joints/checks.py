@@ -233,8 +233,8 @@ def numbers_of(value: Any) -> NDArray[np.float64] | None:
 
 def check_count(
     name: str, value: Any, least: int, allowed: str, *, most: int = LARGEST_COUNT
-) -> None:
-    """Refuse what is no whole number from ``least`` to ``most``.
+) -> int:
+    """A whole number from ``least`` to ``most``, anything else refused.
 
     Raises:
         ValueError: The value is refused.
@@ -247,3 +247,4 @@ def check_count(
         raise ValueError(f"{name} is {shown(value)}; {allowed}.")
     if whole > most:
         raise ValueError(f"{name} is {shown(value)}; it must be {most} at most.")
+    return whole

@@ -231,6 +231,7 @@ class Motion:
             )
         if real(order) not in range(1, 9):
             raise RecordError(f"order must be a whole number from 1 to 8, got {shown(order)}.")
+        low, high = (None if corner is None else float(corner) for corner in (low, high))
         values = band_pass(self.acceleration, self.dt, low, high, int(order))
         return replace(self, acceleration=values)
 
@@ -244,7 +245,7 @@ class Motion:
         if (seconds is None) == (fraction is None):
             raise RecordError("Give the taper either in seconds or as a fraction.")
         ramp = real(fraction) * self.duration if seconds is None else real(seconds)
-        if not 0.0 < ramp <= 0.5 * self.duration:
+        if not SMALLEST <= ramp <= 0.5 * self.duration:
             raise RecordError(
                 f"Each ramp must last more than 0 s and at most half the duration, "
                 f"{0.5 * self.duration:.6g} s, got {ramp:.6g} s."
@@ -300,7 +301,7 @@ def synthetic_motion(
         RecordError: a parameter is out of its range.
         ValueError: ``seed`` is no whole number.
     """
-    check_count("seed", seed, 0, "it must be a whole number of at least 0")
+    seed = check_count("seed", seed, 0, "it must be a whole number of at least 0")
     if not 0.0 < 100.0 * real(dt) <= real(duration) <= LARGEST:
         raise RecordError(
             f"dt must be positive and at most duration / 100, got {shown(dt, str)} s in a duration "

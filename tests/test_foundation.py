@@ -13,6 +13,7 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_joints import (
     Checkpoints,
@@ -464,7 +465,7 @@ def test_what_is_refused(dam):
     with pytest.raises(ValueError, match="group is 7; it must be the name"):
         ViscousBoundary(group=7)
     with pytest.raises(ValueError, match="SupportForces: reaction is not of a model"):
-        SupportForces(reaction=None).patterns(model("base"))
+        SupportForces(reaction=PETSc.Vec().createSeq(1)).patterns(model("base"))
 
 
 def test_shaken_base_with_dashpots_is_an_outcrop(dam):

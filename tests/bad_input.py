@@ -82,6 +82,7 @@ def door(
     *,
     together: dict[str, str] | None = None,
     error: type[Exception] = ValueError,
+    title: str = "",
 ) -> Door:
     """A door with a row for each bad argument, the others as they should be.
 
@@ -92,6 +93,7 @@ def door(
         names: gives what the Python refers to.
         together: what is wrong with arguments that do not go together, and these arguments.
         error: type of the refusal.
+        title: name of the door; what is called, without ``dj.``, unless given.
     """
     rows = [
         _row(call, good, kind, {name: value}, names)
@@ -101,7 +103,7 @@ def door(
     for kind, text in (together or {}).items():
         given = dict(part.split("=", 1) for part in text.split("; "))
         rows.append(_row(call, good, kind, given, names))
-    return Door(call.removeprefix("dj."), error, tuple(rows))
+    return Door(title or call.removeprefix("dj."), error, tuple(rows))
 
 
 def _row(

@@ -191,5 +191,11 @@ DOORS: tuple[Door, ...] = (
             "contradiction": "ratio=(0.01, 0.5); frequencies=(1.0, 5.0)",
         },
     ),
-    door("dj.Rayleigh().ratio", {"frequency": "5.0"}, {"frequency": POSITIVE}, names),
+    door(
+        "dj.Rayleigh().ratio",
+        {"frequency": "5.0"},
+        {"frequency": POSITIVE},
+        names,
+        title="Rayleigh.ratio",
+    ),
 )

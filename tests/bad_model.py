@@ -233,6 +233,7 @@ DOORS: tuple[Door, ...] = (
             },
         },
         names,
+        title="Model, once it is simulated",
     ),
     door(
         "dj.Simulation",
@@ -268,8 +269,16 @@ DOORS: tuple[Door, ...] = (
             "joints": NO_CHOICE,
         },
         names,
+        title="Simulation.statics",
     ),
-    door("run.statics", {}, {"joints": {"too late": "'free'"}}, names, error=JointsError),
+    door(
+        "run.statics",
+        {},
+        {"joints": {"too late": "'free'"}},
+        names,
+        error=JointsError,
+        title="Simulation.statics, after a stage",
+    ),
     door(
         "run.grout",
         {},
@@ -282,8 +291,16 @@ DOORS: tuple[Door, ...] = (
             "gap": without(NO_NUMBER, negative="-1e-3"),
         },
         names,
+        title="Simulation.grout",
     ),
-    door("new.grout", {}, {"joints": {"too early": "None"}}, names, error=JointsError),
+    door(
+        "new.grout",
+        {},
+        {"joints": {"too early": "None"}},
+        names,
+        error=JointsError,
+        title="Simulation.grout, before any stage",
+    ),
     door(
         "new.quasi_statics",
         {},
@@ -301,16 +318,37 @@ DOORS: tuple[Door, ...] = (
             }
         },
         names,
+        title="Simulation.quasi_statics",
     ),
-    door("run.save_static", {}, {"path": {"nothing": "None", "number": "1", "empty": "''"}}, names),
-    door("new.save_static", {}, {"path": {"too early": "'state.h5'"}}, names, error=JointsError),
-    door("new.load_static", {}, {"path": {"nothing": "None", "number": "1", "empty": "''"}}, names),
+    door(
+        "run.save_static",
+        {},
+        {"path": {"nothing": "None", "number": "1", "empty": "''"}},
+        names,
+        title="Simulation.save_static",
+    ),
+    door(
+        "new.save_static",
+        {},
+        {"path": {"too early": "'state.h5'"}},
+        names,
+        error=JointsError,
+        title="Simulation.save_static, before any stage",
+    ),
+    door(
+        "new.load_static",
+        {},
+        {"path": {"nothing": "None", "number": "1", "empty": "''"}},
+        names,
+        title="Simulation.load_static",
+    ),
     door(
         "dj.Simulation(model).load_static",
         {},
         {"path": {"no such file": "'no_such_state.h5'"}},
         names,
         error=CheckpointError,
+        title="Simulation.load_static, files",
     ),
     door(
         "new.dynamics",
@@ -340,5 +378,6 @@ DOORS: tuple[Door, ...] = (
             "a temperature in a stage": "loads=[dj.Temperature(value=1.0, reference=0.0, "
             "expansion=1e-5)]",
         },
+        title="Simulation.dynamics",
     ),
 )

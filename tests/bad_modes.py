@@ -54,6 +54,7 @@ DOORS: tuple[Door, ...] = (
             "group": {"nothing": "None", "number": "1", "list": "['base']", "unknown": "'left'"},
         },
         names,
+        title="Model.resultant",
     ),
     door(
         "dj.redistribute",

@@ -175,6 +175,7 @@ DOORS: tuple[Door, ...] = (
             "progress": NO_FLAG,
         },
         names,
+        title="Study.run",
     ),
     door(
         "dj.Motion",

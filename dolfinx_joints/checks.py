@@ -74,7 +74,7 @@ def check_number(
 
 def real(value: Any) -> float:
     """A value as a number, NaN if it is none, as truth values and texts."""
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
         return float(value)

@@ -61,7 +61,7 @@ def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of("points", points, named and len(points) > 0, "coordinates by name of a point")
     places = (check_vector(f"The point {shown(n)}", p, (2, 3)) for n, p in points.items())
-    return {name: tuple(place.tolist()) for name, place in zip(points, places, strict=True)}
+    return {n: tuple(float(x) for x in place) for n, place in zip(points, places, strict=True)}
 
 
 def _node_keys(model: Model) -> NDArray[np.int64]:

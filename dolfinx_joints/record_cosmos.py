@@ -22,7 +22,7 @@ _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)
 _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
-_WIDTH = re.compile(r"Format\s*=\s*\(\s*(\d{1,3})\s*[IFEGD](\d{1,2})", re.I)
+_WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
 _BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d{1,3})\s*\)", re.I)
 _UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
 

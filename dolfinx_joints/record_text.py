@@ -21,6 +21,9 @@ from dolfinx_joints.records import STANDARD_GRAVITY
 MAX_BYTES = 50_000_000
 """Largest file that is read [bytes]; an hour at 200 samples per second takes 12e6."""
 
+STEPS = (1e-6, 100.0)
+"""Shortest and longest time between samples that is believed [s]."""
+
 MAX_PEAK_G = 20.0
 """Largest acceleration that is believed, in units of g; the strongest ever recorded is below 5."""
 
@@ -240,7 +243,7 @@ def component(
     record: str,
     header: int,
 ) -> Component:
-    """A component in m/s^2, refused where its unit cannot be true.
+    """A component in m/s^2, refused where its unit or its time step cannot be true.
 
     Args:
         text: the file.
@@ -251,6 +254,11 @@ def component(
         record: name of the record.
         header: how many lines the header has.
     """
+    if not STEPS[0] <= dt <= STEPS[1]:
+        raise RecordError(
+            f"{text.path}: a time step of {dt:.6g} s is none of a ground motion, which has from "
+            f"{STEPS[0]:g} to {STEPS[1]:g} s."
+        )
     acceleration = UNITS[unit] * values
     place = int(np.argmax(np.abs(acceleration)))
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:

@@ -75,6 +75,8 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
     there = [str(path) for path in paths.values() if path.exists()]
+    if folder.exists() and not folder.is_dir():
+        raise ResultsError(f"{folder} is a file; the tables need a folder.")
     if there and not overwrite:
         raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
     try:

@@ -56,7 +56,7 @@ def answer(
 ) -> Any:
     """What a door makes of one input, or None where it refuses it; counted under its name.
 
-    A refusal is raised by a ``raise`` of the package, not by a library below it, and is one sentence.
+    A refusal is one sentence, raised by a ``raise`` of the package, not by a library below it.
 
     Args:
         door: name of the door, for the counts.

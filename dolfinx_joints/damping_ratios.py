@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.modal import Modes
-from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.system import MatrixSystem, check_system
 
 Floats = NDArray[np.float64]
 
@@ -76,6 +76,7 @@ def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
         system: The system.
         modes: Its modes, from `modes`.
     """
+    check_system(system)
     check_kind_of("modes", modes, isinstance(modes, Modes), "what modes() returns")
     count = len(modes.shapes)
     matrix = np.empty((count, count))

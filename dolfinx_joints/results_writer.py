@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from dolfinx_joints.checks import check_kind_of, shown
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.file_lock import FileLock
 from dolfinx_joints.hdf5_checks import set_texts
@@ -352,11 +353,23 @@ def _counted(rows: Mapping[str, int]) -> str:
     return ", ".join(f"{count} records of {name!r}" for name, count in rows.items()) or "nothing"
 
 
+def check_storable(name: str, value: Any) -> None:
+    """Refuse what a file cannot hold as facts of a run.
+
+    Raises:
+        ValueError: It is no mapping.
+        ResultsError: JSON cannot hold it.
+    """
+    check_kind_of(name, value, isinstance(value, Mapping), "values by name")
+    _encode_json(value, name)
+
+
 def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
     try:
         text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
-    except (TypeError, ValueError) as error:
-        raise ResultsError(f"The {what} must be what JSON can hold: {error}.") from error
+    except (TypeError, ValueError, RecursionError) as error:
+        said = shown(error, str)
+        raise ResultsError(f"The {what} must be what JSON can hold: {said}.") from error
     # Names of files on the command line need not be UTF-8.
     return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 
@@ -366,4 +379,4 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} {value!r} is not JSON")
+    raise TypeError(f"{type(value).__name__} {shown(value)} is not JSON")

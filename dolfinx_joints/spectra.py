@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import LARGEST, SMALLEST, finite, numbers_of, real, shown
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 Floats = NDArray[np.floating[Any]]
@@ -287,8 +288,9 @@ def significant_duration(
     Returns:
         Both times [s], linear between samples; their difference is the significant duration.
     """
-    if not 0.0 <= lower < upper <= 1.0:
-        raise ValueError(f"lower and upper must rise within 0 to 1, got {lower} and {upper}.")
+    if not 0.0 <= real(lower) < real(upper) <= 1.0:
+        got = f"{shown(lower, str)} and {shown(upper, str)}"
+        raise ValueError(f"lower and upper must rise within 0 to 1, got {got}.")
     intensity = arias_intensity(acceleration, dt)
     total = intensity.reshape(len(intensity), -1).sum(axis=1)
     if total[-1] == 0.0:
@@ -327,9 +329,10 @@ def _first_reached(shares: Floats, share: float) -> float:
 
 
 def _periods(periods: ArrayLike) -> Floats:
-    natural: Floats = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    if natural.ndim != 1 or not (np.isfinite(natural).all() and (natural > 0.0).all()):
-        raise ValueError(f"periods must be positive numbers of seconds, got {natural}.")
+    numbers = numbers_of(periods)
+    natural: Floats = np.atleast_1d(np.nan if numbers is None else numbers)
+    if natural.ndim != 1 or not ((natural >= SMALLEST) & (natural <= LARGEST)).all():
+        raise ValueError(f"periods must be positive numbers of seconds, got {shown(periods, str)}.")
     return natural
 
 
@@ -337,8 +340,9 @@ def _oscillators(
     acceleration: Floats, dt: float, periods: Floats, damping_ratio: float
 ) -> Iterator[Floats]:
     """Displacements at the second sample, the third, ..., each of shape (p, columns), [m]."""
-    if not 0.0 <= damping_ratio < 1.0:
-        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {damping_ratio}.")
+    if not 0.0 <= real(damping_ratio) < 1.0:
+        got = shown(damping_ratio, str)
+        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {got}.")
     homogeneous, by_load = _recursion(2.0 * np.pi / periods, damping_ratio, dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
     for before, after in pairwise(acceleration):
@@ -366,11 +370,13 @@ def _matrices(entries: list[list[Floats]]) -> Floats:
 
 
 def _signal(signal: ArrayLike, dt: float) -> Floats:
-    values: Floats = np.asarray(signal, dtype=np.float64)
+    values = numbers_of(signal)
+    if values is None:
+        raise ValueError(f"A signal must be real numbers, got {shown(signal)}.")
     if values.ndim < 1 or len(values) < 2:
         raise ValueError(f"A signal must have at least 2 samples, got shape {values.shape}.")
-    if not np.isfinite(values).all():
-        raise ValueError("A signal must be finite, got NaN or infinity.")
-    if not (np.isfinite(dt) and dt > 0.0):
-        raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
+    if not finite(values):
+        raise ValueError(f"A signal must be finite, got NaN, infinity or more than {LARGEST:g}.")
+    if not SMALLEST <= real(dt) <= LARGEST:
+        raise ValueError(f"dt must be a positive number of seconds, got {shown(dt, str)}.")
     return values

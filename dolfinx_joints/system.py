@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_kind_of, number_at
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
@@ -185,9 +186,6 @@ class MatrixSystem:
     def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
         """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
         factors = scale * self._factors(time)
-        wrong = factors[~np.isfinite(factors)]
-        if len(wrong):
-            raise ValueError(f"The factor of a load is {wrong[0]} at t = {time:g} s.")
         out.set(0.0)
         for factor, vector in zip(factors, self._vectors, strict=True):
             out.axpy(float(factor), vector)
@@ -218,9 +216,14 @@ class MatrixSystem:
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
         """Factors of the patterns at a time, those of the last times kept."""
-        return lru_cache(maxsize=2)(
-            lambda time: np.array([factor(time) for _, factor in self.patterns], dtype=float)
-        )
+        names = [*self.load_names, *["load"] * (len(self.patterns) - len(self.load_names))]
+        patterns = list(zip(names, (factor for _, factor in self.patterns), strict=True))
+
+        def factors(time: float) -> Floats:
+            each = [number_at(f"The factor of {name}", factor, time) for name, factor in patterns]
+            return np.array(each, dtype=np.float64)
+
+        return lru_cache(maxsize=2)(factors)
 
     def prescribed_rates(
         self, time: float, spacing: float
@@ -241,6 +244,16 @@ class MatrixSystem:
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
+
+
+def check_system(system: Any) -> None:
+    """Refuse what is no system, such as the model that makes one.
+
+    Raises:
+        ValueError: It is none.
+    """
+    good = isinstance(system, MatrixSystem)
+    check_kind_of("system", system, good, "a MatrixSystem, such as model.system()")
 
 
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:

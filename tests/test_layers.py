@@ -104,6 +104,7 @@ LEVELS = {
     "supports": 3.0,
     "wetted": 3.0,
     "system": 4.0,
+    "model_checks": 4.0,
     "matrices": 4.0,
     "loads": 4.0,
     "water": 4.1,

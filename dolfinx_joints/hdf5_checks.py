@@ -41,6 +41,9 @@ DAMAGE = (
     RecursionError,
 )
 
+OTHER = "holds something else than a run writes"
+"""What `DamageTold` says of a file that is whole, but not of a run."""
+
 _DEPTH = 8
 _NAMES = 100_000
 # Room for rows that a killed run had declared and not yet written.

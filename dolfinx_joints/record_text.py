@@ -15,6 +15,7 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.records import STANDARD_GRAVITY
 
@@ -123,24 +124,25 @@ class RecordText:
         """A finite number in a line, or a refusal that names ``what``."""
         value = float(text) if _NUMBER.fullmatch(text) else np.nan
         if not np.isfinite(value):
-            self.fail(number, f"{what}{' ' if what else ''}{text!r} is not a finite number.")
+            self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
         return value
 
     def positive(self, number: int, text: str, what: str) -> float:
         """A finite number above zero in a line."""
         value = self.number(number, text, what)
         if value <= 0.0:
-            self.fail(number, f"{what} must be positive, got {text}.")
+            self.fail(number, f"{what} must be positive, got {shown(text, str)}.")
         return value
 
     def count(self, number: int, text: str, what: str = "the number of values") -> int:
         """A number of values, at least 2 and no more than the file can hold."""
         if not re.fullmatch(r"\d+", text):
-            self.fail(number, f"{what} must be a whole number, got {text!r}.")
+            self.fail(number, f"{what} must be a whole number, got {shown(text)}.")
         most = self.size // 2  # a digit and a space each
         if len(text) > 18 or not 2 <= int(text) <= most:
+            got = shown(text, str)
             self.fail(
-                number, f"{what} must be from 2 to {most}, which fit into the file, got {text}."
+                number, f"{what} must be from 2 to {most}, which fit into the file, got {got}."
             )
         return int(text)
 
@@ -205,7 +207,7 @@ def unit_named(text: str, where: str) -> str:
     plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
     if plain not in UNITS:
         raise RecordError(
-            f"{where}: {str(text).strip()!r} is no known unit of acceleration; known are "
+            f"{where}: {shown(str(text).strip())} is no known unit of acceleration; known are "
             f"{', '.join(UNITS)}."
         )
     return plain

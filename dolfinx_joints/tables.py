@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import OTHER, DamageTold
 from dolfinx_joints.measures import COMPONENTS, JOINT_MEASURES, joint_measures
 from dolfinx_joints.resultants import (
     RESULTANT_MEASURES,
@@ -91,6 +92,12 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 def tables_of(results: Results) -> dict[str, Table]:
     """The tables of `write_csv` by name, those for which the file holds something."""
     streams = {name for name in results.streams if results.rows(name)}
+    with DamageTold(results.path, ResultsError, OTHER):
+        return _tables(results, streams)
+
+
+def _tables(results: Results, streams: set[str]) -> dict[str, Table]:
+    """The tables of what a file has recorded in these streams."""
     found = {}
     if "histories" in streams:
         found["histories"] = _histories(results)

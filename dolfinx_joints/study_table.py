@@ -56,10 +56,14 @@ def read_row(path: Path) -> Row | None:
         return None
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise StudyError(f"{path} is not a row of a study: {error}.") from None
     if not isinstance(row, dict) or not {*OWN_COLUMNS, "parameters", "values"} <= row.keys():
         raise StudyError(f"{path} is not a row of a study.")
+    try:
+        gather([row])
+    except (TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
+        raise StudyError(f"{path} is a row of a study that fits no table: {error}.") from None
     return row
 
 

@@ -124,9 +124,7 @@ class Contents:
         MeshError: The file contradicts itself or is of another version.
     """
 
-    def __init__(
-        self, data: bytes, source: str, nodes_per_cell: Callable[[int], int]
-    ) -> None:
+    def __init__(self, data: bytes, source: str, nodes_per_cell: Callable[[int], int]) -> None:
         self._data, self._source, self._nodes_per_cell = data, source, nodes_per_cell
         self._entities: set[tuple[int, int]] = set()
         self._nodes: Tags = np.zeros(0, dtype=np.int64)

@@ -234,7 +234,9 @@ def _check_names(names: list[str], where: str) -> None:
     known = ", ".join(_REQUIRED + _OPTIONAL)
     for name in names:
         if name not in _REQUIRED + _OPTIONAL:
-            raise ValueError(f"{where}: {name[:40]!r} is no column of a table of sections: {known}.")
+            raise ValueError(
+                f"{where}: {name[:40]!r} is no column of a table of sections: {known}."
+            )
         if names.count(name) > 1:
             raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
     for name in _REQUIRED:

@@ -157,7 +157,7 @@ def one_sentence(failure):
         (b"", " is empty."),
         (b"\x89HDF\r\n", " is no STEP file: it does not begin with 'ISO-10303-21;'."),
         (b"ISO-10303-21;\nHEADER;\n", " is truncated: it does not end with 'END-ISO-10303-21;'."),
-        (b"ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n", " cannot be read: "),
+        (b"ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n", " has no section 'DATA;' that ends with 'ENDSEC;'."),
     ],
 )
 def test_malformed_files_are_refused(tmp_path, content, sentence):

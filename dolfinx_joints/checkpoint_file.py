@@ -86,6 +86,8 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
         with h5py.File(path, "r") as file:
             _check(path, attribute(file, "format"), attribute(file, "version"))
             check_contents(file, path, CheckpointError)
+            if "facts" not in file:
+                raise ValueError("it holds no facts")
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
             for name in _names(file.get("arrays")):
                 *folders, last = name.split("/")

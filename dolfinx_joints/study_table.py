@@ -182,7 +182,10 @@ def _columns(file: h5py.File, place: Path) -> Table:
     check_contents(file, place, StudyError)
     table: Table = {}
     for name in json.loads(bytes(file["names"][()]).decode()):
-        values = file["columns"][name.replace("/", "|")][()]
+        where = f"columns/{name.replace('/', '|')}"
+        if where not in file:
+            raise ValueError(f"the column {name!r} is missing")
+        values = file[where][()]
         if values.dtype.kind == "S":
             values = np.array([entry.decode() for entry in values], dtype=object)
         table[name] = values

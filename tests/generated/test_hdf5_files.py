@@ -20,7 +20,7 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given, note
 from mutations import SEEDS, TOKENS, changed_bytes
-from test_hostile_files import SECRET, changing, checkpoint, sealed, table
+from test_hostile_files import SECRET, changing, checkpoint, modes_file, sealed, table
 
 from dolfinx_joints.checkpoint_file import read_checkpoint
 from dolfinx_joints.errors import CheckpointError, ResultsError, StudyError
@@ -47,16 +47,6 @@ def results(path: Path) -> None:
             writer.append("histories", 0.1 * row, {"displacement": np.full((1, 3), row)})
             writer.append("states", 0.1 * row, {"joints/joint_1/gap": np.zeros((2, 3))})
         writer.finish("complete", {"seconds": {"steps": 1.5}, "iterations": 7})
-
-
-def modes(path: Path) -> None:
-    """Two modes, as `write_modes` lays them out."""
-    with ResultsWriter(path, {"stage": "modes", "modes": 2}) as writer:
-        writer.static("modes/frequency", np.array([1.0, 2.0]), "Hz", "frequencies")
-        writer.static("modes/shape", np.ones((2, 4, 3)), "kg^-1/2", "shapes")
-        writer.static("modes/participation", np.ones((2, 3)), "kg^1/2", "factors")
-        writer.start()
-        writer.finish("complete", {})
 
 
 def read_arrays(path: Path) -> None:
@@ -93,7 +83,7 @@ class Kind(NamedTuple):
 
 KINDS = {
     "results file": Kind(results, read_results, ResultsError),
-    "mode file": Kind(modes, read_results, ResultsError),
+    "mode file": Kind(modes_file, read_results, ResultsError),
     "checkpoint": Kind(
         checkpoint, lambda path, _: read_checkpoint(path, ("memory",)), CheckpointError
     ),

@@ -79,7 +79,7 @@ class _Section:
         if kind == "f8":
             return found
         if count and not (
-            -_LARGEST <= found.min() and found.max() <= _LARGEST and (found % 1 == 0).all()
+            found.min() >= -_LARGEST and found.max() <= _LARGEST and (found % 1 == 0).all()
         ):
             self.fail("holds a number where a whole one is needed")
         if count and kind == "u8" and found.min() < 0:
@@ -118,7 +118,7 @@ class Contents:
     Args:
         data: The file.
         source: What errors call it.
-        nodes_per_cell: Number of nodes of a Gmsh type of cell; raises an exception if there is none.
+        nodes_per_cell: Number of nodes of a Gmsh type of cell; raises an exception without one.
 
     Raises:
         MeshError: The file contradicts itself or is of another version.
@@ -187,10 +187,10 @@ class Contents:
         place = count.end()
         for _ in range(int(count[1])):
             found = _NAME.match(self._data, place)
-            if found is None or not (0 <= int(found[1]) <= 3 and 0 < int(found[2])):
+            if found is None or not (0 <= int(found[1]) <= 3 and int(found[2]) > 0):
                 raise MeshError(
-                    f"{self._source}: the section $PhysicalNames must have {int(count[1])} lines of "
-                    "a dimension, a tag and a name."
+                    f"{self._source}: the section $PhysicalNames must have {int(count[1])} lines "
+                    "of a dimension, a tag and a name."
                 )
             try:
                 found[3].decode()
@@ -292,7 +292,7 @@ class Contents:
         return section.end()
 
     def _open_22(self, name: str, start: int) -> _Section:
-        """A section of version 2.2, which begins with a count that is text also where it is binary."""
+        """A section of version 2.2, which begins with a count."""
         return _Section22(name, self._source, self._data, start, self._binary)
 
     def _count_of(self, section: _Section, kind: int) -> int:

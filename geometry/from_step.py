@@ -152,7 +152,7 @@ def _check_content(step: Path) -> None:
 
 
 def _check_entities(step: Path, text: str) -> None:
-    """Raise ValueError where Open CASCADE might crash: entities that are none, or lead in a ring."""
+    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring."""
     _, begin, rest = _ASIDE.sub(lambda found: "$" if found[0][0] == "'" else " ", text).partition(
         "DATA;"
     )

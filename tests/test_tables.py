@@ -18,7 +18,7 @@ from dolfinx_joints.results import ENERGY_TERMS
 from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results_overview import overview
 from dolfinx_joints.results_writer import ResultsWriter
-from dolfinx_joints.tables import write_csv, tables_of
+from dolfinx_joints.tables import tables_of, write_csv
 
 STEPS, EVERY = 7, 3
 RANDOM = np.random.default_rng(7)

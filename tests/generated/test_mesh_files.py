@@ -11,11 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gmsh
 import numpy as np
 import pytest
-
-gmsh = pytest.importorskip("gmsh")
-
 from bad_files import mesh_door
 from generated_input import answer, costly
 from hypothesis import given

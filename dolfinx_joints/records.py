@@ -323,8 +323,8 @@ def synthetic_motion(
     phase = 2.0 * np.pi * (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
     if time.size * frequency.size > _MOST_SINES:
         raise RecordError(
-            f"{time.size} samples of {frequency.size} sines are more than {_MOST_SINES:.0e} values; "
-            "take a shorter duration, a longer dt or a narrower band."
+            f"{time.size} samples of {frequency.size} sines are more than {_MOST_SINES:.0e} "
+            "values; take a shorter duration, a longer dt or a narrower band."
         )
     blocks = np.array_split(time, 1 + time.size * frequency.size // 10_000_000)
     waves = np.concatenate(

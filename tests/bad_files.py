@@ -320,7 +320,8 @@ def page() -> str:
         "made room for that is larger than the file can hold. HDF5 itself reads some damaged files "
         "for ever: checkpoints and study tables end with a checksum of all before it, which is "
         "looked at first, and results files are of the kind whose metadata HDF5 compares with "
-        "checksums. `tests/generated/` gives all these readers thousands of changed files (`make fuzz`).",
+        "checksums. `tests/generated/` gives all these readers thousands of changed files "
+        "(`make fuzz`).",
     ]
     with tempfile.TemporaryDirectory() as folder:
         for door in doors():

@@ -7,12 +7,15 @@ from __future__ import annotations
 import math
 import operator
 import os
+import re
 from collections.abc import Callable, Collection
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
@@ -38,8 +41,10 @@ def shown(value: Any, say: Callable[[Any], str] = repr) -> str:
         text = say(value)
     except Exception:  # what a class of the user's own may do, or an int of 5000 digits
         text = f"a value of type {type(value).__name__}"
+    text = _ADDRESS.sub("", text)  # other on every rank
     text = "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
-    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 3]}..."
+    cut = LONGEST_SHOWN // 2
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:cut]}...{text[-cut + 3 :]}"
 
 
 def check_number(
@@ -157,9 +162,7 @@ def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.fl
     return vector
 
 
-def number_at(
-    name: str, function: Callable[[float], Any], time: float, *, unit: str = ""
-) -> float:
+def number_at(name: str, function: Callable[[float], Any], time: float, *, unit: str = "") -> float:
     """What a function of time gives, a finite number.
 
     Args:
@@ -180,21 +183,22 @@ def number_at(
 
 
 def check_each(
-    name: str, given: Any, count: int, *, negative: bool = True
+    name: str, given: Any, count: int, *, negative: bool = True, one: bool = True
 ) -> NDArray[np.float64]:
-    """What a function of points gives, one finite number for each or one for all, shape (count,).
+    """What a function of points gives, a finite number for each, shape (count,).
 
     Args:
         name: What the values are.
         given: What the function has given, or a number in its place.
         count: Number of points.
         negative: Whether values may be negative.
+        one: Whether one number for all will do.
 
     Raises:
         ValueError: It is something else.
     """
     values = numbers_of(given)
-    fits = values is not None and values.shape in ((), (count,))
+    fits = values is not None and values.shape in (((), (count,)) if one else ((count,),))
     if values is None or not (fits and finite(values) and (negative or (values >= 0.0).all())):
         said = shown(given) if values is None else f"an array of shape {values.shape}"
         if fits and values is not None and values.size:
@@ -229,8 +233,8 @@ def numbers_of(value: Any) -> NDArray[np.float64] | None:
 
 def check_count(
     name: str, value: Any, least: int, allowed: str, *, most: int = LARGEST_COUNT
-) -> None:
-    """Refuse what is no whole number from ``least`` to ``most``.
+) -> int:
+    """A whole number from ``least`` to ``most``, anything else refused.
 
     Raises:
         ValueError: The value is refused.
@@ -243,3 +247,4 @@ def check_count(
         raise ValueError(f"{name} is {shown(value)}; {allowed}.")
     if whole > most:
         raise ValueError(f"{name} is {shown(value)}; it must be {most} at most.")
+    return whole

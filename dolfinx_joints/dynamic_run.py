@@ -17,7 +17,7 @@ from dolfinx_joints.checks import check_flag, check_kind_of, offers
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
-from dolfinx_joints.model_checks import check_nodal
+from dolfinx_joints.model_checks import check_loads, check_nodal
 from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import SolveReport, StepSolver
@@ -238,9 +238,18 @@ class DynamicRun:
         )
 
 
-def check_beginning(
-    model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any
-) -> None:
+def check_options(model: Model, loads: Any, scheme: Any, control: Any) -> None:
+    """Refuse loads, a scheme or a control that are no such things.
+
+    Raises:
+        ValueError: One is not.
+    """
+    check_loads(model.jointed, loads)
+    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
+    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+
+
+def check_beginning(model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any) -> None:
     """Refuse what a dynamic stage cannot begin with (collective).
 
     Raises:

@@ -124,8 +124,8 @@ class ElasticBody:
         for given in by_group.values():
             if not _is_material(given):
                 raise ValueError(
-                    f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a plastic "
-                    "material, or one of these per named cell group."
+                    f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a "
+                    "plastic material, or one of these per named cell group."
                 )
         self._plastic = {group: is_plastic(given) for group, given in by_group.items()}
         elastic = {group: elastic_part(given) for group, given in by_group.items()}

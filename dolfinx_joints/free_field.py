@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.absorbing import impedance
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_kind_of, check_number, offers
 from dolfinx_joints.loads import TimeFactor, always, in_axes
 from dolfinx_joints.supports import components_of
 
@@ -48,7 +48,7 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
         Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
         after it what the record ends with, so correct its baseline.
     """
-    check_kind_of("outcrop", outcrop, hasattr(outcrop, "integrated"), "a Motion")
+    check_kind_of("outcrop", outcrop, offers(outcrop, "integrated"), "a Motion")
     acceleration, dt = outcrop.acceleration, outcrop.dt
     velocity, _ = outcrop.integrated()
 
@@ -183,6 +183,11 @@ class SupportForces:
     """
 
     reaction: PETSc.Vec
+
+    def __post_init__(self) -> None:
+        """Check the forces."""
+        good = offers(self.reaction, "getLocalSize")
+        check_kind_of("SupportForces: reaction", self.reaction, good, "nodal forces in a vector")
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """The forces, but where this model holds the body itself (collective)."""

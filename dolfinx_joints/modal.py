@@ -67,7 +67,7 @@ def modes(system: MatrixSystem, count: int) -> Modes:
         count: Number of modes.
 
     Raises:
-        ValueError: ``count`` is not positive.
+        ValueError: ``count`` is not positive, or there are fewer free unknowns with mass.
         ConvergenceError: SLEPc found fewer modes.
     """
     from slepc4py import SLEPc

@@ -125,7 +125,9 @@ class Model:
             flags={"symmetric": symmetric, "redistribute_mass": redistribute_mass},
         )
         check_joints(jointed, joints, initial_gaps)
-        check_kind_of("supports", supports, isinstance(supports, list | tuple), "a list")
+        check_kind_of(
+            "supports", supports, isinstance(supports, list | tuple), "a list of supports"
+        )
         check_loads(jointed, loads)
         check_added(added_mass)
         rayleigh = damping or Rayleigh()

@@ -81,7 +81,7 @@ def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
         )
     for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
         if not jointed.joint_names and isinstance(given, Mapping) and given:
-            names = ", ".join(map(shown, given))
+            names = ", ".join(shown(name, str) for name in given)
             raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
 
 
@@ -91,7 +91,7 @@ def check_added(added_mass: Any) -> None:
     Raises:
         ValueError: It is not.
     """
-    _check_list("added_mass", added_mass)
+    _check_list("added_mass", added_mass, "added masses")
     for added in added_mass:
         check_kind_of("An added mass", added, offers(added, "matrix"), ADDED)
 
@@ -103,7 +103,7 @@ def check_loads(jointed: JointedMesh, loads: Any) -> None:
         ValueError: It is not, or a factor is no function.
         MeshError: There is no such group.
     """
-    _check_list("loads", loads)
+    _check_list("loads", loads, "loads")
     for load in loads:
         check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
         if hasattr(load, "group"):
@@ -113,8 +113,8 @@ def check_loads(jointed: JointedMesh, loads: Any) -> None:
             check_function("factor", factor)
 
 
-def _check_list(name: str, values: Any) -> None:
-    check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
+def _check_list(name: str, values: Any, of: str) -> None:
+    check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {of}")
 
 
 def check_form(form: Any, arguments: int, what: str) -> None:

@@ -79,8 +79,7 @@ class ResultsMonitor:
         check_storable("metadata", {} if metadata is None else metadata)
         self._path, self._points, self._every = Path(path), checked_points(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
-        self._with_envelopes = chosen_faces(envelopes)
-        self._with_resultants = resultants
+        self._with_envelopes, self._with_resultants = chosen_faces(envelopes), resultants
         self._writer: ResultsWriter | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:

@@ -50,7 +50,8 @@ class Orthotropic:
         """Check the parameters."""
         for name in ("young", "poisson", "shear"):
             values = getattr(self, name)
-            three = isinstance(values, Sequence | np.ndarray) and len(values) == 3
+            row = isinstance(values, np.ndarray) and values.ndim == 1
+            three = (row or isinstance(values, Sequence)) and len(values) == 3
             check_kind_of(f"Orthotropic: {name}", values, three, "three numbers")
         for name, values in (("young", self.young), ("shear", self.shear)):
             for value in values:
@@ -111,7 +112,8 @@ class Orthotropic:
                 u, _, v = np.linalg.svd(frame)  # exactly orthogonal
                 return u @ v
         raise ValueError(
-            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in x, y, z."
+            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in "
+            "x, y, z."
         )
 
 

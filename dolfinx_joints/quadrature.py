@@ -98,6 +98,6 @@ def check_rule(rule: Any) -> None:
     least, most = GAUSS_DEGREES
     if not least <= exact_to <= most:
         raise ValueError(
-            f"quadrature is {shown(rule)}; it must be one of {', '.join(RULES)}, or the degree of a "
-            f"Gauss rule, a whole number from {least} to {most}."
+            f"quadrature is {shown(rule)}; it must be one of {', '.join(RULES)}, or the degree of "
+            f"a Gauss rule, a whole number from {least} to {most}."
         )

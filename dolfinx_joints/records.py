@@ -73,7 +73,9 @@ class Motion:
             row = int(np.argmin((np.abs(values) <= LARGEST).all(axis=1)))
             raise RecordError(f"acceleration must be finite, got {values[row]} at sample {row}.")
         if not SMALLEST <= real(self.dt) <= LARGEST:
-            raise RecordError(f"dt must be a positive number of seconds, got {shown(self.dt, str)}.")
+            raise RecordError(
+                f"dt must be a positive number of seconds, got {shown(self.dt, str)}."
+            )
         if not isinstance(self.name, str):
             raise RecordError(f"name must be a text, got {shown(self.name)}.")
         values.flags.writeable = False
@@ -231,6 +233,7 @@ class Motion:
             )
         if real(order) not in range(1, 9):
             raise RecordError(f"order must be a whole number from 1 to 8, got {shown(order)}.")
+        low, high = (None if corner is None else float(corner) for corner in (low, high))
         values = band_pass(self.acceleration, self.dt, low, high, int(order))
         return replace(self, acceleration=values)
 
@@ -257,7 +260,9 @@ class Motion:
         """Multiply by one factor, or by one for each component."""
         factors = numbers_of(factor)
         if factors is None or factors.shape not in ((), (3,)) or not finite(factors):
-            raise RecordError(f"factor must be one finite number or three, got {shown(factor, str)}.")
+            raise RecordError(
+                f"factor must be one finite number or three, got {shown(factor, str)}."
+            )
         return replace(self, acceleration=factors * self.acceleration)
 
 
@@ -298,7 +303,7 @@ def synthetic_motion(
         RecordError: a parameter is out of its range.
         ValueError: ``seed`` is no whole number.
     """
-    check_count("seed", seed, 0, "it must be a whole number of at least 0")
+    seed = check_count("seed", seed, 0, "it must be a whole number of at least 0")
     if not 0.0 < 100.0 * real(dt) <= real(duration) <= LARGEST:
         raise RecordError(
             f"dt must be positive and at most duration / 100, got {shown(dt, str)} s in a duration "

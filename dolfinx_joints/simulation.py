@@ -20,17 +20,15 @@ from dolfinx_joints.checks import (
     check_choice,
     check_count,
     check_kind_of,
-    check_path,
     finite,
     numbers_of,
     offers,
 )
-from dolfinx_joints.dynamic_run import DynamicRun, check_beginning
+from dolfinx_joints.dynamic_run import DynamicRun, check_beginning, check_options
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.file_lock import released
 from dolfinx_joints.loads import BaseMotion, Load, check_motion, in_axes
 from dolfinx_joints.model import Model
-from dolfinx_joints.model_checks import check_loads
 from dolfinx_joints.parallel import free_petsc_garbage
 from dolfinx_joints.schemes import EnergyConsistent
 from dolfinx_joints.small_displacements import SmallDisplacements
@@ -201,7 +199,6 @@ class Simulation:
             JointsError: There was no static stage.
             CheckpointError: The file cannot be written.
         """
-        check_path("path", path)
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
         from dolfinx_joints.checkpoint import static_keeper
@@ -217,7 +214,6 @@ class Simulation:
         Raises:
             CheckpointError: There is no such file, it is damaged, or of another model.
         """
-        check_path("path", path)
         from dolfinx_joints.checkpoint import static_keeper
 
         self.static = static_keeper(path, self.model).load_static()
@@ -264,12 +260,10 @@ class Simulation:
         """
         check_step(dt)
         check_count("steps", steps, 1, "at least one time step is needed")
-        check_loads(self.model.jointed, loads)
-        check_beginning(self.model, velocity, start, checkpoint, resume)
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control
-        check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
-        check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+        check_options(self.model, loads, scheme, control)
+        check_beginning(self.model, velocity, start, checkpoint, resume)
         if motion is not None:
             check_motion(motion, self.model.gdim)
             motion = in_axes(motion, self.model.gdim)

@@ -320,8 +320,8 @@ def _address(function: Function) -> tuple[str, str]:
         module = "" if spec is None else spec.name
     if not module or "." in name or name == "<lambda>":
         raise ValueError(
-            f"The function {shown(name)} of a study must be at the top level of a module that can be "
-            "imported: other processes run it."
+            f"The function {shown(name)} of a study must be at the top level of a module that can "
+            "be imported: other processes run it."
         )
     return module, name
 
@@ -340,7 +340,9 @@ def _check_parameters(function: Function, case: str, parameters: Mapping[str, An
     try:
         inspect.signature(function).bind(Path(), **parameters)
     except TypeError as error:
-        raise ValueError(f"The parameters of the case {case!r} do not fit: {shown(error, str)}.") from None
+        raise ValueError(
+            f"The parameters of the case {case!r} do not fit: {shown(error, str)}."
+        ) from None
     try:
         json.dumps(dict(parameters), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:

@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.checks import check_function, check_name, check_number, shown
+from dolfinx_joints.checks import check_function, check_name, check_number, real, shown
 from dolfinx_joints.elasticity import Elastic
 from dolfinx_joints.loads import Load, TimeFactor, always
 from dolfinx_joints.mesh import JointedMesh
@@ -118,11 +118,12 @@ class Temperature:
         mesh, value = model.jointed.mesh, self.value
         if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
             value = value(ufl.SpatialCoordinate(mesh))
-        if isinstance(value, Real):
+        if not isinstance(value, Expr) and math.isfinite(real(value)):
+            check_number("Temperature: value", value, lambda _: True, "finite")
             return fem.Constant(mesh, float(value))
         if not (isinstance(value, Expr) and value.ufl_shape == ()):
             raise ValueError(
-                f"Temperature: value is {str(value)[:80]}; it must be a number or a scalar UFL "
+                f"Temperature: value is {shown(value, str)}; it must be a number or a scalar UFL "
                 "expression."
             )
         if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):

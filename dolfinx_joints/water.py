@@ -156,7 +156,7 @@ class WestergaardMass:
             return self.level - lowest if self.depth is None else self.depth
         flat = positions.reshape(-1, positions.shape[-1])
         name = f"{on_group(self)}: depth"
-        deep = check_each(name, self.depth(flat), len(flat), negative=False)
+        deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
         return deep.reshape(positions.shape[:-1])
 
 
@@ -192,4 +192,6 @@ def _check(load: Any, *positive: str) -> None:
     check_number(f"{on_group(load)}: level", load.level, lambda _: True, "finite", unit="m")
     for name in positive:
         value = getattr(load, name)
-        check_number(f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite")
+        check_number(
+            f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite"
+        )

@@ -12,7 +12,7 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import arguments, numbers, passed_on
+from junk import arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 
@@ -140,7 +140,7 @@ DOORS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DOORS)
-@cheap()
+@shared(cheap(), len(DOORS))
 @given(data=st.data())
 def test_loads(name: str, data: Any) -> None:
     kind, needed, optional = DOORS[name]
@@ -157,7 +157,7 @@ LINE = {
 DRAIN = st.none() | st.tuples(numbers(0.2), numbers(0.3))
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(arguments(LINE, {"drain": DRAIN, **WATER}))
 def test_seepage_line(given: dict[str, Any]) -> None:
     made = answer("SeepageLine", passed_on(lambda: dj.SeepageLine(**given)))

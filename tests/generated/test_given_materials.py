@@ -14,7 +14,7 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on
+from junk import JUNK, arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 
@@ -29,7 +29,7 @@ def threes(*typical: float) -> Any:
     return three | three.map(list) | st.just(typical[:1] * 3) | st.just(np.full(3, typical[0]))
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(arguments({"young": STIFFNESS, "poisson": numbers(0.2), "density": numbers(2400.0, 0.0)}))
 def test_elastic(given: dict[str, Any]) -> None:
     made = answer("Elastic", passed_on(lambda: dj.Elastic(**given)))
@@ -37,7 +37,7 @@ def test_elastic(given: dict[str, Any]) -> None:
         assert not np.isnan(made.stiffness_matrix()).any()
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(
     arguments(
         {
@@ -55,7 +55,7 @@ def test_orthotropic(given: dict[str, Any]) -> None:
         assert np.isfinite(made.stiffness_matrix()).all()
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(
     arguments(
         {"elastic": st.just(ELASTIC), "cohesion": numbers(1e6), "friction_angle_deg": ANGLE},
@@ -99,7 +99,7 @@ LAWS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-@cheap()
+@shared(cheap(), len(LAWS))
 @given(data=st.data())
 def test_joint_laws(name: str, data: Any) -> None:
     kind, needed, optional = LAWS[name]
@@ -118,7 +118,7 @@ BODY = {
 SEEN = {"friction_angle_deg": st.none() | ANGLE, "element_size": st.none() | numbers(2.0)}
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(arguments(BODY, {**SEEN, "added_compliance": numbers(0.01), "overlap": numbers(1e-4)}))
 def test_propose_stiffness(given: dict[str, Any]) -> None:
     made = answer("propose_stiffness", passed_on(lambda: dj.propose_stiffness(**given)))
@@ -126,7 +126,7 @@ def test_propose_stiffness(given: dict[str, Any]) -> None:
         assert made.report()
 
 
-@cheap()
+@shared(cheap(), 4)
 @given(arguments({"normal_stiffness": STIFFNESS, "shear_stiffness": STIFFNESS, **BODY}, SEEN))
 def test_stiffness_proposal(given: dict[str, Any]) -> None:
     made = answer("StiffnessProposal", passed_on(lambda: dj.StiffnessProposal(**given)))
@@ -159,7 +159,7 @@ DAMPING: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DAMPING)
-@cheap()
+@shared(cheap(), len(DAMPING))
 @given(data=st.data(), at=FREQUENCY | JUNK)
 def test_damping(name: str, data: Any, at: Any) -> None:
     kind, needed, optional = DAMPING[name]

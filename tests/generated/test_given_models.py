@@ -13,7 +13,7 @@ import pytest
 from generated_input import answer, costly
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on, raising, returning
+from junk import JUNK, arguments, numbers, passed_on, raising, returning, shared
 
 import dolfinx_joints as dj
 from dolfinx_joints.loads import Load
@@ -28,7 +28,7 @@ LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction
 FREE = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e10)
 HELD = [dj.Fixed(group="base")]
 SPRUNG = [dj.Spring(group="base", normal_stiffness=1e10), dj.ViscousBoundary(group="sides")]
-GROUPS = st.sampled_from(["base", "top", "joint_1+", "sides", "nowhere"])
+GROUPS = st.sampled_from(["base", "top", "sides", "top", "sides", "joint_1+", "nowhere"])
 CELLS = st.sampled_from([None, "lower", "upper", "nowhere"])
 
 
@@ -46,7 +46,7 @@ def model(blocks: Any) -> dj.Model:
 
 def value(*typical: float) -> Any:
     """Typical values, functions of places, and functions that give or do what they should not."""
-    odd = st.sampled_from([raising, len, np.zeros_like, lambda x: x[:, 0], math.sin])
+    odd = st.sampled_from([raising, np.ones_like, lambda x: x[:, 0], lambda x: np.abs(x[:, 1])])
     return numbers(*typical) | odd | JUNK.map(returning)
 
 
@@ -58,7 +58,9 @@ MODEL = {
 }
 OPTIONS = {
     "supports": st.sampled_from([HELD, SPRUNG, (), [dj.Fixed(group="nowhere")], [dj.Fixed]]),
-    "loads": st.sampled_from([[dj.Gravity()], (), [dj.Gravity], [dj.Gravity(acceleration=[1] * 3)]]),
+    "loads": st.sampled_from(
+        [[dj.Gravity()], (), [dj.Gravity], [dj.Gravity(acceleration=[1] * 3)]]
+    ),
     "damping": st.sampled_from([None, dj.Rayleigh(mass_factor=0.1, stiffness_factor=1e-3)]),
     "initial_gaps": st.none() | st.dictionaries(st.sampled_from(["joint_1", "j"]), value(1e-3)),
     "degree": st.sampled_from([None, 1]),
@@ -71,22 +73,23 @@ OPTIONS = {
 }
 
 
-@costly()
+@shared(costly(), 3)
 @given(given=arguments(MODEL, OPTIONS), jointed=st.sampled_from([None, None, None, None]) | JUNK)
 def test_model(blocks: Any, comm: Any, given: dict[str, Any], jointed: Any) -> None:
     jointed = blocks if jointed is None else jointed
     answer("Model", passed_on(lambda: dj.Model(jointed, **given)), REFUSALS, comm)
 
 
-FACTOR = st.sampled_from([math.cos, raising]) | JUNK.map(returning)
+FACTOR = st.sampled_from([math.cos, math.exp, raising]) | JUNK.map(returning)
+MOTION = st.sampled_from([lambda t: (t, 1.0), lambda t: [1.0, t, 2]]) | JUNK.map(returning)
 GROUP, LEVEL = {"group": GROUPS}, {"level": numbers(1.0, -2.0)}
-PAIR = st.lists(numbers(1.0, 0.0), min_size=2, max_size=3)
+PAIR = st.sampled_from([2, 2, 2, 3]).flatmap(lambda n: st.tuples(*[numbers(1.0, 0.0)] * n))
 LOADS: dict[str, tuple[Any, Any, Any]] = {
     "Gravity": (dj.Gravity, {}, {"acceleration": PAIR}),
     "Traction": (dj.Traction, {**GROUP, "value": PAIR}, {"factor": FACTOR}),
     "Pressure": (dj.Pressure, {**GROUP, "value": numbers(1e6)}, {"factor": FACTOR}),
     "FormLoad": (dj.FormLoad, {"form": JUNK.map(returning)}, {"factor": FACTOR}),
-    "BaseMotion": (dj.BaseMotion, {"acceleration": FACTOR}, {}),
+    "BaseMotion": (dj.BaseMotion, {"acceleration": MOTION}, {}),
     "HydrostaticPressure": (dj.HydrostaticPressure, {**GROUP, **LEVEL}, {"factor": FACTOR}),
     "Uplift": (
         dj.Uplift,
@@ -110,13 +113,13 @@ LOADS: dict[str, tuple[Any, Any, Any]] = {
     "FreeField": (
         dj.FreeField,
         {
-            "groups": st.lists(GROUPS, min_size=1, max_size=2),
-            "incident": FACTOR,
-            "surface": numbers(2.0, 3.0),
+            "groups": st.sampled_from([["sides"], ("sides",), ["base"], ["sides", "nowhere"]]),
+            "incident": MOTION,
+            "surface": numbers(2.0, 2.5),
         },
         {
             "base": numbers(-1.0, 0.0),
-            "components": st.sampled_from(["x", "xy", "z"]),
+            "components": st.sampled_from(["x", "y", "xy", "z"]),
             "highest_frequency": numbers(25.0),
         },
     ),
@@ -125,7 +128,7 @@ LOADS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", LOADS)
-@costly()
+@shared(costly(), len(LOADS))
 @given(data=st.data(), time=numbers(0.0, 1.0))
 def test_loads_of_a_model(blocks: Any, comm: Any, name: str, data: Any, time: float) -> None:
     kind, needed, optional = LOADS[name]
@@ -161,7 +164,7 @@ ADDED: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", ADDED)
-@costly()
+@shared(costly(), len(ADDED))
 @given(data=st.data())
 def test_added_masses(model: dj.Model, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = ADDED[name]
@@ -182,7 +185,7 @@ SUPPORTS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
-@costly()
+@shared(costly(), len(SUPPORTS))
 @given(data=st.data())
 def test_supports(blocks: Any, comm: Any, name: str, data: Any) -> None:
     kind, needed, optional = SUPPORTS[name]

@@ -7,10 +7,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from generated_input import answer, cheap
+from generated_input import answer, cheap, costly
 from hypothesis import given
 from hypothesis import strategies as st
-from junk import JUNK, arguments, numbers, passed_on
+from junk import JUNK, arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
 from dolfinx_joints.study import Study
@@ -81,7 +81,7 @@ DOORS: dict[str, tuple[Any, Any, Any]] = {
 
 
 @pytest.mark.parametrize("name", DOORS)
-@cheap()
+@shared(cheap(), len(DOORS))
 @given(data=st.data())
 def test_options(name: str, data: Any) -> None:
     kind, needed, optional = DOORS[name]
@@ -89,7 +89,7 @@ def test_options(name: str, data: Any) -> None:
     answer(name, passed_on(lambda: kind(**given)))
 
 
-@cheap()
+@shared(costly(), 3)
 @given(
     arguments(
         {},

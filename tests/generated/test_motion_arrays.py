@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Motions made of arrays, their processing, spectra and targets: any array, any parameter.
+"""Motions made of arrays, spectra and targets: any array, any parameter.
 
 Whatever is taken gives finite numbers; a target that is taken is matched within the tolerance.
 """
@@ -84,47 +84,6 @@ def finite(found: Any) -> None:
 def test_motions_of_arrays(seed: int, step: Any, name: Any) -> None:
     array = changed_array(seed, MOTION.acceleration)
     finite(answer("motion of an array", lambda: Motion(acceleration=array, dt=step, name=name)))
-
-
-PROCESSING: dict[str, Callable[..., Any]] = {
-    "rotated": lambda one, _: MOTION.rotated(one),
-    "resampled": lambda one, _: MOTION.resampled(one),
-    "trimmed": lambda one, two: MOTION.trimmed(one, start=two),
-    "baseline_corrected": lambda one, _: MOTION.baseline_corrected(one),
-    "band_passed": lambda one, two: MOTION.band_passed(one, two),
-    "order": lambda one, _: MOTION.band_passed(1.0, 10.0, order=one),
-    "tapered": lambda one, two: MOTION.tapered(seconds=one, fraction=two),
-    "tapered seconds": lambda one, _: MOTION.tapered(seconds=one),
-    "scaled": lambda one, _: MOTION.scaled(one),
-    "scaled by three": lambda one, two: MOTION.scaled([one, two, 1.0]),
-    "at a time": lambda one, _: MOTION(one),
-    "at times": lambda one, two: MOTION([one, two]),
-}
-
-
-@cheap()
-@given(
-    name=st.sampled_from(sorted(PROCESSING)),
-    one=mostly((0.5, 1.0, 0.01, 2, 8.0), NUMBERS),
-    two=mostly((None, 10.0, 0.3, 0), NUMBERS),
-)
-def test_processing(name: str, one: Any, two: Any) -> None:
-    finite(answer("processing of motions", lambda: PROCESSING[name](one, two)))
-
-
-@cheap()
-@given(
-    seed=mostly((1, 2), NUMBERS),
-    duration=mostly((2.0, 5), NUMBERS),
-    dt=mostly((0.01, 0.02), NUMBERS),
-    peaks=mostly(((0.4, 0.4, 0.3), (0, 0, 1)), st.lists(NUMBERS, max_size=4) | NUMBERS),
-    band=mostly(((1.0, 10.0), (0.5, 25)), st.lists(NUMBERS, max_size=3) | NUMBERS),
-)
-def test_synthetic_motions(seed: Any, duration: Any, dt: Any, peaks: Any, band: Any) -> None:
-    def make() -> Motion:
-        return synthetic_motion(seed=seed, duration=duration, dt=dt, peaks_g=peaks, band=band)
-
-    finite(answer("synthetic motion", make))
 
 
 SPECTRA: dict[str, Callable[..., Any]] = {

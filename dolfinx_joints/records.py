@@ -40,6 +40,7 @@ STANDARD_GRAVITY = 9.80665
 
 # A day in steps of 0.01 s.
 MOST_SAMPLES = 1e7
+_MOST_SINES = 3e8  # values of sines in a synthetic motion: some ten seconds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +127,8 @@ class Motion:
         """
         if not abs(real(angle_deg)) <= LARGEST:
             raise RecordError(f"angle_deg must be a finite number, got {shown(angle_deg, str)}.")
-        c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+        angle = np.deg2rad(float(angle_deg))
+        c, s = np.cos(angle), np.sin(angle)
         if angle_deg % 90.0 == 0.0:  # components change places to the last bit
             c, s = np.round(c), np.round(s)
         x, y, z = self.acceleration.T
@@ -324,7 +326,15 @@ def synthetic_motion(
     amplitude = fall(frequency, high - edge, high) * (1.0 - fall(frequency, low, low + edge))
     raw = np.random.PCG64(seed).random_raw((3, frequency.size))
     phase = 2.0 * np.pi * (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    waves = np.sin(2.0 * np.pi * time[:, None, None] * frequency + phase) @ amplitude
+    if time.size * frequency.size > _MOST_SINES:
+        raise RecordError(
+            f"{time.size} samples of {frequency.size} sines are more than {_MOST_SINES:.0e} "
+            "values; take a shorter duration, a longer dt or a narrower band."
+        )
+    blocks = np.array_split(time, 1 + time.size * frequency.size // 10_000_000)
+    waves = np.concatenate(
+        [np.sin(2.0 * np.pi * t[:, None, None] * frequency + phase) @ amplitude for t in blocks]
+    )
     share = time / time[-1]
     envelope = (1.0 - fall(share, 0.0, 0.15)) * fall(share, 0.45, 1.0)
     values = without_drift(envelope[:, None] * waves, envelope, dt)

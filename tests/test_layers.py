@@ -72,6 +72,7 @@ LEVELS = {
     "cli": 1.7,
     "__main__": 1.8,
     "splitting": 1.0,
+    "msh_checks": 0.1,
     "msh": 1.1,
     "rendering": 0.1,
     "pictures": 0.2,

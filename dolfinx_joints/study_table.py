@@ -9,9 +9,11 @@ whenever the writer was killed.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -34,7 +36,11 @@ Table = dict[str, NDArray[Any]]
 
 
 def write_row(path: Path, row: Mapping[str, Any]) -> None:
-    """Put a row in its place: the keys of `OWN_COLUMNS`, ``parameters`` and ``values``."""
+    """Put a row in its place: the keys of `OWN_COLUMNS`, ``parameters`` and ``values``.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
     _replace(path, json.dumps(row, indent=1).encode())
 
 
@@ -123,16 +129,25 @@ def _text(entry: Any) -> str:
 
 
 def write_table(path: Path, table: Table) -> None:
-    """Write a table as HDF5, one dataset per column."""
-    fresh = path.with_name(f".{path.name}.{os.getpid()}")
-    with h5py.File(fresh, "w") as file:
+    """Write a table as HDF5, one dataset per column.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
+    _replace(path, _image(table))
+
+
+def _image(table: Table) -> memoryview:
+    """An HDF5 file of a table, made in memory: HDF5 does not take a full disk well."""
+    image = io.BytesIO()
+    with h5py.File(image, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["columns"] = json.dumps(list(table))
         group = file.create_group("columns", track_order=True)
         for name, column in table.items():
             kind = h5py.string_dtype() if column.dtype == object else column.dtype
             group.create_dataset(name.replace("/", "|"), data=column, dtype=kind)
-    fresh.replace(path)
+    return image.getbuffer()
 
 
 def read_table(path: str | Path) -> Table:
@@ -170,17 +185,27 @@ def read_table(path: str | Path) -> Table:
 
 
 def write_csv(table: Table, path: str | Path) -> Path:
-    """Write a table as CSV: a line of names, then a line per row, numbers in full."""
-    place = Path(path)
-    with place.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    """Write a table as CSV: a line of names, then a line per row, numbers in full.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
+    place, text = Path(path), io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    _replace(place, text.getvalue().encode())
     return place
 
 
-def _replace(path: Path, content: bytes) -> None:
+def _replace(path: Path, content: bytes | memoryview) -> None:
     """Write a file so that it is whole or not there."""
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
-    fresh.write_bytes(content)
-    fresh.replace(path)
+    try:
+        fresh.write_bytes(content)
+        fresh.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            fresh.unlink()
+        kept = "; the one before it is kept" if path.exists() else ""
+        raise StudyError(f"{path} cannot be written: {error.strerror}{kept}.") from error

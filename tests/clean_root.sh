@@ -88,7 +88,7 @@ new_root() {
         chroot "$root" update-ca-certificates >/dev/null
     fi
     mkdir "$root/root/user"
-    cp -r -- "$repository" "$root/srv/repository"
+    cp -r -- "$repository" "$root/srv/dolfinx_joints.git"
 }
 
 # Makes $1 the root of the file system and runs the script $2 with an empty home, as in a
@@ -113,7 +113,7 @@ run_inside() {
         if [[ -n ${!name-} ]]; then proxies+=("$name=${!name}"); fi
     done
     env -i "${proxies[@]}" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
-        HOME=/root/user LANG=C.UTF-8 REPOSITORY=/srv/repository \
+        HOME=/root/user LANG=C.UTF-8 REPOSITORY=/srv/dolfinx_joints.git \
         unshare --mount --propagation private --pid --fork --kill-child --ipc --uts \
         bash -c "$inside" bash "$root" "$(script_of "$@")"
 }

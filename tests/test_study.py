@@ -5,12 +5,15 @@
 Expected: arithmetic of the functions below, and a run that nothing has disturbed.
 """
 
+import errno
 import fcntl
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +94,53 @@ def test_only_some(tmp_path):
     assert read_table(tmp_path / "s")["x"].tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="There is no case 'x=9'; there are x=0, x=1, x=2, x=3."):
         study.run(only=["x=9"])
+
+
+@pytest.fixture
+def full_disk():
+    """``full_disk(bytes)``: no file may become larger, as on a full disk."""
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda limit: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, old[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, old)
+
+
+def test_a_full_disk_leaves_the_table_before(tmp_path, full_disk):
+    path = tmp_path / "s"
+    squares(path, 2).run(progress=False)
+    csv_file = write_csv(read_table(path), path / "table.csv")
+    before, files = csv_file.read_bytes(), sorted(path.iterdir())
+    full_disk(100)  # bytes: neither table fits
+    sentence = r"^\S*/{}: File too large; the one before it is kept\.$"
+    with pytest.raises(StudyError, match=sentence.format(r"table\.h5 cannot be written")):
+        squares(path, 3).run(progress=False)
+    with pytest.raises(StudyError, match=sentence.format(r"table\.csv cannot be written")):
+        write_csv(read_table(path), csv_file)
+    assert read_table(path)["square"].tolist() == [0.0, 1.0]
+    assert csv_file.read_bytes() == before
+    assert sorted(path.iterdir()) == files
+    full_disk(resource.RLIM_INFINITY)
+    assert squares(path, 3).run(progress=False).done == ["x=2"]
+
+
+def test_no_room_for_a_row_is_one_sentence(tmp_path, full_disk, monkeypatch):
+    # Room for the empty table and no more: the case has no place for its row, nor has the runner.
+    path = tmp_path / "s"
+    monkeypatch.setattr(Study, "_write_table", lambda self: full_disk(0))
+    with pytest.raises(StudyError, match=r"rows/x=0\.json cannot be written: File too large\.$"):
+        squares(path, 1).run(progress=False)
+    assert list((path / "rows").iterdir()) == []
+
+
+def test_no_room_for_a_case_is_one_sentence(tmp_path, monkeypatch):
+    # The system's own answer where a disk has no room for another folder.
+    def mkdir(path, *args, **kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    (tmp_path / "s" / "rows").mkdir(parents=True)
+    monkeypatch.setattr(Study, "_locked", lambda self: nullcontext(0))
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(StudyError, match="^The case 'x=0' cannot be started: .*No space left"):
+        squares(tmp_path / "s", 1).run(progress=False)
 
 
 RUNNER = """

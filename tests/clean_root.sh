@@ -54,13 +54,15 @@ set_first_commands() {
 }
 
 # Prints a script that runs the commands in turn, each with its seconds, and stops at a failure.
+# They share a shell, so README's cd holds for what follows.
 script_of() {
     local command
-    echo 'set -euo pipefail'
+    echo 'exec 2>&1'
     for command in "$@"; do
         printf 'echo %q; SECONDS=0\n' "\$ $command"
-        printf '%s\n' "$command"
         # shellcheck disable=SC2016  # expanded by the script that is printed
+        printf '%s || { echo "[failed after $SECONDS s]"; exit 1; }\n' "$command"
+        # shellcheck disable=SC2016
         echo 'echo "[$SECONDS s]"'
     done
 }
@@ -85,10 +87,10 @@ new_root() {
     cp /etc/resolv.conf "$root/etc/"
     if [[ " ${packages[*]} " == *' ca-certificates '* ]]; then
         cp /usr/local/share/ca-certificates/*.crt "$root/usr/local/share/ca-certificates/"
-        chroot "$root" update-ca-certificates >/dev/null
+        chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1
     fi
     mkdir "$root/root/user"
-    cp -r -- "$repository" "$root/srv/dolfinx_joints.git"
+    git clone -q --bare "$repository" "$root/srv/dolfinx_joints.git"
 }
 
 # Makes $1 the root of the file system and runs the script $2 with an empty home, as in a
@@ -133,6 +135,36 @@ try_debian12() {
 try_debian13() {
     new_root trixie git make python3
     run_inside "${first[@]}"
+    remove_root
+}
+
+# As a user of DOLFINx who never had the project's folder, but for the script that makes the mesh.
+# shellcheck disable=SC2016  # expanded inside
+try_wheel() {
+    local folder=$work/project with_parts='"$(echo ../dist/*.whl)[views,reports,geometry]"'
+    say "make dist"
+    git clone -q "$repository" "$folder"
+    make -s -C "$folder" dist
+    new_root trixie python3-dolfinx-real python3-pip python3-venv
+    cp -r -- "$folder/dist" "$root/root/user/dist"
+    mkdir "$root/root/user/elsewhere"
+    cp -r -- "$folder/demos/00_first_steps.py" "$folder/geometry" "$root/root/user/elsewhere"
+    run_inside \
+        'python3 -m venv --system-site-packages venv && . venv/bin/activate' \
+        "$(from_readme 'python3 -m pip install dist/dolfinx_joints-*.whl')" \
+        'cd elsewhere' \
+        'python3 -m dolfinx_joints --help' \
+        'dolfinx-joints --version' \
+        "python3 -m pip install $with_parts" \
+        'python3 00_first_steps.py' \
+        'dolfinx-joints info dam.h5' \
+        'dolfinx-joints csv dam.h5 --out tables' \
+        'dolfinx-joints report dam.h5 --out report.html' \
+        'deactivate && rm -r ../venv dam.h5 first_steps.png' \
+        "python3 -m pip install --break-system-packages $with_parts" \
+        'python3 00_first_steps.py' \
+        'dolfinx-joints info dam.h5' \
+        'python3 -m dolfinx_joints --version'
     remove_root
 }
 

@@ -141,11 +141,11 @@ try_debian13() {
 # As a user of DOLFINx who never had the project's folder, but for the script that makes the mesh.
 # shellcheck disable=SC2016  # expanded inside
 try_wheel() {
-    local folder=$work/project with_parts='"$(echo ../dist/*.whl)[views,reports,geometry]"'
+    local folder=$work/project with_parts='"$(echo ../dist/*.whl)[views,reports]"'
     say "make dist"
     git clone -q "$repository" "$folder"
     make -s -C "$folder" dist
-    new_root trixie python3-dolfinx-real python3-pip python3-venv
+    new_root trixie python3-dolfinx-real python3-gmsh libegl1 python3-pip python3-venv
     cp -r -- "$folder/dist" "$root/root/user/dist"
     mkdir "$root/root/user/elsewhere"
     cp -r -- "$folder/demos/00_first_steps.py" "$folder/geometry" "$root/root/user/elsewhere"

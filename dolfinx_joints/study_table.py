@@ -137,7 +137,7 @@ def write_table(path: Path, table: Table) -> None:
     _replace(path, _image(table))
 
 
-def _image(table: Table) -> memoryview:
+def _image(table: Table) -> bytes:
     """An HDF5 file of a table, made in memory: HDF5 does not take a full disk well."""
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
@@ -147,7 +147,7 @@ def _image(table: Table) -> memoryview:
         for name, column in table.items():
             kind = h5py.string_dtype() if column.dtype == object else column.dtype
             group.create_dataset(name.replace("/", "|"), data=column, dtype=kind)
-    return image.getbuffer()
+    return image.getvalue()
 
 
 def read_table(path: str | Path) -> Table:
@@ -198,7 +198,7 @@ def write_csv(table: Table, path: str | Path) -> Path:
     return place
 
 
-def _replace(path: Path, content: bytes | memoryview) -> None:
+def _replace(path: Path, content: bytes) -> None:
     """Write a file so that it is whole or not there."""
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -96,38 +96,43 @@ def test_only_some(tmp_path):
         study.run(only=["x=9"])
 
 
-@pytest.fixture
-def full_disk():
-    """``full_disk(bytes)``: no file may become larger, as on a full disk."""
+@contextmanager
+def full_disk(limit):
+    """No file may become larger than so many bytes, as on a full disk; nor may pytest's output."""
     old = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda limit: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, old[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, old)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, old[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
-def test_a_full_disk_leaves_the_table_before(tmp_path, full_disk):
+def test_a_full_disk_leaves_the_table_before(tmp_path):
     path = tmp_path / "s"
     squares(path, 2).run(progress=False)
     csv_file = write_csv(read_table(path), path / "table.csv")
     before, files = csv_file.read_bytes(), sorted(path.iterdir())
-    full_disk(100)  # bytes: neither table fits
     sentence = r"^\S*/{}: File too large; the one before it is kept\.$"
-    with pytest.raises(StudyError, match=sentence.format(r"table\.h5 cannot be written")):
+    table = read_table(path)
+    with full_disk(100), pytest.raises(StudyError) as of_table:  # bytes: neither table fits
         squares(path, 3).run(progress=False)
-    with pytest.raises(StudyError, match=sentence.format(r"table\.csv cannot be written")):
-        write_csv(read_table(path), csv_file)
+    with full_disk(100), pytest.raises(StudyError) as of_csv:
+        write_csv(table, csv_file)
+    of_table.match(sentence.format(r"table\.h5 cannot be written"))
+    of_csv.match(sentence.format(r"table\.csv cannot be written"))
     assert read_table(path)["square"].tolist() == [0.0, 1.0]
     assert csv_file.read_bytes() == before
     assert sorted(path.iterdir()) == files
-    full_disk(resource.RLIM_INFINITY)
     assert squares(path, 3).run(progress=False).done == ["x=2"]
 
 
-def test_no_room_for_a_row_is_one_sentence(tmp_path, full_disk, monkeypatch):
-    # Room for the empty table and no more: the case has no place for its row, nor has the runner.
+def test_no_room_for_a_row_is_one_sentence(tmp_path, monkeypatch):
+    # Neither the case nor, after it, the runner has a place for the row.
     path = tmp_path / "s"
-    monkeypatch.setattr(Study, "_write_table", lambda self: full_disk(0))
-    with pytest.raises(StudyError, match=r"rows/x=0\.json cannot be written: File too large\.$"):
+    monkeypatch.setattr(Study, "_write_table", lambda self: None)
+    with full_disk(0), pytest.raises(StudyError) as failure:
         squares(path, 1).run(progress=False)
+    failure.match(r"rows/x=0\.json cannot be written: File too large\.$")
     assert list((path / "rows").iterdir()) == []
 
 

@@ -37,7 +37,7 @@ SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
 MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
-BASH_SCRIPTS := with-dolfinx .ci/run
+BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh
 
 # $(call install_tool,FOLDER,REQUIREMENTS): into a new directory, then one rename, so that an
 # interrupted call leaves nothing that is taken for whole.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.checks import check_count, check_flag, check_kind_of, check_path
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
 from dolfinx_joints.errors import MeshError, ResultsError
+from dolfinx_joints.file_lock import FileLock, released
 from dolfinx_joints.joint_forces import PointExtras, ResultantsStream, strengths
 from dolfinx_joints.manifest import manifest
 from dolfinx_joints.model import Model
@@ -102,8 +103,7 @@ class ResultsMonitor:
         def create() -> None:
             made_by = manifest(model, first.settings, self._nodes.positions, surface)
             facts = {"manifest": made_by, **metadata}
-            writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
-            self._writer = writer
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:
                 text = f"force of the support {group} on the body"
@@ -124,12 +124,12 @@ class ResultsMonitor:
 
         try:
             on_root(self._comm, create)
+            self.record(first)
         except BaseException as error:
             if self._writer is not None:
                 self._writer.__exit__(type(error), error, None)
                 self._writer = None
             raise
-        self.record(first)
 
     def _find(self, model: Model, first: Record) -> None:
         """Nodes, points, supports and joints of the model (collective)."""
@@ -298,7 +298,7 @@ class FieldMonitor:
     folders cannot be opened again; the times of the first after that step are there twice.
 
     Args:
-        path: The folder.
+        path: The folder; what an earlier run left there is replaced.
         every: Steps between two times.
     """
 
@@ -307,26 +307,30 @@ class FieldMonitor:
         check_path("path", path)
         check_count("every", every, 1, "fields are written every 1 or more steps")
         self._path, self._every = Path(path), every
+        self._lock: FileLock | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the folder and write the first time (collective)."""
         self._open(self._path, model, first)
-        self.record(first)
+        with released(self._lock, at_end=False):
+            self.record(first)
 
     def _open(self, path: Path, model: Model, first: Record) -> None:
-        """Create a folder (collective)."""
+        """Create a folder that no other run writes (collective)."""
         from dolfinx.io import VTXWriter
 
-        def check_writable() -> None:
+        def take() -> None:
             """Find out on one rank what would leave the others waiting in the writer."""
             try:
                 path.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
+            self._lock = FileLock(path, ResultsError)
 
-        on_root(model.jointed.mesh.comm, check_writable)
-        self._u = model.function(first.displacement)
-        self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
+        on_root(model.jointed.mesh.comm, take)
+        with released(self._lock, at_end=False):
+            self._u = model.function(first.displacement)
+            self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
 
     def memory(self) -> dict[str, Any]:
         """Nothing."""
@@ -348,8 +352,9 @@ class FieldMonitor:
             self._writer.write(record.time)
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Close the folder (collective)."""
-        self._writer.close()
+        """Close the folder and let others write it (collective)."""
+        with released(self._lock, at_end=True):
+            self._writer.close()
 
 
 class ProgressMonitor:

@@ -55,9 +55,14 @@ def load_msh(path: Path) -> RawMesh:
 
     Raises:
         MeshError: The file is missing or is no Gmsh mesh, has no volume group, mixes cell types or
-            uses one that is not supported.
+            uses one that is not supported, or Gmsh lacks a library.
     """
-    import gmsh
+    try:
+        import gmsh
+    except OSError as error:  # that of PyPI needs libraries of a desktop
+        raise MeshError(
+            f"Gmsh cannot be loaded: {error}; install that library, or your system's Gmsh."
+        ) from None
 
     if not path.is_file():
         raise MeshError(f"Mesh file {str(path)!r} does not exist.")

@@ -137,8 +137,8 @@ class Study:
 
         Raises:
             ValueError: ``workers`` is not positive, or ``only`` names an unknown case.
-            StudyError: Another runner is at work here, several MPI ranks called, or parameters of
-                a case have changed.
+            StudyError: Another runner is at work here, several MPI ranks called, parameters of
+                a case have changed, or a row or the table cannot be written.
         """
         check_count("workers", workers, 1, "one or more cases may run at once")
         flags = {"retry_failed": retry_failed, "rerun_changed": rerun_changed, "progress": progress}
@@ -229,9 +229,6 @@ class Study:
     def _start(self, name: str, lock: int) -> subprocess.Popen[bytes]:
         """Start a case in an empty folder."""
         folder, row = self.folder(name), self._row(name)
-        row.unlink(missing_ok=True)  # first: a row without its files would be taken for whole
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
         job = {
             "case": name,
             "module": self._module,
@@ -242,16 +239,22 @@ class Study:
             "sys_path": sys.path,
         }
         environment = {k: v for k, v in os.environ.items() if not k.startswith(_OF_MPI)}
-        with (folder / "log.txt").open("wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "dolfinx_joints.study_case"],
-                bufsize=0,
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                pass_fds=(lock,),
-            )
+        try:
+            row.unlink(missing_ok=True)  # first: a row without its files would be taken for whole
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            with (folder / "log.txt").open("wb") as log:
+                process = subprocess.Popen(
+                    [sys.executable, "-m", "dolfinx_joints.study_case"],
+                    bufsize=0,
+                    stdin=subprocess.PIPE,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    pass_fds=(lock,),
+                )
+        except OSError as error:
+            raise StudyError(f"The case {name!r} cannot be started: {error}.") from error
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # it has ended already, which `_finish` tells
             process.stdin.write(json.dumps(job).encode() + b"\n")

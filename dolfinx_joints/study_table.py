@@ -13,6 +13,7 @@ import io
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,11 @@ Table = dict[str, NDArray[Any]]
 
 
 def write_row(path: Path, row: Mapping[str, Any]) -> None:
-    """Put a row in its place: the keys of `OWN_COLUMNS`, ``parameters`` and ``values``."""
+    """Put a row in its place: the keys of `OWN_COLUMNS`, ``parameters`` and ``values``.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
     _replace(path, json.dumps(row, indent=1).encode())
 
 
@@ -135,7 +140,17 @@ def _text(entry: Any) -> str:
 
 
 def write_table(path: Path, table: Table) -> None:
-    """Write a table as HDF5, one dataset per column."""
+    """Write a table as HDF5, one dataset per column.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
+    content = _image(table)
+    _replace(path, content + seal(content))
+
+
+def _image(table: Table) -> bytes:
+    """An HDF5 file of a table, made in memory: HDF5 does not take a full disk well."""
     image = io.BytesIO()
     with h5py.File(image, "w", libver="latest") as file:
         set_texts(file, format=FORMAT)
@@ -146,8 +161,7 @@ def write_table(path: Path, table: Table) -> None:
             text = column.dtype == object
             data = np.array([entry.encode() for entry in column], dtype="S") if text else column
             group.create_dataset(name.replace("/", "|"), data=data)
-    content = image.getvalue()
-    _replace(path, content + seal(content))
+    return image.getvalue()
 
 
 def read_table(path: str | Path) -> Table:
@@ -195,17 +209,27 @@ def _columns(file: h5py.File, place: Path) -> Table:
 
 
 def write_csv(table: Table, path: str | Path) -> Path:
-    """Write a table as CSV: a line of names, then a line per row, numbers in full."""
-    place = Path(path)
-    with place.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    """Write a table as CSV: a line of names, then a line per row, numbers in full.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
+    place, text = Path(path), io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    _replace(place, text.getvalue().encode())
     return place
 
 
 def _replace(path: Path, content: bytes) -> None:
     """Write a file so that it is whole or not there."""
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
-    fresh.write_bytes(content)
-    fresh.replace(path)
+    try:
+        fresh.write_bytes(content)
+        fresh.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            fresh.unlink()
+        kept = "; the one before it is kept" if path.exists() else ""
+        raise StudyError(f"{path} cannot be written: {error.strerror}{kept}.") from error

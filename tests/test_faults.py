@@ -411,6 +411,62 @@ def test_a_disk_that_fills_up_in_a_run(wall, tmp_path):
         assert results.rows("histories") == 101
 
 
+def test_a_disk_that_is_full_at_the_first_record(wall, tmp_path, monkeypatch):
+    # From the end of the declarations on the file may not grow, and the record is written at once.
+    from dolfinx_joints import monitors
+
+    path, old = tmp_path / "run.h5", resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    class Full(ResultsWriter):
+        def start(self):
+            super().start()
+            self._flush_interval = 0.0
+            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, old[1]))
+
+    monkeypatch.setattr(monitors, "ResultsWriter", Full)
+    try:
+        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
+            marched(wall(), tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+    assert list(tmp_path.glob("*.lock")) == []
+    with Results(path) as results:
+        assert results.status == "failed"
+        assert "cannot grow" in results.summary["error"]
+    monkeypatch.undo()
+    marched(wall(), tmp_path)  # nobody holds the file
+    with Results(path) as results:
+        assert results.status == "complete"
+
+
+@pytest.mark.mpi
+def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
+    from dolfinx_joints import FieldMonitor, Simulation
+
+    path = new_path("run.bp")
+
+    def shake(*others):
+        run = Simulation(wall(), monitors=[FieldMonitor(path, every=1), *others])
+        run.statics()
+        run.dynamics(dt=4e-3, steps=2, motion=shaking)
+
+    def another():
+        sentence = rf"run\.bp is being written by process {comm.bcast(os.getpid())} on \S+; wait"
+        with pytest.raises(ResultsError, match=sentence):
+            shake()
+
+    def fail():
+        raise RuntimeError("enough")
+
+    shake(Then(1, another))
+    with pytest.raises(RuntimeError, match="enough"):
+        shake(Then(1, fail))
+    shake()  # whatever ended the runs before, the folder is free
+    comm.barrier()
+    assert path.is_dir()
+    assert not path.with_name("run.bp.lock").exists()
+
+
 @pytest.mark.mpi
 def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
     from dolfinx_joints import ResultsMonitor, Simulation, __version__

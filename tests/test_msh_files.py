@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Malformed and hostile ``.msh`` files: one sentence each, and nothing in them is run."""
 
+import sys
+
 import gmsh
 import numpy as np
 import pytest
@@ -149,3 +151,13 @@ def test_comments_may_come_first(lines, tmp_path):
     plain = tmp_path / "plain.msh"
     plain.write_text("\n".join(lines))
     assert len(load_msh(path).cells) == len(load_msh(plain).cells) > 0
+
+
+def test_gmsh_without_a_library_of_the_system_is_one_sentence(tmp_path, monkeypatch):
+    # What Gmsh from PyPI does where nothing of a desktop is installed.
+    missing = "libGLU.so.1: cannot open shared object file: No such file or directory"
+    (tmp_path / "gmsh.py").write_text(f"raise OSError({missing!r})\n")
+    monkeypatch.delitem(sys.modules, "gmsh")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(dj.MeshError, match=f"^Gmsh cannot be loaded: {missing}; install that"):
+        load_msh(tmp_path / "any.msh")

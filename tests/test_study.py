@@ -5,12 +5,15 @@
 Expected: arithmetic of the functions below, and a run that nothing has disturbed.
 """
 
+import errno
 import fcntl
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +100,58 @@ def test_only_some(tmp_path):
     assert read_table(tmp_path / "s")["x"].tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="There is no case 'x=9'; there are x=0, x=1, x=2, x=3."):
         study.run(only=["x=9"])
+
+
+@contextmanager
+def full_disk(limit):
+    """No file may become larger than so many bytes, as on a full disk; nor may pytest's output."""
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, old[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+
+
+def test_a_full_disk_leaves_the_table_before(tmp_path):
+    path = tmp_path / "s"
+    squares(path, 2).run(progress=False)
+    csv_file = write_csv(read_table(path), path / "table.csv")
+    before, files = csv_file.read_bytes(), sorted(path.iterdir())
+    sentence = r"^\S*/{}: File too large; the one before it is kept\.$"
+    table = read_table(path)
+    with full_disk(100), pytest.raises(StudyError) as of_table:  # bytes: neither table fits
+        squares(path, 3).run(progress=False)
+    with full_disk(100), pytest.raises(StudyError) as of_csv:
+        write_csv(table, csv_file)
+    of_table.match(sentence.format(r"table\.h5 cannot be written"))
+    of_csv.match(sentence.format(r"table\.csv cannot be written"))
+    assert read_table(path)["square"].tolist() == [0.0, 1.0]
+    assert csv_file.read_bytes() == before
+    assert sorted(path.iterdir()) == files
+    assert squares(path, 3).run(progress=False).done == ["x=2"]
+
+
+def test_no_room_for_a_row_is_one_sentence(tmp_path, monkeypatch):
+    # Neither the case nor, after it, the runner has a place for the row.
+    path = tmp_path / "s"
+    monkeypatch.setattr(Study, "_write_table", lambda self: None)
+    with full_disk(0), pytest.raises(StudyError) as failure:
+        squares(path, 1).run(progress=False)
+    failure.match(r"rows/x=0\.json cannot be written: File too large\.$")
+    assert list((path / "rows").iterdir()) == []
+
+
+def test_no_room_for_a_case_is_one_sentence(tmp_path, monkeypatch):
+    # The system's own answer where a disk has no room for another folder.
+    def mkdir(path, *args, **kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    (tmp_path / "s" / "rows").mkdir(parents=True)
+    monkeypatch.setattr(Study, "_locked", lambda self: nullcontext(0))
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(StudyError, match="^The case 'x=0' cannot be started: .*No space left"):
+        squares(tmp_path / "s", 1).run(progress=False)
 
 
 RUNNER = """

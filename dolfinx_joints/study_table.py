@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_kind_of, check_path
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.hdf5_checks import DamageTold, check_contents
 
@@ -148,6 +149,7 @@ def read_table(path: str | Path) -> Table:
     Raises:
         StudyError: There is no such table.
     """
+    check_path("path", path)
     place = Path(path)
     place = place / TABLE if place.is_dir() else place
     if not place.is_file():
@@ -170,12 +172,28 @@ def read_table(path: str | Path) -> Table:
 
 
 def write_csv(table: Table, path: str | Path) -> Path:
-    """Write a table as CSV: a line of names, then a line per row, numbers in full."""
+    """Write a table as CSV: a line of names, then a line per row, numbers in full.
+
+    Raises:
+        StudyError: It cannot be written.
+        ValueError: An argument is of another kind.
+    """
+    check_path("path", path)
+    columns = [] if not isinstance(table, Mapping) else list(table.values())
+    good = all(isinstance(column, np.ndarray) and column.ndim == 1 for column in columns)
+    same = len({len(column) for column in columns}) == 1 if good else False
+    check_kind_of("table", table, same, "columns of one length by name, as read_table gives")
     place = Path(path)
-    with place.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    fresh = place.with_name(f".{place.name}.{os.getpid()}")
+    try:
+        with fresh.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(table)
+            writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        fresh.replace(place)
+    except OSError as error:
+        fresh.unlink(missing_ok=True)
+        raise StudyError(f"The table {place} cannot be written: {error.strerror}.") from None
     return place
 
 

@@ -30,6 +30,7 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.solver import StepSolver
 from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, initial_state
@@ -178,10 +179,12 @@ def text_of(name: str, found: dict[str, Any]) -> str:
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Options of the command line."""
     names = ("tiny", "coarse", "dam")
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", default=list(names), choices=names)
-    parser.add_argument("--steps", type=int, default=200, help="steps compared one by one")
-    parser.add_argument("--history", type=int, default=50, help="steps of the two whole runs")
+    parser.add_argument("--steps", type=at_least(1), default=200, help="steps compared one by one")
+    parser.add_argument(
+        "--history", type=at_least(1), default=50, help="steps of the two whole runs"
+    )
     parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args(arguments)

@@ -31,6 +31,7 @@ import dolfinx_joints as dj
 from benchmarks._measure import StepWatch, free_memory, load_average, peak_mb, progress, reset_peak
 from benchmarks._scenes import TIME_STEP, Scene, wall
 from dolfinx_joints import condensed
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.compliance import Compliance
 from dolfinx_joints.linear import LINEAR
 from dolfinx_joints.solver import COMPLIANCES
@@ -173,11 +174,11 @@ def print_table(rows: list[Row]) -> None:
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Options of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--kinds", nargs="+", choices=COMPLIANCES)
-    parser.add_argument("--divisions", nargs=3, type=int, help="cells along x, y, z")
-    parser.add_argument("--joints", type=int, help="number of joints")
-    parser.add_argument("--steps", type=int, default=12)
+    parser.add_argument("--divisions", nargs=3, type=at_least(1), help="cells along x, y, z")
+    parser.add_argument("--joints", type=at_least(1), help="number of joints")
+    parser.add_argument("--steps", type=at_least(1), default=12)
     parser.add_argument("--linear", default="direct", choices=LINEAR, help="solver of the bulk")
     parser.add_argument("--at-rest", action="store_true", help="leave out the self weight")
     parser.add_argument("--quick", action="store_true", help="a small wall, 3 steps")

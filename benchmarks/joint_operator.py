@@ -11,7 +11,6 @@ faster, about n^1.3, between sizes that fit and do not fit the processor's cache
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import statistics
@@ -25,6 +24,7 @@ from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.joints import JointOperator, JointTangent
 from dolfinx_joints.laws import JointState, Status
 
@@ -103,9 +103,11 @@ def measure(side: int, repeats: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="1e3 and 1e4 points, not 1e4 and 1e5")
-    parser.add_argument("--repeats", type=int, default=9, help="calls of each part [%(default)s]")
+    parser.add_argument(
+        "--repeats", type=at_least(1), default=9, help="calls of each part [%(default)s]"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
     options = parser.parse_args()
     small, large = (

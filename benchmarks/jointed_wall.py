@@ -28,6 +28,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.solver_choice import KINDS
 
 Row = dict[str, Any]
@@ -162,7 +163,7 @@ def print_tables(rows: dict[str, Row]) -> None:
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Options of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--mesh", nargs="*", default=["coarse"], choices=sorted(DIVISIONS))
     parser.add_argument(
         "--pressure",
@@ -177,11 +178,13 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--dam-fine", action="store_true", help="also the finest, 43k dofs")
     parser.add_argument(
         "--steps",
-        type=int,
+        type=at_least(1),
         default=TIED_STEPS,
         help=f"time steps of 0.00488 s ({DAM_STEPS} are the whole motion of the dam)",
     )
-    parser.add_argument("--repeat", type=int, default=1, help="runs over which medians are taken")
+    parser.add_argument(
+        "--repeat", type=at_least(1), default=1, help="runs over which medians are taken"
+    )
     parser.add_argument("--solver", default="auto", choices=KINDS)
     parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")

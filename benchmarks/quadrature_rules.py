@@ -13,7 +13,6 @@ stiffness.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from contextlib import suppress
@@ -25,6 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_joints import JointsError
+from dolfinx_joints.command_line import Parser
 from tests.verification.inclined_crack import CrackResult, InclinedCrack, solve_crack
 from tests.verification.no_tension_section import NoTensionSection, SectionState, move_force
 
@@ -255,7 +255,7 @@ def draw_section(axis: Any, sections: list[Row]) -> None:
 
 def main() -> None:
     """Print the tables, or one JSON object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="coarse meshes, less than a minute")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     parser.add_argument("--plot", type=Path, help="write a figure to this file")

@@ -11,7 +11,6 @@ forces, largest differences relative to the largest entry that the run has had s
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import fields
 from typing import Any
@@ -22,6 +21,7 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.laws import JointState, Response
 from dolfinx_joints.probes import NodeGather
 from dolfinx_joints.solver_choice import make_solver
@@ -143,9 +143,9 @@ def compare(scene: Scene, steps: int) -> dict[str, Any]:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 if the bound is missed."""
     names = ("tiny", "coarse", "dam")
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", default=list(names), choices=names)
-    parser.add_argument("--steps", type=int, default=200)
+    parser.add_argument("--steps", type=at_least(1), default=200)
     parser.add_argument("--quick", action="store_true", help="the tiny wall, 10 steps")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args(arguments)

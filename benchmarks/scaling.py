@@ -36,6 +36,7 @@ import dolfinx_joints as dj
 from benchmarks._measure import load_average, march, print_disturbance
 from benchmarks._parts import PARTS, Clocks, SplitWatch
 from benchmarks._scenes import Scene, wall
+from dolfinx_joints.command_line import Parser, at_least
 
 SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
 STEPS = {
@@ -242,12 +243,14 @@ def print_efficiencies(found: dict[str, dict[str, float]], first: int, ranks: in
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Options of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--series", nargs="+", default=list(SERIES), choices=list(SERIES))
-    parser.add_argument("--steps", type=int, default=30)
+    parser.add_argument("--steps", type=at_least(1), default=30)
     parser.add_argument("--large", action="store_true", help="also 1M dofs and 10k joint points")
     parser.add_argument("--quick", action="store_true", help="tiny walls")
-    parser.add_argument("--ranks", nargs="+", type=int, help="run under mpirun, compare the ranks")
+    parser.add_argument(
+        "--ranks", nargs="+", type=at_least(1), help="run under mpirun, compare the ranks"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     return parser.parse_args(arguments)
 

@@ -24,7 +24,6 @@ energy; ``--plot PATH`` draws the map.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import time as clock
@@ -37,6 +36,7 @@ from typing import Any
 import numpy as np
 
 import dolfinx_joints as dj
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.laws import Law
 from dolfinx_joints.solver_choice import make_solver
@@ -433,11 +433,13 @@ def power(value: float) -> str:
 
 def main() -> None:
     """Print the tables, or one JSON object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer cases, less than a minute")
     parser.add_argument("--schemes", nargs="+", default=list(SCHEMES), choices=list(SCHEMES))
-    parser.add_argument("--steps", type=int, help="steps of each case, 30 (quick) or 80")
-    parser.add_argument("--long", type=int, metavar="STEPS", help="drift over so many steps")
+    parser.add_argument("--steps", type=at_least(1), help="steps of each case, 30 (quick) or 80")
+    parser.add_argument(
+        "--long", type=at_least(1), metavar="STEPS", help="drift over so many steps"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     parser.add_argument("--plot", type=Path, help="write the map to this file")
     options = parser.parse_args()

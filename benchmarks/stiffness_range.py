@@ -24,6 +24,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._measure import free_memory
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.solver_choice import KINDS
 from dolfinx_joints.stages import Record
 
@@ -188,14 +189,14 @@ def as_json(results: Sequence[Result]) -> dict[str, Any]:
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Options of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--scenes", nargs="+", default=["coarse", "dam"], choices=("tiny", "coarse", "dam")
     )
     parser.add_argument("--stiffness", nargs="+", type=float, help="k_n [Pa/m]; inf is rigid")
     parser.add_argument("--angle", nargs="+", type=float, help="friction angles [degrees]")
     parser.add_argument("--factor", nargs="+", type=float, help=f"of the time step {TIME_STEP} s")
-    parser.add_argument("--steps", type=int, default=50)
+    parser.add_argument("--steps", type=at_least(1), default=50)
     parser.add_argument("--solver", default="auto", choices=KINDS)
     parser.add_argument("--quick", action="store_true", help="a few cases of the wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")

@@ -10,7 +10,6 @@ Lines that are not said to be adaptive have equal steps.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -39,6 +38,7 @@ from benchmarks._problems import (
     with_fine_motion,
 )
 from dolfinx_joints import JointsError
+from dolfinx_joints.command_line import Parser
 from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.solver_choice import make_solver
 
@@ -340,7 +340,7 @@ def draw_panel(
 
 def main() -> None:
     """Print a table, or one JSON object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, less than a minute")
     parser.add_argument("--only", nargs="+", default=[], help="problems whose name begins so")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")

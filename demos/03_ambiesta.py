@@ -29,6 +29,7 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.parallel import on_root
 from dolfinx_joints.solver_choice import KINDS
 from studies import ambiesta
@@ -39,12 +40,12 @@ from studies.tables import print_tables
 
 def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
     """Options of the command line."""
-    parser = argparse.ArgumentParser(description="Seismic analysis of a jointed arch dam.")
+    parser = Parser(description="Seismic analysis of a jointed arch dam.")
     parser.add_argument("--size", type=float, default=5.5, help="cell size [m] (default 5.5)")
     parser.add_argument("--order", type=int, default=2, choices=(1, 2), help="element order")
     parser.add_argument("--cell", default="hex", choices=("hex", "tet"), help="cell shape")
     parser.add_argument(
-        "--steps", type=int, default=ambiesta.ALL_STEPS, help="time steps of 0.00488 s"
+        "--steps", type=at_least(1), default=ambiesta.ALL_STEPS, help="time steps of 0.00488 s"
     )
     parser.add_argument("--record", type=Path, help="directory with three AT2 files of one record")
     parser.add_argument(

@@ -145,7 +145,7 @@ def check_path(name: str, value: Any) -> None:
         ValueError: The value is refused.
     """
     text = os.fspath(value) if isinstance(value, os.PathLike) else value
-    good = isinstance(text, str) and text.strip() != "" and "\0" not in text
+    good = isinstance(text, str) and text.strip() != "" and text.isprintable()
     check_kind_of(name, value, good, "the path of a file")
 
 

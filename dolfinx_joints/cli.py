@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from dolfinx_joints import __version__
+from dolfinx_joints.command_line import Parser
 from dolfinx_joints.errors import JointsError
 
 
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             _report(options.results, options.out, with_3d=not options.no_3d)
         sys.stdout.flush()
-    except JointsError as error:
+    except (JointsError, ValueError) as error:
         print(f"dolfinx-joints: {error}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -43,8 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="dolfinx-joints", description="Look at the results files of runs with joints."
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")

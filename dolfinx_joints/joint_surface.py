@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.result_requests import check_joint
 from dolfinx_joints.results import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -31,6 +32,7 @@ class JointSurface:
 
     def __init__(self, results: Results, joint: str) -> None:
         """Project the points and the facets of the mesh that carry them."""
+        check_joint(results, joint)
         points = results.static(f"joints/{joint}/points")
         frames = results.static(f"joints/{joint}/frames")
         facet = results.static(f"joints/{joint}/facet")

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -30,28 +29,6 @@ MAP_LABELS = LABELS | {
     "slip": "tangential gap [mm]",
     "state": "state of the points",
 }
-
-
-def check_name(value: str, name: str, allowed: Iterable[str]) -> None:
-    """Refuse a word that is not among the allowed ones, in one sentence."""
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {value!r}.")
-
-
-def record_number(results: Results, time: float | None, index: int) -> int:
-    """Number of a record of the stream ``states``, from 0.
-
-    Args:
-        results: the run.
-        time: the record nearest to it [s].
-        index: number of the record where no time is given, negative from the end.
-    """
-    if time is not None:
-        return results.nearest("states", time)
-    rows = results.rows("states")
-    if not -rows <= index < rows:
-        raise ValueError(f"index must be that of one of {rows} recorded states, got {index}.")
-    return index % rows
 
 
 def tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArray[np.bool_]]:

@@ -8,13 +8,23 @@ hold is asked for in vain: :class:`ResultsError` names it.
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_flag, check_kind_of, check_number
 from dolfinx_joints.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.records import Motion
+from dolfinx_joints.result_requests import (
+    COMPONENTS,
+    Component,
+    check_band,
+    check_joint,
+    check_results,
+    check_seconds,
+    column_of,
+)
 from dolfinx_joints.results import Results
 from dolfinx_joints.spectra import (
     equally_spaced,
@@ -24,10 +34,8 @@ from dolfinx_joints.spectra import (
     significant_duration,
 )
 
-Component = Literal["x", "y", "z"]
 Floats = NDArray[np.floating[Any]]
 
-COMPONENTS: tuple[Component, ...] = get_args(Component)
 SLIDING = 2  # `laws.Status.SLIP`, as files hold it
 
 JOINT_MEASURES = (
@@ -94,7 +102,9 @@ def displacement_history(
     Returns:
         Times [s] and displacements [m], both of shape (records,).
     """
-    column, time = _column(component), results.time("histories")
+    check_results(results)
+    check_flag("absolute", absolute)
+    column, time = column_of(component), results.time("histories")
     u = results.series("histories", "displacement")[:, results.point_index(point), column]
     relative = u - u[:1]
     if not absolute:
@@ -120,7 +130,9 @@ def acceleration_history(
     Returns:
         Times [s] and accelerations [m/s^2], both of shape (records - 1,).
     """
-    column, time = _column(component), results.time("histories")
+    check_results(results)
+    check_flag("absolute", absolute)
+    column, time = column_of(component), results.time("histories")
     index = results.point_index(point)
     a = results.series("histories", "acceleration", slice(1, None))[:, index, column]
     if absolute:
@@ -142,6 +154,7 @@ def peaks(
     Returns:
         By component, ``"strong"``, up to that time, and ``"later"``, after it, NaN without records.
     """
+    check_number("strong_until", strong_until, lambda v: True, "a finite number", unit="s")
     found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
         time, u = displacement_history(results, point, component)
@@ -162,6 +175,7 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     """
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
+    check_kind_of("source", source, isinstance(source, Results), "a Motion or a Results")
     values = source.series("histories", "ground_acceleration")
     time = source.time("histories")
     dt, ground = equally_spaced(time, values)
@@ -182,6 +196,8 @@ def fourier_peaks(
         component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
         below: Look for a second peak at frequencies below this one [Hz].
     """
+    if below is not None:
+        check_number("below", below, lambda v: v > 0.0, "positive", unit="Hz")
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     frequency, amplitude = fourier_amplitude(values, dt)
@@ -212,6 +228,10 @@ def effective_period(
             Nyquist's unless given.
         hop: Time between windows [s], an eighth of one unless given.
     """
+    check_seconds("window", window)
+    if hop is not None:
+        check_seconds("hop", hop)
+    check_band(band)
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     times, frequency, damping = running_frequency(values, dt, window, band=band, hop=hop)
@@ -246,6 +266,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
         (records, points), [m].
     """
+    check_joint(results, joint)
     gap = results.series("states", f"joints/{joint}/gap")
     opening = np.maximum(gap[..., 0], 0.0)
     slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
@@ -270,8 +291,8 @@ def joint_measures(results: Results, *, tail: float = 1.0) -> dict[str, dict[str
         results: The run.
         tail: How long before the end residual values are averaged [s].
     """
-    if not tail >= 0.0:
-        raise ValueError(f"tail must be 0 s or more, got {tail} s.")
+    check_results(results)
+    check_number("tail", tail, lambda v: v >= 0.0, "0 s or more", unit="s")
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
 
 
@@ -306,6 +327,7 @@ def stress_extremes(results: Results) -> dict[str, float]:
     By the names of the stream ``envelopes``; NaN where the run recorded none, and where no point
     has the direction.
     """
+    check_results(results)
     found = dict.fromkeys(ENVELOPE_NAMES, np.nan)
     if "envelopes" in results.streams and results.rows("envelopes"):
         for name in ENVELOPE_NAMES:
@@ -332,6 +354,7 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
         results: The run.
         strong_until: End of the strong motion [s]; from the file's ground motion unless given.
     """
+    check_results(results)
     until = strong_motion_end(results) if strong_until is None else strong_until
     row = {"strong_until": until}
     for point in results.point_names:
@@ -368,12 +391,6 @@ def all_joints(results: Results) -> dict[str, float]:
         shared = name.startswith("share_")
         found[name] = float(values @ areas / areas.sum() if shared else values.max())
     return found
-
-
-def _column(component: str) -> int:
-    if component not in COMPONENTS:
-        raise ValueError(f"component must be one of x, y, z, got {component!r}.")
-    return COMPONENTS.index(component)
 
 
 def _largest(values: Floats) -> float:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints, find_facets
-from dolfinx_joints.checks import shown
+from dolfinx_joints.checks import check_path, shown
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh, load_msh
 from dolfinx_joints.orientation import facet_normals
@@ -150,6 +150,7 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
             a joint facet does not have one cell on each side.
     """
+    check_path("path", path)
     return _distribute(comm, lambda: _prepare(load_msh(Path(path)), joints))
 
 
@@ -204,8 +205,9 @@ class _Prepared:
 
 def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
     """Split a mesh held by rank 0 and tag its groups."""
-    if isinstance(joints, str):
-        raise MeshError(f"joints is {joints!r}; it must be a list of names.")
+    listed = isinstance(joints, list | tuple) and all(isinstance(name, str) for name in joints)
+    if joints is not None and not listed:
+        raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
     names, duplicated = _joint_names(raw, joints)
     slots: dict[str, Ints] = {}
     for name, vertices in raw.facet_groups.items():
@@ -266,8 +268,8 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
         if name not in groups and name not in doubled:
             known = ", ".join(sorted(groups)) or "none"
             raise MeshError(
-                f"The mesh has no joint {name!r} (neither a surface group of that name nor the "
-                f"pair {name}- and {name}+); its surface groups are: {known}."
+                f"The mesh has no joint {shown(name)} (neither a surface group of that name nor "
+                f"the pair of its sides, - and +); its surface groups are: {known}."
             )
     if doubled and len(doubled) != len(joints):
         raise MeshError(

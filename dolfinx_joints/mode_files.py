@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.checks import check_flag, check_kind_of, check_path
 from dolfinx_joints.modal import Modes
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root
@@ -41,6 +42,10 @@ def write_modes(
         ResultsError: The file exists, or cannot be written.
         ValueError: The modes are not of this model.
     """
+    check_path("path", path)
+    check_kind_of("modes", modes, isinstance(modes, Modes), "what modes(model) gives")
+    check_kind_of("model", model, isinstance(model, Model), "a Model")
+    check_flag("overwrite", overwrite)
     unknowns = {shape.getSize() for shape in modes.shapes}
     if unknowns != {model.num_dofs}:
         raise ValueError(

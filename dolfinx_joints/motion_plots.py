@@ -7,20 +7,38 @@ Functions draw as those of `plots` do.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.measures import Component
-from dolfinx_joints.plots import BLUE, GREY, RED, decorate, legend, new_axes
+from dolfinx_joints.checks import (
+    check_choice,
+    check_kind_of,
+    check_number,
+    finite,
+    numbers_of,
+    shown,
+)
+from dolfinx_joints.plots import (
+    BLUE,
+    GREY,
+    RED,
+    check_labels,
+    chosen_axes,
+    decorate,
+    legend,
+)
 from dolfinx_joints.records import STANDARD_GRAVITY, Motion
-from dolfinx_joints.response_plots import plain_periods
+from dolfinx_joints.response_plots import checked_periods, plain_periods
+from dolfinx_joints.result_requests import Component, column_of
 from dolfinx_joints.spectra import response_spectrum
 from dolfinx_joints.spectrum_matching import SpectrumMatch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Floats = NDArray[np.floating[Any]]
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
 _UNITS = {"acceleration": "g", "velocity": "m/s", "displacement": "m"}
@@ -49,10 +67,11 @@ def history(
         reference: another motion to draw behind it.
         labels: what to call the motion and the reference.
     """
-    _check(component)
-    if quantity not in _UNITS:
-        raise ValueError(f"quantity must be one of {', '.join(_UNITS)}, got {quantity!r}.")
-    ax = new_axes() if ax is None else ax
+    column = column_of(component)
+    check_choice("quantity", quantity, _UNITS)
+    _check_motions(motion, reference)
+    check_labels(labels)
+    ax = chosen_axes(ax)
     for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
         if each is None:
             continue
@@ -61,7 +80,7 @@ def history(
             "acceleration": each.acceleration / STANDARD_GRAVITY,
             "velocity": velocity,
             "displacement": displacement,
-        }[quantity][:, "xyz".index(component)]
+        }[quantity][:, column]
         ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
     decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
     ax.set_title(f"{motion.name}: {quantity} {component}", loc="left")
@@ -94,12 +113,16 @@ def response_spectra(
         reference: another motion, drawn in dashes behind it.
         reference_label: what to call the reference.
     """
-    for component in components:
-        _check(component)
-    if not components or len(set(components)) < len(components):
-        raise ValueError(f"components must be different ones of x, y, z, got {components!r}.")
-    ax = new_axes(height=3.6) if ax is None else ax
-    natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods, dtype=float)
+    good = isinstance(components, str) and set(components) <= set("xyz")
+    if not good or not components or len(set(components)) < len(components):
+        got = shown(components)
+        raise ValueError(f"components must be different ones of x, y, z, got {got}.")
+    _check_motions(motion, reference)
+    check_kind_of("reference_label", reference_label, isinstance(reference_label, str), "a text")
+    check_number("damping_ratio", damping_ratio, lambda v: 0.0 <= v < 1.0, "from 0 to below 1")
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else checked_periods(periods)
+    goal = None if target is None else _checked_target(target)
+    ax = chosen_axes(ax, height=3.6)
     for each, line in ((reference, "--"), (motion, "-")):
         if each is None:
             continue
@@ -110,13 +133,8 @@ def response_spectra(
             values = found.pseudo_acceleration[:, "xyz".index(component)] / STANDARD_GRAVITY
             style = {"color": _COLOURS[component], "linestyle": line, "label": label}
             ax.semilogx(natural, values, linewidth=0.9 if each is reference else 1.2, **style)
-    if target is not None:
-        times, accelerations = (np.asarray(values, dtype=float) for values in target)
-        if times.ndim != 1 or times.shape != accelerations.shape:
-            raise ValueError(
-                "target must be periods and as many pseudo-accelerations, got shapes "
-                f"{times.shape} and {accelerations.shape}."
-            )
+    if goal is not None:
+        times, accelerations = goal
         ax.plot(times, accelerations / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
     ax.set_title(f"{motion.name}: response spectra, {damping_ratio:.0%} damping", loc="left")
@@ -134,6 +152,7 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
         match: what :func:`~dolfinx_joints.spectrum_matching.match_spectrum` has returned.
         ax: where to draw.
     """
+    check_kind_of("match", match, isinstance(match, SpectrumMatch), "what match_spectrum gives")
     ax = response_spectra(
         match.motion,
         components=match.components,
@@ -151,6 +170,21 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _check(component: str) -> None:
-    if component not in get_args(Component):
-        raise ValueError(f"component must be x, y or z, got {component!r}.")
+def _check_motions(motion: Any, reference: Any) -> None:
+    """Refuse what are no motions."""
+    check_kind_of("motion", motion, isinstance(motion, Motion), "a Motion")
+    if reference is not None:
+        check_kind_of("reference", reference, isinstance(reference, Motion), "a Motion, or None")
+
+
+def _checked_target(target: Any) -> tuple[Floats, Floats]:
+    """Periods [s] and pseudo-accelerations [m/s^2] of a spectrum."""
+    pair = isinstance(target, tuple | list) and len(target) == 2
+    check_kind_of("target", target, pair, "periods and as many pseudo-accelerations")
+    periods, accelerations = checked_periods(target[0]), numbers_of(target[1])
+    if accelerations is None or accelerations.shape != periods.shape or not finite(accelerations):
+        got = shown(target[1])
+        raise ValueError(
+            f"target must be {len(periods)} periods and as many pseudo-accelerations, got {got}."
+        )
+    return periods, accelerations

@@ -8,24 +8,26 @@ matplotlib's global state. Tractions keep the sign of the files: compression is 
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_choice, check_kind_of, check_number, check_path
+from dolfinx_joints.errors import JointsError
 from dolfinx_joints.joint_surface import JointSurface
 from dolfinx_joints.joint_values import (
     LABELS,
     Quantity,
-    check_name,
     colour_limits,
     colours,
-    record_number,
     traction_value,
     tractions,
 )
-from dolfinx_joints.measures import Component, displacement_history
+from dolfinx_joints.measures import displacement_history
+from dolfinx_joints.result_requests import Component, check_results, column_of, record_number
 from dolfinx_joints.results import ENERGY_TERMS, Results
 from dolfinx_joints.spectra import equally_spaced, fourier_amplitude, highest_peak
 
@@ -44,12 +46,46 @@ def new_axes(*, width: float = 6.3, height: float = 3.2) -> Axes:
     Args:
         width: of the figure [inch].
         height: of the figure [inch].
+
+    Raises:
+        ValueError: a size is no length of paper.
     """
+    for name, size in (("width", width), ("height", height)):
+        check_number(name, size, lambda v: 0.5 <= v <= 100.0, "from 0.5 to 100 inch", unit="inch")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="compressed")
     ax: Axes = figure.add_subplot()
     return ax
+
+
+def chosen_axes(ax: Any, **size: float) -> Axes:
+    """Axes that were given, or new ones for None.
+
+    Args:
+        ax: what a function was told to draw on.
+        size: of new axes.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if ax is None:
+        return new_axes(**size)
+    from matplotlib.axes import Axes as Known
+
+    check_kind_of("ax", ax, isinstance(ax, Known), "axes of matplotlib, or None")
+    return cast("Axes", ax)
+
+
+def check_labels(labels: Any) -> None:
+    """Refuse what is not two texts.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    good = isinstance(labels, tuple | list) and len(labels) == 2
+    good = good and all(isinstance(label, str) for label in labels)
+    check_kind_of("labels", labels, good, "two texts, of the run and the reference")
 
 
 def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Path:
@@ -59,9 +95,27 @@ def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Pat
         figure: for example ``ax.figure``.
         path: for example ``crest.pdf``.
         dpi: dots per inch of pixel formats.
+
+    Raises:
+        ValueError: the ending is of no format, or an argument is of another kind.
+        JointsError: the file cannot be written; nothing is left of it then.
     """
-    figure.figure.savefig(path, dpi=dpi)
-    return Path(path)
+    check_kind_of("figure", figure, hasattr(figure, "figure"), "a figure of matplotlib")
+    check_path("path", path)
+    check_number("dpi", dpi, lambda v: 10 <= v <= 2400, "from 10 to 2400")
+    whole, place = figure.figure, Path(path)
+    known = sorted(whole.canvas.get_supported_filetypes())
+    check_choice("The ending of the figure's name", place.suffix[1:].lower(), known)
+    part = place.with_name(f".{place.stem}.part{place.suffix}")
+    try:
+        whole.savefig(part, dpi=dpi)
+        part.replace(place)
+    except OSError as error:
+        raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+    return place
 
 
 def history(
@@ -83,8 +137,11 @@ def history(
         reference: another run to draw behind it, with a monitor point of the same name.
         labels: what to call the run and the reference.
     """
-    ax = new_axes() if ax is None else ax
-    for run, style in runs(results, reference, labels):
+    lines = runs(results, reference, labels)
+    column_of(component)
+    point_name(results, point)
+    ax = chosen_axes(ax)
+    for run, style in lines:
         time, displacement = _history(run, point, component)
         ax.plot(time, 1e3 * displacement, **style)
     decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
@@ -120,8 +177,11 @@ def fourier(
         labels: what to call the run and the reference.
         max_frequency: end of the frequency axis [Hz].
     """
-    ax = new_axes() if ax is None else ax
-    for run, style in runs(results, reference, labels):
+    lines = runs(results, reference, labels)
+    check_number("max_frequency", max_frequency, lambda v: v > 0.0, "positive", unit="Hz")
+    displacement_history(results, point, component)
+    ax = chosen_axes(ax)
+    for run, style in lines:
         dt, values = equally_spaced(*displacement_history(run, point, component))
         frequency, amplitude = fourier_amplitude(values, dt)
         shown = frequency <= max_frequency
@@ -163,10 +223,10 @@ def joint_traction(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    check_name(quantity, "quantity", LABELS)
-    ax = new_axes(width=4.6, height=5.6) if ax is None else ax
+    check_choice("quantity", quantity, LABELS)
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
+    ax = chosen_axes(ax, width=4.6, height=5.6)
     traction, is_open = tractions(results, joint, number)
     values = np.where(is_open, np.nan, traction_value(traction, quantity))
     patches = PolyCollection(
@@ -211,12 +271,11 @@ def traction_profile(
         position: 0 at the upstream (left) edge of the joint, 1 at the other.
         ax: where to draw.
     """
-    check_name(quantity, "quantity", ("tractions", "ratio"))
-    if not 0.0 <= position <= 1.0:
-        raise ValueError(f"position must lie within 0 to 1, got {position}.")
-    ax = new_axes(width=4.6, height=4.6) if ax is None else ax
+    check_choice("quantity", quantity, ("tractions", "ratio"))
+    check_number("position", position, lambda v: 0.0 <= v <= 1.0, "from 0 to 1")
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
+    ax = chosen_axes(ax, width=4.6, height=4.6)
     chosen = surface.points_along(position)
     height = surface.points[chosen, 1]
     traction, is_open = (array[chosen] for array in tractions(results, joint, number))
@@ -240,8 +299,9 @@ def traction_profile(
 
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Energies of the ledger against time, with the largest error as a share in the legend."""
-    ax = new_axes(height=3.6) if ax is None else ax
+    check_results(results)
     time = results.time("energy")
+    ax = chosen_axes(ax, height=3.6)
     terms = {term: results.series("energy", term) for term in ENERGY_TERMS}
     largest = max(
         (float(np.abs(values).max(initial=0.0)) for values in terms.values()), default=0.0
@@ -263,8 +323,9 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
 
 def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     """Shares of the joint points that are open and that slide, against time [%]."""
-    ax = new_axes() if ax is None else ax
+    check_results(results)
     time = results.time("histories")
+    ax = chosen_axes(ax)
     for state, colour, label in (("open", "black", "open"), ("slip", RED, "sliding")):
         share = 100.0 * results.series("histories", f"joint_{state}")
         ax.plot(time, share, color=colour, linewidth=1.0, label=label)
@@ -280,6 +341,10 @@ def runs(
     results: Results, reference: Results | None, labels: tuple[str, str]
 ) -> list[tuple[Results, dict[str, Any]]]:
     """Runs in drawing order, each with the style of its line."""
+    check_results(results)
+    if reference is not None:
+        check_results(reference, "reference")
+    check_labels(labels)
     own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
         return [own]
@@ -288,8 +353,7 @@ def runs(
 
 def _history(results: Results, point: int | str, component: Component) -> tuple[Floats, Floats]:
     """Times [s] and one displacement component [m] of a monitor point."""
-    check_name(component, "component", ("x", "y", "z"))
-    column = ("x", "y", "z").index(component)
+    column = column_of(component)
     displacement = results.series("histories", "displacement")
     return results.time("histories"), displacement[:, results.point_index(point), column]
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.errors import JointsError
 
 Floats = NDArray[np.floating[Any]]
@@ -36,8 +37,9 @@ class Camera:
 
     def __init__(self, azimuth_deg: float, elevation_deg: float) -> None:
         """Take the axes of the picture from the angles."""
-        if not -90.0 <= elevation_deg <= 90.0:
-            raise ValueError(f"elevation_deg must lie within -90 to 90, got {elevation_deg}.")
+        check_number("azimuth_deg", azimuth_deg, lambda v: abs(v) <= 3600.0, "an angle in degrees")
+        check_number("elevation_deg", elevation_deg, lambda v: abs(v) <= 90.0, "from -90 to 90")
+        azimuth_deg, elevation_deg = float(azimuth_deg), float(elevation_deg)
         azimuth, elevation = np.deg2rad([azimuth_deg, elevation_deg])
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         self.right: Floats = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_joints import paper_statements, report_body, report_response, report_sections
+from dolfinx_joints.checks import check_flag, check_kind_of, check_path
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.hdf5_checks import DamageTold
 from dolfinx_joints.report_page import Drawings, Html, Section, bullets, page, paragraph, plain
@@ -48,7 +49,14 @@ def write(
 
     Raises:
         ResultsError: a file cannot be read, a package is missing, or ``out`` cannot be written.
+        ValueError: an argument is of another kind.
     """
+    several = isinstance(results, Sequence) and not isinstance(results, str | bytes)
+    check_kind_of("results", results, several, "a list of paths of results files")
+    for path in results:
+        check_path("A results file", path)
+    check_path("out", out)
+    check_flag("with_3d", with_3d)
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")

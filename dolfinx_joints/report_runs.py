@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.measures import Component
+from dolfinx_joints.result_requests import Component
 from dolfinx_joints.results import Results
 
 # What a run computes on, not what it computes: runs that differ only in these estimate the error.

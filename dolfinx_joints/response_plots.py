@@ -12,15 +12,24 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.checks import (
+    SMALLEST,
+    check_choice,
+    check_kind_of,
+    check_number,
+    finite,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.measures import (
-    Component,
     acceleration_history,
     displacement_history,
     effective_period,
     joint_history,
 )
-from dolfinx_joints.plots import GREY, decorate, legend, new_axes, point_name, runs
+from dolfinx_joints.plots import GREY, chosen_axes, decorate, legend, point_name, runs
 from dolfinx_joints.records import STANDARD_GRAVITY
+from dolfinx_joints.result_requests import Component, check_joint, check_results, check_seconds
 from dolfinx_joints.results import Results
 from dolfinx_joints.spectra import equally_spaced, response_spectrum, spectrogram
 
@@ -53,9 +62,12 @@ def response_spectra(
         reference: another run to draw behind it.
         labels: what to call the run and the reference.
     """
-    ax = new_axes(height=3.6) if ax is None else ax
-    natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods, dtype=float)
-    for run, style in runs(results, reference, labels):
+    lines = runs(results, reference, labels)
+    acceleration_history(results, point, component)
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else checked_periods(periods)
+    check_number("damping_ratio", damping_ratio, lambda v: 0.0 <= v < 1.0, "from 0 to below 1")
+    ax = chosen_axes(ax, height=3.6)
+    for run, style in lines:
         dt, values = equally_spaced(*acceleration_history(run, point, component))
         ax.semilogx(natural, _spectrum(values, dt, natural, damping_ratio), **style)
     dt, ground = equally_spaced(
@@ -99,15 +111,18 @@ def displacement_spectrogram(
         label: what to call the run in the title.
         ax: where to draw.
     """
-    ax = new_axes(height=3.6) if ax is None else ax
+    check_seconds("window", window)
+    check_number("max_frequency", max_frequency, lambda v: v > 0.0, "positive", unit="Hz")
+    check_kind_of("label", label, isinstance(label, str), "a text")
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     drawn = spectrogram(values, dt, window, hop=window / 40.0)
-    shown = drawn.frequencies <= max_frequency
-    amplitude = 1e3 * drawn.amplitude[:, shown].T
+    inside = drawn.frequencies <= max_frequency
+    amplitude = 1e3 * drawn.amplitude[:, inside].T
+    ax = chosen_axes(ax, height=3.6)
     picture = ax.pcolormesh(
         drawn.times + time[0],
-        drawn.frequencies[shown],
+        drawn.frequencies[inside],
         amplitude,
         cmap="viridis",
         shading="nearest",
@@ -154,10 +169,12 @@ def effective_frequency(
         reference: another run to draw behind it.
         labels: what to call the run and the reference.
     """
-    if quantity not in ("frequency", "damping"):
-        raise ValueError(f"quantity must be frequency or damping, got {quantity!r}.")
-    ax = new_axes() if ax is None else ax
-    for run, style in runs(results, reference, labels):
+    check_choice("quantity", quantity, ("frequency", "damping"))
+    check_seconds("window", window)
+    lines = runs(results, reference, labels)
+    displacement_history(results, point, component)
+    ax = chosen_axes(ax)
+    for run, style in lines:
         found = effective_period(run, point, component, window, band=band, hop=window / 40.0)
         damping = 100.0 * found.damping_ratios
         ax.plot(found.times, 1.0 / found.periods if quantity == "frequency" else damping, **style)
@@ -190,12 +207,15 @@ def joint_motion(
     """
     from matplotlib import colormaps
 
-    if quantity not in ("opening", "slip"):
-        raise ValueError(f"quantity must be opening or slip, got {quantity!r}.")
+    check_choice("quantity", quantity, ("opening", "slip"))
+    check_results(results)
     names = results.joints if joints is None else joints
+    check_kind_of("joints", names, isinstance(names, list | tuple), "a list of names of joints")
+    for joint in names:
+        check_joint(results, joint)
     if not names:
         raise ValueError(f"{results.path} holds no joints to draw.")
-    ax = new_axes(height=3.8) if ax is None else ax
+    ax = chosen_axes(ax, height=3.8)
     shades = colormaps["turbo"](np.linspace(0.05, 0.95, len(names)))
     for name, colour in zip(names, shades, strict=True):
         time, opening, slip = joint_history(results, name)
@@ -221,6 +241,20 @@ def _spectrum(acceleration: Floats, dt: float, periods: Floats, damping_ratio: f
     """Pseudo-accelerations [g] of one component."""
     spectrum = response_spectrum(acceleration, dt, periods, damping_ratio)
     found: Floats = spectrum.pseudo_acceleration / STANDARD_GRAVITY
+    return found
+
+
+def checked_periods(periods: Any) -> Floats:
+    """Periods of oscillators, shape (n >= 1,), [s].
+
+    Raises:
+        ValueError: they are no positive numbers.
+    """
+    found = numbers_of(periods)
+    good = found is not None and found.ndim == 1 and found.size and finite(found)
+    if found is None or not good or not (found >= SMALLEST).all():
+        got = shown(periods)
+        raise ValueError(f"periods is {got}; it must be a list of positive numbers of seconds.")
     return found
 
 

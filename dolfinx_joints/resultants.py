@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_number
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.results import Results, listing
+from dolfinx_joints.result_requests import check_joint, check_results
+from dolfinx_joints.results import Results
 
 Floats = NDArray[np.floating[Any]]
 
@@ -208,10 +209,7 @@ def joint_resultants(
         ResultsError: There is no such joint.
         ValueError: The angle is not from 0 to below 90 degrees.
     """
-    if joint not in results.joints:
-        raise ResultsError(
-            f"No joint {joint!r} in {results.path}; it has {listing(results.joints)}."
-        )
+    check_joint(results, joint)
     friction, cohesion = _strength(results, joint, friction_angle_deg)
     arrays = _Arrays.of(results, joint)
     geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
@@ -235,6 +233,7 @@ def block_resultants(results: Results) -> BlockResultants:
     Raises:
         ResultsError: The run did not record it.
     """
+    check_results(results)
     series = results.streams.get("resultants", [])
     if "blocks/force" not in series:
         raise ResultsError(
@@ -258,6 +257,7 @@ def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
     where no friction angle is known; ``normal_force_max``, ``normal_force_min``,
     ``shear_force_max`` [N]; ``contact_min``, the smallest share of the area under pressure.
     """
+    check_results(results)
     return {joint: _measures_of(joint_resultants(results, joint)) for joint in results.joints}
 
 

@@ -24,6 +24,7 @@ A simulation writes the contents named in ``declare_histories``, ``declare_energ
 """
 
 import json
+import operator
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -32,6 +33,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import LARGEST, check_path, real, shown
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.hdf5_checks import DamageTold, attribute, check_contents, open_growing
 
@@ -55,6 +57,8 @@ JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 LARGE_ENERGY_ERROR = 0.05
 LARGE_LOCAL_ERROR = 0.05
 
+_MOST_LISTED = 12  # names in a message
+
 Index = int | slice
 
 
@@ -68,10 +72,12 @@ class Results:
 
     Raises:
         ResultsError: no such file, not HDF5, not a results file, or written by a newer version.
+        ValueError: the path is none.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Open the file."""
+        check_path("path", path)
         self.path = Path(path)
         self._file = _open(self.path)
 
@@ -138,6 +144,17 @@ class Results:
         found = [part[1] for part in names if part[0] == "joints" and part[2:] == ["points"]]
         return sorted(found, key=lambda name: (len(name), name))
 
+    def check_joint(self, joint: str) -> None:
+        """Refuse a joint that the file does not hold.
+
+        Raises:
+            ResultsError: It does not.
+        """
+        if not isinstance(joint, str) or joint not in self.joints:
+            raise ResultsError(
+                f"No joint {shown(joint)} in {self.path}; it has {listing(self.joints)}."
+            )
+
     def law(self, joint: str) -> dict[str, Any]:
         """What the file tells of a joint's law; empty if nothing, as in older files.
 
@@ -145,8 +162,9 @@ class Results:
         [Pa].
 
         Raises:
-            ResultsError: It tells something else.
+            ResultsError: It tells something else, or has no such joint.
         """
+        self.check_joint(joint)
         laws = self.metadata.get("laws", {})
         law = laws.get(joint, {}) if isinstance(laws, dict) else laws
         if law == {}:
@@ -175,9 +193,10 @@ class Results:
         names = self.point_names
         if isinstance(point, str) and point in names:
             return names.index(point)
-        if not isinstance(point, str) and 0 <= point < len(names):
-            return int(point)
-        raise ResultsError(f"No monitor point {point!r}; the file has {listing(names)}.")
+        number = _whole(point)
+        if number is not None and 0 <= number < len(names):
+            return number
+        raise ResultsError(f"No monitor point {shown(point)}; the file has {listing(names)}.")
 
     def static(self, name: str) -> NDArray[Any]:
         """Return an array written once."""
@@ -224,24 +243,31 @@ class Results:
         """
         dataset, rows = self._series(stream, name), self.rows(stream)
         if isinstance(index, slice):
+            if not all(n is None or _whole(n) is not None for n in (index.start, index.stop)):
+                raise ResultsError(f"A slice of records goes by whole numbers, got {shown(index)}.")
+            if index.step is not None and (_whole(index.step) or 0) < 1:
+                got = shown(index.step)
+                raise ResultsError(f"A slice of records must go forward, got step {got}.")
             start, stop, step = index.indices(rows)
-            if step < 1:
-                raise ResultsError(f"A slice of records must go forward, got step {step}.")
             with self._reading():
                 values: NDArray[Any] = dataset[start : max(start, stop) : step]
             return values
-        if not -rows <= index < rows:
-            raise ResultsError(f"The stream {stream!r} has {rows} records, got number {index}.")
+        number = _whole(index)
+        if number is None or not -rows <= number < rows:
+            got = shown(index)
+            raise ResultsError(f"The stream {stream!r} has {rows} records, got number {got}.")
         with self._reading():
-            row: NDArray[Any] = np.asarray(dataset[index % rows])
+            row: NDArray[Any] = np.asarray(dataset[number % rows])
         return row
 
     def nearest(self, stream: str, time: float) -> int:
         """Number of the record whose time is nearest to ``time`` [s]."""
         times = self.time(stream)
+        if not abs(real(time)) <= LARGEST:
+            raise ResultsError(f"time is {shown(time)}; it must be a finite number [s].")
         if not times.size:
             raise ResultsError(f"The stream {stream!r} has no records.")
-        return int(np.argmin(np.abs(times - time)))
+        return int(np.argmin(np.abs(times - real(time))))
 
     def unit(self, *where: str) -> str:
         """Unit of an array given by its name, or of a series given by stream and name."""
@@ -255,25 +281,31 @@ class Results:
         return DamageTold(self.path, ResultsError)
 
     def _dataset(self, *where: str) -> h5py.Dataset:
+        if len(where) not in (1, 2):
+            raise ResultsError(
+                f"An array is given by its name, a series by stream and name, got {len(where)} "
+                "names."
+            )
         return self._static(*where) if len(where) == 1 else self._series(*where)
 
     def _static(self, name: str) -> h5py.Dataset:
-        if name not in self.statics:
-            raise ResultsError(f"No array {name!r} in {self.path}; it has {listing(self.statics)}.")
+        if not isinstance(name, str) or name not in self.statics:
+            raise ResultsError(
+                f"No array {shown(name)} in {self.path}; it has {listing(self.statics)}."
+            )
         return self._file["static"][name]
 
     def _stream(self, stream: str) -> h5py.Group:
-        if stream not in self._file["streams"]:
-            raise ResultsError(
-                f"No stream {stream!r} in {self.path}; it has {listing(self._file['streams'])}."
-            )
+        if not isinstance(stream, str) or stream not in list(self._file["streams"]):
+            known = listing(self._file["streams"])
+            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
         return self._file["streams"][stream]
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
         group = self._stream(stream)
-        if name not in _dataset_names(group):
+        if not isinstance(name, str) or name not in _dataset_names(group):
             raise ResultsError(
-                f"No series {name!r} in the stream {stream!r} of {self.path}; "
+                f"No series {shown(name)} in the stream {stream!r} of {self.path}; "
                 f"it has {listing(self.streams[stream])}."
             )
         return group[name]
@@ -360,8 +392,18 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 
 
 def listing(names: Iterable[str]) -> str:
-    """Names in one line, for messages."""
-    return ", ".join(names) or "none"
+    """Names in one line, for messages; of many the first."""
+    every = list(names)
+    more = f" and {len(every) - _MOST_LISTED} more" if len(every) > _MOST_LISTED else ""
+    return (", ".join(every[:_MOST_LISTED]) or "none") + more
+
+
+def _whole(value: Any) -> int | None:
+    """A whole number, None of anything else."""
+    try:
+        return None if isinstance(value, bool | np.ndarray) else operator.index(value)
+    except Exception:  # what a class of the user's own may raise
+        return None
 
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:

@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_kind_of, check_path
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.hdf5_checks import (
     DamageTold,
@@ -177,6 +178,7 @@ def read_table(path: str | Path) -> Table:
     Raises:
         StudyError: There is no such table.
     """
+    check_path("path", path)
     place = Path(path)
     place = place / TABLE if place.is_dir() else place
     if not place.is_file():
@@ -213,11 +215,17 @@ def write_csv(table: Table, path: str | Path) -> Path:
 
     Raises:
         StudyError: It cannot be written.
+        ValueError: An argument is of another kind.
     """
+    check_path("path", path)
+    columns = [] if not isinstance(table, Mapping) else list(table.values())
+    good = all(isinstance(column, np.ndarray) and column.ndim == 1 for column in columns)
+    same = len({len(column) for column in columns}) == 1 if good else False
+    check_kind_of("table", table, same, "columns of one length by name, as read_table gives")
     place, text = Path(path), io.StringIO(newline="")
     writer = csv.writer(text)
     writer.writerow(table)
-    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
     _replace(place, text.getvalue().encode())
     return place
 

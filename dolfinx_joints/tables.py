@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_flag, check_path
 from dolfinx_joints.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.hdf5_checks import OTHER, DamageTold
-from dolfinx_joints.measures import COMPONENTS, JOINT_MEASURES, joint_measures
+from dolfinx_joints.measures import JOINT_MEASURES, joint_measures
+from dolfinx_joints.result_requests import COMPONENTS, check_results
 from dolfinx_joints.resultants import (
     RESULTANT_MEASURES,
     block_resultants,
@@ -70,7 +72,10 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
     Raises:
         ResultsError: A file exists, or cannot be written.
+        ValueError: An argument is of another kind.
     """
+    check_path("folder", folder)
+    check_flag("overwrite", overwrite)
     folder, tables = Path(folder), tables_of(results)
     if not tables:
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
@@ -91,6 +96,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
 def tables_of(results: Results) -> dict[str, Table]:
     """The tables of `write_csv` by name, those for which the file holds something."""
+    check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
     with DamageTold(results.path, ResultsError, OTHER):
         return _tables(results, streams)

@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_choice, check_flag, check_kind_of, check_number
 from dolfinx_joints.joint_surface import JointSurface
 from dolfinx_joints.joint_values import (
     MAP_LABELS,
     MapQuantity,
-    check_name,
     colour_limits,
     colours,
     map_value,
-    record_number,
 )
 from dolfinx_joints.pictures import colour_bar, draw, legend, round_scale, write
 from dolfinx_joints.rendering import Camera, Scene
+from dolfinx_joints.result_requests import check_joint, check_results, record_number
 from dolfinx_joints.results import Results
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ Ints = NDArray[np.integer[Any]]
 
 _CONCRETE, _JOINT, _LINE = "#d9d5cc", "#b2182b", "#4d4d4d"
 _OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
+_MOST_PICTURES = 8  # side by side
 _UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 _STATES = {"open": "black", "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
 _ENVELOPES = {
@@ -62,8 +63,9 @@ def mesh(
         azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
         elevation_deg: of the eye above the horizon.
     """
-    scene, names = Scene(), _short_names(results.joints)
     nodes, surface = _boundary(results)
+    cameras = _cameras(azimuths_deg, elevation_deg)
+    scene, names = Scene(), _short_names(results.joints)
     shade: dict[str, Any] = {
         "ambient": 0.45,
         "diffuse": 0.6,
@@ -76,7 +78,6 @@ def mesh(
         points[joint], faces = _separate(JointSurface(results, joint).corners)
         radius = 2.5e-3 * _size(nodes)
         scene.edges(points[joint], faces, sharper_than_deg=None, radius=radius, color=_JOINT)
-    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     figure, axes = draw(scene, cameras)
     for ax, camera in zip(axes, cameras, strict=True):
         for joint, name in names.items():
@@ -112,6 +113,9 @@ def deformed(
         elevation_deg: of the eye above the horizon.
     """
     number = record_number(results, time, index)
+    camera = Camera(azimuth_deg, elevation_deg)
+    if scale is not None:
+        check_number("scale", scale, lambda v: abs(v) <= 1e9, "from -1e9 to 1e9")
     nodes, surface = _boundary(results)
     displacement = results.series("states", "displacement", number)
     size = 1e3 * np.linalg.norm(displacement, axis=1)
@@ -126,7 +130,7 @@ def deformed(
     if sides.size:
         scene.surface(moved, surface[sides], color=_JOINT, lighting=False)
     scene.edges(nodes, outer, **_OUTLINE)
-    figure, axes = draw(scene, [Camera(azimuth_deg, elevation_deg)])
+    figure, axes = draw(scene, [camera])
     colour_bar(figure, axes, colours(), limits, "displacement [mm]")
     moment = results.time("states")[number]
     title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
@@ -162,15 +166,19 @@ def joint_map(
         azimuth_deg: of the eye, from downstream (x) towards y.
         elevation_deg: of the eye above the horizon.
     """
-    check_name(quantity, "quantity", MAP_LABELS)
+    check_choice("quantity", quantity, MAP_LABELS)
+    check_flag("turned", turned)
+    camera = Camera(azimuth_deg, elevation_deg)
     number = record_number(results, time, index)
     nodes, surface = _boundary(results)
     joints = results.joints if joint is None else [joint]
     if not joints:
         raise ValueError(f"{results.path} has no joints to draw.")
+    for name in joints:
+        check_joint(results, name)
     values = {name: map_value(results, name, quantity, number) for name in joints}
     style, limits = _map_style(quantity, np.concatenate(list(values.values())))
-    scene, camera, tops = Scene(), Camera(azimuth_deg, elevation_deg), {}
+    scene, tops = Scene(), {}
     scene.edges(nodes, _outer(results, surface), **_OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
@@ -211,7 +219,8 @@ def envelope(
         azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
         elevation_deg: of the eye above the horizon.
     """
-    check_name(name, "name", _ENVELOPES)
+    check_choice("name", name, _ENVELOPES)
+    cameras = _cameras(azimuths_deg, elevation_deg)
     nodes, surface = _boundary(results)
     values = np.full(len(nodes), np.nan)
     values[results.static("envelopes/nodes")] = 1e-6 * results.series("envelopes", name, -1)
@@ -225,15 +234,24 @@ def envelope(
         "edge_color": _LINE,
     }
     scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
-    figure, axes = draw(scene, [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg])
+    figure, axes = draw(scene, cameras)
     colour_bar(figure, axes, cmap, limits, "[MPa], tension > 0")
     title = f"{_ENVELOPES[name]}: {limits[0]:.2f} to {limits[1]:.2f} MPa"
     figure.suptitle(title, fontsize="medium")
     return figure
 
 
+def _cameras(azimuths_deg: Any, elevation_deg: Any) -> list[Camera]:
+    """A camera for each azimuth."""
+    good = isinstance(azimuths_deg, Sequence) and not isinstance(azimuths_deg, str)
+    good = good and 1 <= len(azimuths_deg) <= _MOST_PICTURES
+    check_kind_of("azimuths_deg", azimuths_deg, good, f"a list of 1 to {_MOST_PICTURES} angles")
+    return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
+
+
 def _boundary(results: Results) -> tuple[Floats, Ints]:
     """Nodes [m] and vertices of the boundary facets of a body in space."""
+    check_results(results)
     nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
     if surface.shape[1] < 3:
         raise ValueError(

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry._base import positive
+from geometry._checks import LONGEST, finite, positive
 from geometry._extrude import (
     BoolArray,
     FloatArray,
@@ -52,8 +52,10 @@ class Block:
 
     def __post_init__(self) -> None:
         positive("foundation", self.depth)
-        if self.spread is not None and self.spread != 0:
-            positive("spread", self.spread)
+        if self.spread is not None:
+            finite("spread", self.spread, 0, LONGEST, "m")
+            if self.spread > 0:
+                positive("spread", self.spread)
         sector = self.sectors[1]
         turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
         deepest = (_MAX_TURN / turn - 1) * sector.dam.height

@@ -7,20 +7,19 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
 import gmsh
 import numpy as np
 
+from dolfinx_joints.command_line import Parser
+from geometry._checks import flag, input_path, mesh_path
 from geometry._extrude import BoolArray, FloatArray, SolidMesh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
-
-CELLS = ("hex", "tet")
-ORDERS = (1, 2)
 
 # Gmsh's numbers of the element types in use.
 _SOLID_TYPES = {8: 5, 4: 4}  # hexahedron, tetrahedron, by number of nodes
@@ -86,36 +85,56 @@ def raise_order(order: int) -> None:
         )
 
 
-def positive(what: str, value: float, unit: str = "m") -> float:
-    """Return the value if it is a finite number above zero, else raise ValueError."""
-    if not isinstance(value, Real) or not np.isfinite(value) or value <= 0:
-        raise ValueError(f"{what} is {value!r}, but it must be a positive number [{unit}].")
-    return float(value)
+@contextmanager
+def written(path: Path) -> Iterator[str]:
+    """Give the name under which Gmsh is to write a mesh, which then takes its place whole.
+
+    Raises:
+        ValueError: if the file cannot be written; nothing is left of it then.
+    """
+    part = path.with_name(f".{path.stem}.partial.msh")
+    try:
+        yield str(part)
+        # Gmsh does not tell of a disk that has become full.
+        if not _ends_with(part, b"$EndElements\n"):
+            raise ValueError(f"{str(path)!r} cannot be written whole: is the disk full?")
+        part.replace(path)
+    except OSError as error:
+        raise ValueError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
 
 
-def whole(what: str, value: int, least: int) -> int:
-    """Return the value if it is a whole number of at least ``least``, else raise ValueError."""
-    if not isinstance(value, Integral) or value < least:
-        raise ValueError(f"{what} is {value!r}, but it must be a whole number of at least {least}.")
-    return int(value)
+def _ends_with(path: Path, end: bytes) -> bool:
+    """Tell whether a file is there and has this end."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - len(end)))
+        return file.read() == end
 
 
-def check_elements(order: int, cell: str) -> None:
-    """Raise ValueError unless the element order and the cell shape are among those offered."""
-    if order not in ORDERS:
-        raise ValueError(f"order is {order!r}, but it must be 1 or 2.")
-    if cell not in CELLS:
-        raise ValueError(f"cell is {cell!r}, but it must be 'hex' or 'tet'.")
+def save(path: Path, gui: bool) -> None:
+    """Write the current model to a file, and show it in Gmsh's window if asked to.
+
+    Raises:
+        ValueError: if the file cannot be written; nothing is left of it then.
+    """
+    with written(path) as part:
+        try:
+            gmsh.write(part)
+        except Exception as error:  # Gmsh has no other kind
+            raise ValueError(f"{str(path)!r} cannot be written: {error}.") from None
+    if gui:
+        gmsh.fltk.run()
 
 
-def mesh_path(out: str | os.PathLike[str]) -> Path:
-    """Return the path if a .msh file can be written there, else raise ValueError."""
-    path = Path(out)
-    if path.suffix != ".msh":
-        raise ValueError(f"out is {str(path)!r}, but its name must end in '.msh'.")
-    if not path.parent.is_dir():
-        raise ValueError(f"out is {str(path)!r}, but the folder {str(path.parent)!r} is missing.")
-    return path
+def check_window(gui: Any) -> None:
+    """Raise ValueError unless Gmsh's window is not asked for, or can be opened."""
+    flag("gui", gui)
+    if gui and not any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        raise ValueError("gui is True, but there is no screen to show a window on.")
 
 
 def write_mesh(
@@ -141,7 +160,8 @@ def write_mesh(
         The path written.
 
     Raises:
-        ValueError: if the name does not end in ".msh", or its folder does not exist.
+        ValueError: if the name does not end in ".msh", its folder does not exist, or the file
+            cannot be written.
         RuntimeError: if a cell is turned inside out (scaled Jacobian not above zero).
     """
     path = mesh_path(out)
@@ -156,9 +176,7 @@ def write_mesh(
                 f"the smallest scaled Jacobian of the mesh is {report.min_scaled_jacobian:.3g}, "
                 "but it must be positive: choose a smaller size, or a less extreme shape."
             )
-        gmsh.write(str(path))
-        if gui:
-            gmsh.fltk.run()
+        save(path, gui)
     return path
 
 
@@ -225,9 +243,21 @@ class MeshReport:
 
 
 def describe(path: str | os.PathLike[str]) -> MeshReport:
-    """Read a mesh file and report its size, its groups and the quality of its cells."""
+    """Read a mesh file of solids and report its size, its groups and the quality of its cells.
+
+    Raises:
+        ValueError: if there is no such file, or it holds no solids.
+    """
+    file = input_path("path", path)
+    if file.suffix != ".msh" or not file.is_file():
+        raise ValueError(f"There is no mesh file {str(file)!r}.")
     with gmsh_session():
-        gmsh.merge(str(path))
+        try:
+            gmsh.merge(str(file))
+        except Exception as error:  # Gmsh has no other kind
+            raise ValueError(f"{str(file)!r} cannot be read: {error}.") from None
+        if not gmsh.model.getPhysicalGroups(3):
+            raise ValueError(f"{str(file)!r} holds no named solids.")
         return _report()
 
 
@@ -245,7 +275,7 @@ def _report() -> MeshReport:
             (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
             num_cells += len(cells)
             volume[name] += _volume(kind, entity)
-            worst = min(worst, float(scaled_jacobians(kind, entity).min()))
+            worst = float(np.minimum(worst, scaled_jacobians(kind, entity).min()))  # NaN stays
     num_nodes = len(gmsh.model.mesh.getNodes()[0])
     return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, worst, volume)
 
@@ -277,7 +307,8 @@ def scaled_jacobians(kind: int, entity: int) -> FloatArray:
     jacobians, determinants, _ = gmsh.model.mesh.getJacobians(kind, samples, entity)
     columns = np.linalg.norm(jacobians.reshape(-1, 3, 3), axis=2).prod(axis=1)
     factor = 1.0 if kind in _HEXAHEDRA else np.sqrt(2.0)
-    return (factor * determinants / columns).reshape(-1, samples.size // 3).min(axis=1)
+    with np.errstate(invalid="ignore"):  # a cell without volume: NaN, which is not above zero
+        return (factor * determinants / columns).reshape(-1, samples.size // 3).min(axis=1)
 
 
 def argument_parser(description: str, out: str, size: float | None) -> argparse.ArgumentParser:
@@ -288,9 +319,7 @@ def argument_parser(description: str, out: str, size: float | None) -> argparse.
         out: default name of the file.
         size: default cell size [m]; None if the model has another default.
     """
-    parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = Parser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--size", type=float, default=size, help="cell size [m]")
     parser.add_argument("--order", type=int, default=1, help="order of the elements, 1 or 2")
     parser.add_argument("--cell", default="hex", help="hex or tet")

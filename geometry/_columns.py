@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from geometry._checks import check_fine
 from geometry._extrude import FloatArray, IntArray
 
 
@@ -44,7 +45,13 @@ class Elevation:
         return bool(self.level - self.foundation(np.array(a)) >= 0.5 * self.size)
 
     def mesh(self) -> tuple[FloatArray, IntArray]:
-        """Return points of shape (num_points, 2) and quadrilaterals of shape (num_cells, 4)."""
+        """Return points of shape (num_points, 2) and quadrilaterals of shape (num_cells, 4).
+
+        Raises:
+            ValueError: if there would be too many cells.
+        """
+        high = max(1.0, float(self.top - self.foundation(np.zeros(1))[0]) / self.size)
+        check_fine(high * max(len(self.lines), float(self.lines[-1]) / self.size))
         lines = _refined(self.lines, 2 * self.size)
         rows = self._rows(lines)
         hanging = [self._hang(a, n) for a, n in zip(lines, rows, strict=True)]

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry._checks import check_fine
+
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -62,7 +64,11 @@ def grid(p: FloatArray, q: FloatArray, cell: str) -> tuple[FloatArray, IntArray]
     Returns:
         Points of shape (num_points, 2), and cells of shape (num_cells, 4 or 3), in order of
         rows along p inside columns along q.
+
+    Raises:
+        ValueError: if there would be too many cells.
     """
+    check_fine((p.size - 1) * (q.size - 1))
     points = np.stack(np.meshgrid(p, q), axis=-1).reshape(-1, 2)
     i, j = (a.ravel() for a in np.meshgrid(np.arange(p.size - 1), np.arange(q.size - 1)))
     first = j * p.size + i
@@ -168,8 +174,14 @@ def extrude(plane: PlaneMesh, levels: FloatArray, ends: Sequence[str]) -> SolidM
 
     Returns:
         The solid mesh; surface groups of the same name are merged.
+
+    Raises:
+        ValueError: if there would be too many cells.
     """
     size = len(plane.points)
+    quads = next(iter(plane.cells.values())).shape[1] == 4
+    prisms = sum(map(len, plane.cells.values())) * (levels.size - 1)
+    check_fine(prisms if quads else 3 * prisms)
     points = np.column_stack(
         [np.tile(plane.points, (levels.size, 1)), np.repeat(levels, size)]  # level by level
     )
@@ -179,7 +191,6 @@ def extrude(plane: PlaneMesh, levels: FloatArray, ends: Sequence[str]) -> SolidM
         return (nodes[None] + shift).reshape(-1, nodes.shape[1])
 
     cells = {name: layered(_prisms(nodes, size)) for name, nodes in plane.cells.items()}
-    quads = next(iter(plane.cells.values())).shape[1] == 4
     facets = {name: layered(_sides(nodes, size, quads)) for name, nodes in plane.edges.items()}
     floor = np.concatenate(list(plane.cells.values()))
     for name, nodes in zip(ends, (floor[:, ::-1], floor + size * (levels.size - 1)), strict=True):

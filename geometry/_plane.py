@@ -12,6 +12,7 @@ import gmsh
 import numpy as np
 
 from geometry import _base
+from geometry._checks import mesh_path
 from geometry._extrude import FloatArray, PlaneMesh
 
 Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -41,9 +42,10 @@ def write_plane(
         The path written.
 
     Raises:
-        ValueError: if the name does not end in ".msh", or its folder does not exist.
+        ValueError: if the name does not end in ".msh", its folder does not exist, or the file
+            cannot be written.
     """
-    path = _base.mesh_path(out)
+    path = mesh_path(out)
     with _base.gmsh_session():
         _add_plane(plane)
         _base.raise_order(order)
@@ -52,9 +54,7 @@ def write_plane(
             p, q, _ = reference.reshape(-1, 3).T
             for tag, xy in zip(tags, np.column_stack(section(p, q)), strict=True):
                 gmsh.model.mesh.setNode(tag, [*xy, 0.0], [])
-        gmsh.write(str(path))
-        if gui:
-            gmsh.fltk.run()
+        _base.save(path, gui)
     return path
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import fields
-from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,18 @@ if not __package__:  # run as a script: make the package importable
 
 from geometry import _base
 from geometry._arch_elevation import fitted_level, half_elevation
+from geometry._checks import (
+    MAX_JOINTS,
+    MAX_LAYERS,
+    check_elements,
+    flag,
+    mesh_path,
+    positive,
+    share,
+    whole,
+)
 from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude, mirror
-from geometry.arch import ArchDam, Sector, mid_crest
+from geometry.arch import ArchDam, Sector, chosen, mid_crest
 
 __all__ = ["ArchDam", "ambiesta", "main", "mid_crest"]
 
@@ -73,15 +82,17 @@ def ambiesta(
         ValueError: if an argument is not allowed.
         RuntimeError: if the shape is so extreme that cells are turned inside out.
     """
-    _base.check_elements(order, cell)
-    _base.positive("size", size)
-    _base.whole("joints", joints, 0)
-    _base.whole("layers", layers, 1)
-    if not isinstance(active_height, Real) or not 0 < active_height <= 1:
-        raise ValueError(f"active_height is {active_height!r}, but it must be in (0, 1].")
-    dam = parameters or ArchDam()
-    sector = Sector(dam, 1.0 if crest_arch else float(active_height))
-    plane = _elevation(sector, size, cell, joints, float(active_height))
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    size = positive("size", size)
+    joints = whole("joints", joints, 0, MAX_JOINTS)
+    layers = whole("layers", layers, 1, MAX_LAYERS)
+    active_height = share("active_height", active_height)
+    flag("crest_arch", crest_arch)
+    dam = chosen(parameters)
+    sector = Sector(dam, 1.0 if crest_arch else active_height)
+    plane = _elevation(sector, size, cell, joints, active_height)
     solid = extrude(plane, np.linspace(0, 1, layers + 1), ("upstream", "downstream"))
     depth = 0.5 * size / dam.height
 

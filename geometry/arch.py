@@ -9,6 +9,7 @@ In space x points downstream, y across the valley and z up.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -16,7 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from geometry._base import positive
+from dolfinx_joints.checks import shown
+from geometry._checks import finite, positive
 from geometry._extrude import FloatArray
 
 
@@ -85,7 +87,7 @@ class ArchDam(CircularArches):
         overhang_return: f; above 1/2 the crown leans downstream again near the crest.
 
     Raises:
-        ValueError: if a length, the exponent or an angle is out of range.
+        ValueError: if a number is out of range, or the thickness is somewhere.
     """
 
     height: float = 57.0
@@ -105,6 +107,8 @@ class ArchDam(CircularArches):
         for field in fields(self)[:8]:
             unit = {"angle": "degrees", "exponent": "-"}.get(field.name.split("_")[-1], "m")
             positive(field.name, getattr(self, field.name), unit)
+        for field in fields(self)[8:]:
+            finite(field.name, getattr(self, field.name), -10, 10, "-")
         for name in ("base_half_angle", "crest_half_angle"):
             if getattr(self, name) >= 90:
                 raise ValueError(f"{name} is {getattr(self, name)!r}, but it must be below 90.")
@@ -112,6 +116,14 @@ class ArchDam(CircularArches):
             raise ValueError(
                 f"crest_half_chord is {self.crest_half_chord!r}, but it must be above "
                 f"base_half_chord ({self.base_half_chord!r})."
+            )
+        zeta = np.linspace(0, 1, 51)[:, None]
+        thickness = self.thickness(zeta, np.linspace(0, 1, 21))
+        wrong = ~((thickness > 0) & (thickness < self.radius(zeta))).all(axis=1)
+        if wrong.any():
+            raise ValueError(
+                f"The dam is not thicker than 0 and thinner than its radius at "
+                f"{self.height * zeta[wrong][0, 0]:g} m above its base: choose other thicknesses."
             )
 
     @classmethod
@@ -121,10 +133,17 @@ class ArchDam(CircularArches):
         Args:
             length: of the crest [m].
             others: parameters but ``crest_half_chord``, by name.
+
+        Raises:
+            ValueError: if one of them is not allowed, or there is no such parameter.
         """
-        positive("The length of the crest", length)
-        angle = np.radians(others.get("crest_half_angle", cls.crest_half_angle))
-        return cls(crest_half_chord=float(length * np.sin(angle) / (2 * angle)), **others)
+        length = positive("The length of the crest", length)
+        names = {field.name for field in fields(cls)} - {"crest_half_chord"}
+        if unknown := sorted(set(others) - names):
+            raise ValueError(f"{unknown[0]!r} is no parameter: {', '.join(sorted(names))}.")
+        degrees = others.get("crest_half_angle", cls.crest_half_angle)
+        angle = math.radians(positive("crest_half_angle", degrees, "degrees"))
+        return cls(crest_half_chord=length * math.sin(angle) / (2 * angle), **others)
 
     @property
     def crest_length(self) -> float:
@@ -234,11 +253,25 @@ class Sector:
         return s
 
 
+def chosen(parameters: ArchDam | None) -> ArchDam:
+    """Return the shape of a dam, the default one for None.
+
+    Raises:
+        ValueError: if it is no such shape.
+    """
+    if parameters is not None and not isinstance(parameters, ArchDam):
+        raise ValueError(f"parameters is {shown(parameters)}, but it must be an ArchDam.")
+    return ArchDam() if parameters is None else parameters
+
+
 def mid_crest(parameters: ArchDam | None = None) -> tuple[float, float, float]:
     """Return the upstream edge of the crest at the crown, (x, y, z) [m].
 
     Args:
         parameters: the shape; None for the default dam.
+
+    Raises:
+        ValueError: if it is no such shape.
     """
-    x, y, z = (parameters or ArchDam()).point(0.0, 0.0, 1.0)
+    x, y, z = chosen(parameters).point(0.0, 0.0, 1.0)
     return float(x), float(y), float(z)

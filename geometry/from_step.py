@@ -7,12 +7,10 @@ python3 geometry/from_step.py dam.step --size 4 --surface base:z=min --out dam.m
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from graphlib import CycleError, TopologicalSorter
 from itertools import combinations
 from pathlib import Path
 
@@ -22,13 +20,32 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.checks import shown
+from dolfinx_joints.command_line import Parser
 from geometry import _base
+from geometry._checks import (
+    check_elements,
+    check_fine,
+    input_path,
+    mapping,
+    mesh_path,
+    positive,
+)
+from geometry._step_file import check_step_file
+from geometry._step_options import (
+    UNNAMED_SURFACE,
+    Plane,
+    check_pairs,
+    check_word,
+    is_plane,
+    is_point,
+    named_pair,
+    named_plane,
+    named_point,
+    pair_of,
+)
 
-Plane = tuple[str, float | str]  # axis "x", "y" or "z"; its value [m], "min" or "max"
-
-_BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
-_UNNAMED_SURFACE = "outside"
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3}
 
 
@@ -72,11 +89,18 @@ def from_step(
             touches no other, or a name fits nothing.
         RuntimeError: if Gmsh fails to mesh the solids.
     """
-    path = _base.mesh_path(out)
-    _base.check_elements(order, "tet")
-    _base.positive("size", size)
-    _base.positive("joint_size", size if joint_size is None else joint_size)
-    _check_file(Path(step))
+    path = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, "tet")
+    size = positive("size", size)
+    joint_size = None if joint_size is None else positive("joint_size", joint_size)
+    solids, joints, surfaces = (
+        mapping(what, value)
+        for what, value in (("solids", solids), ("joints", joints), ("surfaces", surfaces))
+    )
+    check_pairs(joints, tied)
+    step = input_path("step", step)
+    check_step_file(step)
     with _base.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
@@ -87,107 +111,18 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(Path(step)), solids or {})
-            faces = _joints(volumes, joints or {}, tied)
-            faces |= _surfaces(volumes, surfaces or {})
+            volumes = _volumes(_import(step), solids)
+            faces = _joints(volumes, joints, tied)
+            faces |= _surfaces(volumes, surfaces)
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
-            gmsh.write(str(path))
-            if gui:
-                gmsh.fltk.run()
+            _base.save(path, gui)
         finally:
             gmsh.option.setString("Geometry.OCCTargetUnit", unit)
             for name, value in numbers.items():
                 gmsh.option.setNumber(name, value)
     return path
-
-
-# Points of a STEP file and their numbers; the unit that lengths are given in.
-_POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
-_LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
-_FARTHEST = 1e9
-# Texts and comments; entities; lists without lists inside, or several entities in one.
-_ASIDE = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.S)
-_ENTITY = re.compile(r"\s*#([1-9]\d{0,8})\s*=(.*)", re.S)
-_ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:E[+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
-_LIST = re.compile(rf"(?:[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
-_REFERENCE = re.compile(r"#(\d+)")
-
-
-def _check_file(step: Path) -> None:
-    """Raise ValueError unless the file looks like a whole STEP file."""
-    if not step.is_file():
-        raise ValueError(f"The STEP file {str(step)!r} does not exist.")
-    with step.open("rb") as file:
-        head = file.read(200).lstrip()
-        file.seek(max(0, step.stat().st_size - 200))
-        tail = file.read().rstrip()
-    if not head:
-        raise ValueError(f"{step} is empty.")
-    if not head.startswith(_BEGIN):
-        raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
-    if not tail.endswith(_END):
-        raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
-    _check_content(step)
-
-
-def _check_content(step: Path) -> None:
-    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length."""
-    text = step.read_text("latin-1")
-    points = list(_POINT.finditer(text))
-    for found in points:
-        try:
-            good = all(abs(float(number)) < _FARTHEST for number in found[1].split(","))
-        except ValueError:
-            good = False
-        if not good:
-            raise ValueError(
-                f"{step} has a point at ({found[1].strip()[:60]}); coordinates must be numbers "
-                f"below {_FARTHEST:g}."
-            )
-    if points and not _LENGTH.search(text):
-        raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
-    _check_entities(step, text)
-
-
-def _check_entities(step: Path, text: str) -> None:
-    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring."""
-    _, begin, rest = _ASIDE.sub(lambda found: "$" if found[0][0] == "'" else " ", text).partition(
-        "DATA;"
-    )
-    data, end, _ = rest.partition("ENDSEC;")
-    if not (begin and end):
-        raise ValueError(f"{step} has no section 'DATA;' that ends with 'ENDSEC;'.")
-    *entities, last = data.split(";")
-    entities += [last] if last.strip() else []
-    refers: dict[str, list[str]] = {}
-    for entity in entities:
-        found = _ENTITY.fullmatch(entity)
-        if found is None or found[1] in refers or not _is_value(found[2]):
-            shown = " ".join(entity.split())[:60]
-            raise ValueError(
-                f"{step} has {shown!r}, which is no entity '#number = NAME(...)' with a number of "
-                "its own."
-            )
-        refers[found[1]] = _REFERENCE.findall(found[2])
-    lost = {number for numbers in refers.values() for number in numbers} - refers.keys()
-    if lost:
-        raise ValueError(f"{step} refers to #{min(lost)}, which it does not hold.")
-    try:
-        TopologicalSorter(refers).prepare()
-    except CycleError as error:
-        raise ValueError(
-            f"{step} has an entity #{error.args[1][0]} that refers to itself."
-        ) from None
-
-
-def _is_value(text: str) -> bool:
-    """Whether a text is NAME(...), or several of them in brackets, with lists in them."""
-    before = ""
-    while text != before:
-        before, text = text, _LIST.sub("$", text)
-    return text.strip() == "$"
 
 
 def _import(step: Path) -> dict[int, str]:
@@ -251,9 +186,11 @@ def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> di
     """Return the tags of each volume group."""
     named = dict(owner)
     for name, point in solids.items():
-        _word("A solid", name)
-        if np.shape(point) != (3,) or not np.isfinite(point).all():
-            raise ValueError(f"The solid {name!r} is at {point!r}, but it must be at (x, y, z).")
+        check_word("A solid", name)
+        if not is_point(point):
+            raise ValueError(
+                f"The solid {shown(name)} is at {shown(point)}, but it must be at (x, y, z)."
+            )
         hits = [tag for tag in owner if gmsh.model.isInside(3, tag, list(map(float, point)))]
         if len(hits) != 1:
             raise ValueError(
@@ -291,14 +228,14 @@ def _joints(
     for what, pair in wanted:
         if frozenset(pair) not in touching:
             raise ValueError(
-                f"{what} is between {' and '.join(pair)}, which do not touch; those that do: "
-                f"{known or 'none'}."
+                f"{what} is between {shown(pair[0])[1:-1]} and {shown(pair[1])[1:-1]}, which do "
+                f"not touch; those that do: {known or 'none'}."
             )
         if frozenset(pair) in seen:
             raise ValueError(f"{what} is between {' and '.join(pair)}, which are named already.")
         seen.add(frozenset(pair))
     for name, pair in joints.items():
-        _word("A joint", name)
+        check_word("A joint", name)
         names[frozenset(pair)] = name
     for pair in tied:
         del names[frozenset(pair)]
@@ -321,13 +258,14 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
     slack = 1e-6 * float(np.max(high - low))
     left = dict(outer)
     found = {}
-    for name, (axis, where) in surfaces.items():
-        _word("A surface", name)
-        if axis not in ("x", "y", "z") or (isinstance(where, str) and where not in ("min", "max")):
+    for name, plane in surfaces.items():
+        check_word("A surface", name)
+        if not is_plane(plane):
             raise ValueError(
-                f"The surface {name!r} is at {axis}={where}, but it must be x, y or z at a number, "
+                f"The surface {name!r} is at {shown(plane)}, but it must be x, y or z at a number, "
                 "'min' or 'max'."
             )
+        axis, where = plane
         k = "xyz".index(axis)
         value = float({"min": low[k], "max": high[k]}.get(str(where), where))
         faces = [f for f, box in left.items() if np.abs(box[:, k] - value).max() < slack]
@@ -340,16 +278,7 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         for face in faces:
             del left[face]
         found[name] = faces
-    return found | ({_UNNAMED_SURFACE: list(left)} if left else {})
-
-
-def _word(what: str, name: str) -> None:
-    """Raise ValueError unless a name is a word."""
-    if not re.fullmatch(r"\w+", name) or name == _UNNAMED_SURFACE:
-        raise ValueError(
-            f"{what} is called {name!r}, but its name must be of letters, digits and '_', and not "
-            f"'{_UNNAMED_SURFACE}'."
-        )
+    return found | ({UNNAMED_SURFACE: list(left)} if left else {})
 
 
 def _group(dim: int, groups: dict[str, list[int]]) -> None:
@@ -357,11 +286,22 @@ def _group(dim: int, groups: dict[str, list[int]]) -> None:
         gmsh.model.addPhysicalGroup(dim, tags, name=name)
 
 
+def _number_of_cells(size: float, joint_size: float, joint: list[tuple[int, int]]) -> float:
+    """Return about how many tetrahedra fill the solids, and lie on the joints, at these sizes."""
+    whole = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    outer = sum(gmsh.model.occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2))
+    edges = sum(gmsh.model.occ.getMass(1, tag) for _, tag in gmsh.model.getEntities(1))
+    cut = sum(gmsh.model.occ.getMass(2, tag) for _, tag in joint)
+    h = min(size, joint_size)
+    return whole / size**3 * 8 + outer / size**2 * 2 + edges / size + cut / h**2 * 8
+
+
 def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], order: int) -> None:
     """Mesh the current model and check its cells."""
+    joint = [(2, f) for name, tags in faces.items() if name.startswith("joint_") for f in tags]
+    check_fine(_number_of_cells(size, size if joint_size is None else joint_size, joint))
     gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)
     if joint_size is not None:
-        joint = [(2, f) for name, tags in faces.items() if name.startswith("joint_") for f in tags]
         corners = gmsh.model.getBoundary(joint, combined=False, recursive=True) if joint else []
         gmsh.model.mesh.setSize(corners, min(size, joint_size))
     try:
@@ -369,9 +309,9 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
         _base.raise_order(order)
     except Exception as error:
         raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
-    worst = min(
-        float(_base.scaled_jacobians(11 if order == 2 else 4, tag).min())
-        for _, tag in gmsh.model.getEntities(3)
+    kind = 11 if order == 2 else 4
+    worst = float(
+        np.min([_base.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
     )
     if not worst > 0:
         raise RuntimeError(
@@ -380,44 +320,9 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
         )
 
 
-def _pair(text: str) -> tuple[str, str]:
-    """Read A,B."""
-    one, comma, two = text.partition(",")
-    if not comma or not one or not two or "," in two:
-        raise argparse.ArgumentTypeError(f"{text!r} is not A,B")
-    return one, two
-
-
-def _named_pair(text: str) -> tuple[str, tuple[str, str]]:
-    """Read NAME=A,B."""
-    name, _, pair = text.partition("=")
-    return name, _pair(pair)
-
-
-def _named_point(text: str) -> tuple[str, tuple[float, ...]]:
-    """Read NAME=X,Y,Z."""
-    name, _, point = text.partition("=")
-    try:
-        return name, tuple(float(word) for word in point.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=X,Y,Z") from None
-
-
-def _named_plane(text: str) -> tuple[str, Plane]:
-    """Read NAME:AXIS=VALUE."""
-    name, _, plane = text.partition(":")
-    axis, _, value = plane.partition("=")
-    try:
-        return name, (axis, value if value in ("min", "max") else float(value))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME:AXIS=VALUE with a number, min or max"
-        ) from None
-
-
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = argparse.ArgumentParser(description="A mesh of the solids of a STEP file.")
+    parser = Parser(description="A mesh of the solids of a STEP file.")
     parser.add_argument("step", type=Path, help="STEP file")
     parser.add_argument("--out", type=Path, default=Path("step.msh"), help="mesh file to write")
     parser.add_argument("--size", type=float, required=True, help="cell size [m]")
@@ -425,10 +330,10 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--order", type=int, default=2, help="order of the elements, 1 or 2")
     parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
     for flag, kind, form, what in (
-        ("solid", _named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
-        ("joint", _named_pair, "NAME=A,B", "name the joint between two volumes"),
-        ("tied", _pair, "A,B", "no joint between two volumes"),
-        ("surface", _named_plane, "NAME:AXIS=VALUE", "name outer faces, as base:z=0, top:z=max"),
+        ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
+        ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
+        ("tied", pair_of, "A,B", "no joint between two volumes"),
+        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, as base:z=0, top:z=max"),
     ):
         parser.add_argument(
             f"--{flag}",

@@ -14,19 +14,33 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.checks import real, shown
 from geometry import _base
+from geometry._checks import (
+    LONGEST,
+    MAX_JOINTS,
+    cells_along,
+    check_elements,
+    check_fine,
+    finite,
+    mapping,
+    mesh_path,
+    positive,
+)
 from geometry._extrude import FloatArray, IntArray, PlaneMesh, edges_between, extrude, grid
 from geometry._plane import write_plane
 
 Corners = tuple[tuple[float, float], ...]
+
+_CLOSEST = 1e-6  # of the height, between two corners or joints that are not at one height
 
 
 @dataclass(frozen=True)
@@ -49,14 +63,12 @@ class GravitySection:
 
     def __post_init__(self) -> None:
         for name in ("upstream", "downstream"):
-            corners = np.asarray(getattr(self, name), dtype=float)
-            rises = corners.ndim == 2 and corners.shape[1] == 2 and len(corners) > 1
-            if not rises or corners[0, 0] != 0 or not (np.diff(corners[:, 0]) > 0).all():
+            if not _is_face(getattr(self, name)):
                 raise ValueError(
-                    f"{name} is {getattr(self, name)!r}, but it must be two or more corners (z, x) "
-                    "with z rising from 0."
+                    f"{name} is {shown(getattr(self, name))}, but it must be two or more corners "
+                    f"(z, x) with z rising from 0, within {LONGEST:g} m."
                 )
-        ends = self.upstream[-1][0], self.downstream[-1][0]
+        ends = float(self.upstream[-1][0]), float(self.downstream[-1][0])
         if ends[0] != ends[1]:
             raise ValueError(
                 f"The upstream face ends at z = {ends[0]:g} m and the downstream face at "
@@ -94,6 +106,18 @@ class GravitySection:
         return self.face("downstream", z) - self.face("upstream", z)
 
 
+def _is_face(corners: Any) -> bool:
+    """Tell whether these are corners (z, x) of a face that rises from 0."""
+    try:
+        found = np.asarray(corners)
+    except ValueError:  # rows of different lengths
+        return False
+    if found.ndim != 2 or found.shape[1:] != (2,) or len(found) < 2 or found.dtype.kind not in "if":
+        return False
+    rises = found[0, 0] == 0 and (np.diff(found[:, 0]) > _CLOSEST * found[-1, 0]).all()
+    return bool(rises and (np.abs(found) <= LONGEST).all())
+
+
 def battered_section(
     *,
     height: float,
@@ -118,6 +142,13 @@ def battered_section(
     Raises:
         ValueError: if the faces do not fit together.
     """
+    height, base, crest = (
+        positive(what, value)
+        for what, value in (("height", height), ("base", base), ("crest", crest))
+    )
+    upstream_slope = finite("upstream_slope", upstream_slope, 0, 10, "-")
+    upstream_break = positive("upstream_break", upstream_break)
+    downstream_slope = finite("downstream_slope", downstream_slope, 0.01, 10, "-")
     heel = upstream_slope * upstream_break
     bend = (base - crest - heel) / downstream_slope
     for what, level in (("upstream_break", upstream_break), ("The downstream break", bend)):
@@ -187,11 +218,14 @@ def gravity_dam(
     Raises:
         ValueError: if an argument is not allowed.
     """
-    _base.check_elements(order, cell)
-    _base.positive("size", size)
-    if width is not None:
-        _base.positive("width", width)
-    heights = _checked(joints or {}, section)
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    size = positive("size", size)
+    width = None if width is None else positive("width", width)
+    if not isinstance(section, GravitySection):
+        raise ValueError(f"section is {shown(section)}, but it must be a GravitySection.")
+    heights = _checked(mapping("joints", joints), section)
     plane = _reference(section, heights, size, cell)
     across = round(float(plane.points[:, 0].max()))
 
@@ -206,7 +240,7 @@ def gravity_dam(
         x, z = place(reference[:, 0], reference[:, 1])
         return np.column_stack([x, width - reference[:, 2], z])
 
-    layers = np.linspace(0, width, max(1, round(width / size)) + 1)
+    layers = np.linspace(0, width, cells_along(width, size) + 1)
     solid = extrude(plane, layers, ("back", "front"))
     return _base.write_mesh(out, solid, order, place=place_solid, gui=gui)
 
@@ -216,15 +250,22 @@ def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, 
     for name, height in joints.items():
         if not re.fullmatch(r"\w+", name):
             raise ValueError(
-                f"A joint is called {name!r}, but its name must be of letters, digits and '_'."
+                f"A joint is called {shown(name)}, but its name must be of letters, digits and '_'."
             )
-        if not isinstance(height, Real) or not 0 <= height < section.height:
+        if not 0 <= real(height) < section.height:
             raise ValueError(
-                f"Joint {name!r} is at height {height!r}, but it must be at least 0 and below the "
-                f"crest at {section.height:g} [m]."
+                f"Joint {shown(name)} is at height {shown(height)}, but it must be at least 0 and "
+                f"below the crest at {section.height:g} [m]."
             )
     if len(set(joints.values())) < len(joints):
-        raise ValueError(f"joints is {dict(joints)!r}, but their heights must differ.")
+        raise ValueError(f"joints is {shown(dict(joints))}, but their heights must differ.")
+    levels = np.unique([*section.levels, *joints.values()]).astype(float)
+    apart = _CLOSEST * section.height
+    if (np.diff(levels) < apart).any() or len(joints) > MAX_JOINTS:
+        raise ValueError(
+            f"joints is {shown(dict(joints))}, but there must be at most {MAX_JOINTS}, {apart:g} m "
+            "or more apart and from the corners of the section if they are not at one."
+        )
     return {name: float(height) for name, height in joints.items()}
 
 
@@ -233,12 +274,13 @@ def _reference(
 ) -> PlaneMesh:
     """Mesh the section in p, the number of cells from the upstream face, and the height z."""
     fixed = np.unique([*section.levels, *joints.values()])
-    rows = [np.linspace(a, b, max(1, round((b - a) / size)) + 1)[1:] for a, b in pairwise(fixed)]
+    across = cells_along(section.area / section.height, size)
+    check_fine(across * section.height / size)
+    rows = [np.linspace(a, b, cells_along(b - a, size) + 1)[1:] for a, b in pairwise(fixed)]
     z = np.concatenate([[0.0], *rows])
     grounded = 0.0 in joints.values()
     if grounded:
         z = np.concatenate([[-size], z])
-    across = max(1, round(section.area / section.height / size))
     points, cells = grid(np.arange(across + 1.0), z, cell)
     p, height = points.T
     inside = height[cells].mean(axis=1) > 0

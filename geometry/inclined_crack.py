@@ -7,6 +7,7 @@ python3 geometry/inclined_crack.py --angle 45 --size 0.1 --cell quad --out crack
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from dataclasses import replace
@@ -19,10 +20,21 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from geometry import _base
+from geometry._checks import (
+    CELLS,
+    cells_along,
+    check_elements,
+    check_fine,
+    finite,
+    mesh_path,
+    positive,
+)
 from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
 from geometry._plane import write_plane
 
 PLANE_CELLS = ("quad", "tri")
+
+_LEAST_GROWTH = 1.001  # below it cells hardly grow, and there are as many as without
 
 
 def inclined_crack(
@@ -64,19 +76,17 @@ def inclined_crack(
     Raises:
         ValueError: if an argument is not allowed.
     """
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell, (*PLANE_CELLS, *CELLS))
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
-    if plane_cell is None and cell not in _base.CELLS:
-        raise ValueError(f"cell is {cell!r}, but it must be 'quad', 'tri', 'hex' or 'tet'.")
-    _base.check_elements(order, plane_cell or cell)
-    for what, value in (("half_length", half_length), ("size", size)):
-        _base.positive(what, value)
-    if not 1.0 < growth <= 3.0 or not 2.0 <= extent <= 1e4:
-        raise ValueError(
-            f"growth is {growth!r} and extent is {extent!r}, but they must be above 1 and at most "
-            "3, and between 2 and 10000."
-        )
-    if not abs(lean) <= 60.0:
-        raise ValueError(f"lean is {lean!r}, but it must be between -60 and 60 degrees.")
+    half_length, size = positive("half_length", half_length), positive("size", size)
+    extent = finite("extent", extent, 2, 1e4, "-")
+    growth = finite("growth", growth, 1, 3, "-")
+    if growth < _LEAST_GROWTH:
+        raise ValueError(f"growth is {growth!r}, but it must be at least {_LEAST_GROWTH}.")
+    lean = finite("lean", lean, -60, 60, "degrees")
+    angle = finite("angle", angle, -360, 360, "degrees")
     plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
     points = _placed(plane.points, angle, lean)
     plane = replace(plane, points=points)
@@ -89,7 +99,7 @@ def inclined_crack(
 
 def _cells_along(half_length: float, size: float) -> int:
     """Return the number of cells along the crack."""
-    return max(3, round(2.0 * half_length / size))
+    return max(3, cells_along(2.0 * half_length, size))
 
 
 def _plane_mesh(
@@ -98,6 +108,7 @@ def _plane_mesh(
     """Mesh the body in the axes of the crack, columns upright."""
     count = _cells_along(half_length, size)
     step = 2.0 * half_length / count
+    check_fine(2 * count * _number(step, extent * half_length, growth))
     beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
     away = _graded(step, extent * half_length, growth)
     along = np.linspace(-half_length, half_length, count + 1)
@@ -114,7 +125,7 @@ def _plane_mesh(
 
 def _graded(first: float, length: float, growth: float) -> FloatArray:
     """Return the ends of cells that fill a length and grow evenly from a first size."""
-    count = int(np.ceil(np.log1p(length * (growth - 1.0) / first) / np.log(growth)))
+    count = _number(first, length, growth)
 
     def excess(ratio: float) -> float:
         return first * sum(ratio**k for k in range(count)) - length
@@ -122,6 +133,11 @@ def _graded(first: float, length: float, growth: float) -> FloatArray:
     ratio = brentq(excess, 1.0, growth + 1e-9) if excess(1.0) < 0 else 1.0
     ends = np.cumsum(ratio ** np.arange(count))
     return length * ends / ends[-1]
+
+
+def _number(first: float, length: float, growth: float) -> int:
+    """Return how many cells fill a length that are each so much longer than the one before."""
+    return math.ceil(math.log1p(length * (growth - 1.0) / first) / math.log(growth))
 
 
 def _placed(points: FloatArray, angle: float, lean: float) -> FloatArray:

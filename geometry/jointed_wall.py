@@ -19,6 +19,16 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from geometry import _base
+from geometry._checks import (
+    MAX_JOINTS,
+    cells_along,
+    check_elements,
+    check_fine,
+    mesh_path,
+    positive,
+    triple,
+    whole,
+)
 from geometry._extrude import PlaneMesh, edges_between, extrude, grid
 
 
@@ -59,22 +69,25 @@ def jointed_wall(
     Raises:
         ValueError: if an argument is not allowed.
     """
-    _base.check_elements(order, cell)
-    lengths = [
-        _base.positive(what, value)
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    length, thickness, height = (
+        positive(what, value)
         for what, value in (("length", length), ("thickness", thickness), ("height", height))
-    ]
-    blocks = _base.whole("joints", joints, 0) + 1
+    )
+    blocks = whole("joints", joints, 0, MAX_JOINTS) + 1
+    n_x, n_y, n_z = triple("divisions", divisions)
     if size is not None:
-        _base.positive("size", size)
-        n_x = blocks * max(1, round(length / blocks / size))
-        divisions = (n_x, *(max(1, round(h / size)) for h in lengths[1:]))
-    if len(divisions) != 3 or divisions[0] % blocks:
+        size = positive("size", size)
+        n_x = blocks * cells_along(length / blocks, size)
+        n_y, n_z = (cells_along(h, size) for h in (thickness, height))
+    if n_x % blocks:
         raise ValueError(
-            f"divisions is {tuple(divisions)!r}, but it must be three whole numbers, the first a "
+            f"divisions is {(n_x, n_y, n_z)}, but it must be three whole numbers, the first a "
             f"multiple of {blocks} (joints + 1)."
         )
-    n_x, n_y, n_z = (_base.whole("each of divisions", n, 1) for n in divisions)
+    check_fine(n_x * n_y * n_z)
 
     # Reference coordinates (p, q, r) = (x, y, z), with p in cells, so that joints compare exactly.
     points, cells = grid(np.arange(n_x + 1.0), np.linspace(0, thickness, n_y + 1), cell)

@@ -9,12 +9,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from dolfinx_joints.checks import shown
+from geometry._checks import LONGEST, SHORTEST, input_path
 from geometry._extrude import BoolArray, FloatArray
 from geometry.arch import CircularArches, Sector
 
@@ -47,7 +49,10 @@ class SectionTable:
     source: str = "The table"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.columns, Mapping):
+            raise ValueError(f"columns is {shown(self.columns)}, but it must be a mapping.")
         _check_names(list(self.columns), self.source)
+        _check_columns(self.columns, self.source)
         self._check_numbers()
         for side in (1, -1):
             _check_thickness(self.half(side), self)
@@ -81,11 +86,12 @@ class SectionTable:
             )
         for name, values in self.columns.items():
             self._refuse(name, ~np.isfinite(values), "must be a finite number")
+            self._refuse(name, np.abs(values) > LONGEST, f"must be within {LONGEST:g}")
             if name.endswith(("radius", "thickness")):
                 self._refuse(name, values <= 0, "must be positive [m]")
             if name.endswith("angle"):
                 self._refuse(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
-        falls = np.concatenate([[False], np.diff(elevation) <= 0])
+        falls = np.concatenate([[False], np.diff(elevation) < SHORTEST])
         self._refuse("elevation", falls, "must be above the one before: sections rise")
         if self.height > _MAX_HEIGHT:
             raise ValueError(
@@ -183,7 +189,7 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
     Raises:
         ValueError: if the file is not such a table; the message says where.
     """
-    file = Path(path)
+    file = input_path("table", path)
     if not file.is_file():
         raise ValueError(f"The table of sections {str(file)!r} does not exist.")
     if (size := file.stat().st_size) > _MAX_BYTES:
@@ -233,9 +239,9 @@ def _check_names(names: list[str], where: str) -> None:
     """Raise ValueError unless the columns make a table."""
     known = ", ".join(_REQUIRED + _OPTIONAL)
     for name in names:
-        if name not in _REQUIRED + _OPTIONAL:
+        if not isinstance(name, str) or name not in _REQUIRED + _OPTIONAL:
             raise ValueError(
-                f"{where}: {name[:40]!r} is no column of a table of sections: {known}."
+                f"{where}: {shown(name)} is no column of a table of sections: {known}."
             )
         if names.count(name) > 1:
             raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
@@ -254,6 +260,22 @@ def _check_names(names: list[str], where: str) -> None:
         raise ValueError(
             f"{where}: the thickness is given by {' and '.join(given) or 'no column'}, but it must "
             f"be one of these: {ways}."
+        )
+
+
+def _check_columns(columns: Mapping[str, Any], where: str) -> None:
+    """Raise ValueError unless all columns are arrays of numbers and of one length."""
+    for name, values in columns.items():
+        if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"{where}: the column {name!r} is {shown(values)}, but it must be an array of "
+                "numbers, one per section."
+            )
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) > 1:
+        raise ValueError(
+            f"{where}: the columns have {', '.join(map(str, sorted(lengths)))} values, but they "
+            "must have as many each."
         )
 
 

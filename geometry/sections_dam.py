@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from numbers import Real
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +18,26 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.checks import real, shown
 from geometry import _base
 from geometry._arch_elevation import fitted_level, half_elevation
 from geometry._arch_foundation import Block, ground_ring, solid_with_foundation
+from geometry._checks import (
+    MAX_JOINTS,
+    MAX_LAYERS,
+    check_elements,
+    flag,
+    mesh_path,
+    positive,
+    share,
+    whole,
+)
 from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude
 from geometry.arch import Sector
 from geometry.section_table import SectionTable, read_sections
 
 _SIDES = (1, -1)
+_CLOSEST = 1e-6  # of the angle of the crest, between two joints
 
 
 def sections_dam(
@@ -78,21 +90,23 @@ def sections_dam(
         ValueError: if an argument or the table is not allowed.
         RuntimeError: if the shape is so extreme that cells are turned inside out.
     """
-    _base.check_elements(order, cell)
-    _base.positive("size", size)
-    _base.whole("layers", layers, 1)
-    if not isinstance(active_height, Real) or not 0 < active_height <= 1:
-        raise ValueError(f"active_height is {active_height!r}, but it must be in (0, 1].")
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    size = positive("size", size)
+    layers = whole("layers", layers, 1, MAX_LAYERS)
+    active_height = share("active_height", active_height)
+    flag("perimetral", perimetral)
     if perimetral and foundation is None:
         raise ValueError("perimetral is True, but without a foundation there is no such joint.")
     if spread is not None and foundation is None:
-        raise ValueError(f"spread is {spread!r}, but there is no foundation to spread.")
+        raise ValueError(f"spread is {shown(spread)}, but there is no foundation to spread.")
     if not isinstance(table, SectionTable):
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
     block = None if foundation is None else Block(sectors, foundation, spread, size)
     arcs = _arcs(sectors, joints)
-    plane = _elevation(sectors, size, cell, arcs, float(active_height))
+    plane = _elevation(sectors, size, cell, arcs, active_height)
     levels = np.linspace(0, 1, layers + 1)
     if block is None:
         solid = extrude(plane, levels, ("upstream", "downstream"))
@@ -121,16 +135,20 @@ def sections_dam(
 def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
     """Return the coordinate a of each joint by name [m]."""
     left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
-    if isinstance(joints, Sequence | np.ndarray):
-        angles = np.asarray(joints, dtype=float)
-        inside = (angles > -right) & (angles < left)
-        if angles.ndim != 1 or not inside.all() or not (np.diff(angles) > 0).all():
+    if isinstance(joints, Sequence | np.ndarray) and not isinstance(joints, str | bytes):
+        given = joints.tolist() if isinstance(joints, np.ndarray) else list(joints)
+        good = isinstance(given, list) and len(given) <= MAX_JOINTS
+        given = list(map(real, given)) if good else given
+        apart = _CLOSEST * (left + right)
+        bounds = [-right, *given, left] if good else [0, 0]
+        if not all(before + apart < after for before, after in pairwise(bounds)):
             raise ValueError(
-                f"joints is {list(joints)!r}, but the angles must rise and lie between "
+                f"joints is {shown(joints)}, but the angles must rise and lie between "
                 f"-{right:.4g} and {left:.4g} degrees, the ends of the crest."
             )
+        angles = np.array(given, dtype=float)
     else:
-        count = _base.whole("joints", joints, 0)
+        count = whole("joints", joints, 0, MAX_JOINTS)
         angles = -right + (left + right) * np.arange(1, count + 1) / (count + 1)
     angles = np.where(np.abs(angles) < 1e-9 * (left + right), 0.0, angles)
     radius = sectors[1].radius

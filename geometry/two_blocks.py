@@ -18,6 +18,7 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from geometry import _base
+from geometry._checks import cells_along, check_elements, finite, mesh_path, positive
 from geometry._extrude import PlaneMesh, edges_between, extrude, grid
 
 
@@ -58,21 +59,27 @@ def two_blocks(
     Raises:
         ValueError: if an argument is not allowed, or the joint would leave through base or top.
     """
-    _base.check_elements(order, cell)
-    lengths = [
-        _base.positive(what, value)
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    size = positive("size", size)
+    length, width, lower_height, upper_height = (
+        positive(what, value)
         for what, value in (
             ("length", length),
             ("width", width),
             ("lower_height", lower_height),
             ("upper_height", upper_height),
         )
-    ]
-    n_x, n_y, n_lower, n_upper = (max(1, round(h / _base.positive("size", size))) for h in lengths)
-    limit = np.degrees(np.arctan(2 * min(lower_height, upper_height) / length))
+    )
+    n_x, n_y, n_lower, n_upper = (
+        cells_along(h, size) for h in (length, width, lower_height, upper_height)
+    )
+    limit = float(np.degrees(np.arctan(2 * min(lower_height, upper_height) / length)))
+    angle = finite("angle", angle, -90, 90, "degrees")
     if not abs(angle) < limit:
         raise ValueError(
-            f"angle is {angle!r}, but it must be between -{limit:.4g} and {limit:.4g} degrees, "
+            f"angle is {angle:g}, but it must be between -{limit:.4g} and {limit:.4g} degrees, "
             "so that the joint leaves through the sides."
         )
     # Reference coordinates (p, q, r) = (z, x, y), with p in [0, 1] below the joint, [1, 2] above.

@@ -7,6 +7,7 @@ python3 geometry/voussoir_arch.py --voussoirs 15 --thickness 1.2 --out arch.msh
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,16 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from geometry import _base
+from geometry._checks import (
+    MAX_JOINTS,
+    cells_along,
+    check_elements,
+    check_fine,
+    mesh_path,
+    positive,
+    triple,
+    whole,
+)
 from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
 from geometry._plane import write_plane
 
@@ -65,26 +76,28 @@ def voussoir_arch(
     Raises:
         ValueError: if an argument is not allowed, or a cell spans more than 45 degrees.
     """
-    _base.check_elements(order, cell)
-    _base.positive("radius", radius)
-    _base.positive("thickness", thickness)
+    out = mesh_path(out)
+    _base.check_window(gui)
+    check_elements(order, cell)
+    radius, thickness = positive("radius", radius), positive("thickness", thickness)
     if thickness >= 2 * radius:
         raise ValueError(
-            f"thickness is {thickness!r}, but it must be below twice the radius, {2 * radius:g}."
+            f"thickness is {thickness:g}, but it must be below twice the radius, {2 * radius:g}."
         )
-    if _base.positive("half_angle", half_angle, "degrees") > 120:
-        raise ValueError(f"half_angle is {half_angle!r}, but it must be at most 120.")
-    _base.whole("voussoirs", voussoirs, 1)
-    lengths = [2 * np.radians(half_angle) * radius / voussoirs, thickness]
-    lengths.append(1.0 if width is None else _base.positive("width", width))
+    half_angle = positive("half_angle", half_angle, "degrees")
+    if half_angle > 120:
+        raise ValueError(f"half_angle is {half_angle:g}, but it must be at most 120.")
+    voussoirs = whole("voussoirs", voussoirs, 1, MAX_JOINTS)
+    lengths = [2 * math.radians(half_angle) * radius / voussoirs, thickness]
+    width = None if width is None else positive("width", width)
+    lengths.append(1.0 if width is None else width)
+    n_along, n_through, n_across = triple("divisions", divisions)
     if size is not None:
-        _base.positive("size", size)
-        divisions = [max(1, round(length / size)) for length in lengths]
-    if len(divisions) != 3:
-        raise ValueError(f"divisions is {tuple(divisions)!r}, but it must be three whole numbers.")
-    n_along, n_through, n_across = (_base.whole("each of divisions", n, 1) for n in divisions)
+        size = positive("size", size)
+        n_along, n_through, n_across = (cells_along(length, size) for length in lengths)
+    check_fine(n_along * voussoirs * n_through * (1 if width is None else n_across))
 
-    step = 2 * np.radians(half_angle) / (n_along * voussoirs)
+    step = 2 * math.radians(half_angle) / (n_along * voussoirs)
     if step > np.pi / 4:
         raise ValueError(
             f"A cell spans {np.degrees(step):.4g} degrees, but it must be at most 45: more cells "

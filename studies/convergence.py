@@ -13,7 +13,6 @@ Where three successive values approach a limit at a steady rate, the limit is ex
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import JointsError, plots
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import ALL_STEPS, TIME_STEP, Case, Which, parameters, study_row
 
@@ -175,13 +175,13 @@ def draw(table: Table, base: Case, path: Path) -> Path:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run, extrapolate, draw."""
-    parser = argparse.ArgumentParser(description="Errors of mesh and time step.")
+    parser = Parser(description="Errors of mesh and time step.")
     parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
     parser.add_argument(
         "--out", type=Path, default=Path("output/convergence"), help="where to write"
     )
     parser.add_argument("--quick", action="store_true", help="coarse meshes and two seconds")
-    parser.add_argument("--workers", type=int, default=2, help="runs at once (default 2)")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="runs at once (default 2)")
     options = parser.parse_args(arguments)
     size, steps = (11.0, 410) if options.quick else (5.5, ALL_STEPS)
     base = Case(size=size, steps=steps, time_step=TIME_STEP, record_folder=options.record)

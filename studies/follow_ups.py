@@ -23,7 +23,6 @@ to the largest horizontal peak of the paper's.
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Iterator
@@ -34,6 +33,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints import JointsError, Motion, RecordError, measures
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.record_reading import record_names
 from dolfinx_joints.study import Study, write_csv
 from studies.ambiesta import Case, Which, make_motion, parameters, study_row
@@ -180,19 +180,21 @@ def differences(entry: Entry, base: Case) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """List, run, draw."""
-    parser = argparse.ArgumentParser(description="What the 1992 paper leaves open.")
+    parser = Parser(description="What the 1992 paper leaves open.")
     parser.add_argument("--records", help="folder with AT2 files, searched with its subfolders")
     parser.add_argument(
         "--out", type=Path, default=Path("output/follow_ups"), help="where to write"
     )
-    parser.add_argument("--workers", type=int, default=2, help="cases at once (default 2)")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="cases at once (default 2)")
     parser.add_argument("--list", action="store_true", help="name the cases and run nothing")
     parser.add_argument("--only", nargs="+", help="cases whose names start with one of these")
     parser.add_argument("--retry-failed", action="store_true", help="run failed cases again")
     parser.add_argument(
         "--again", action="store_true", help="run again what was run with other numbers"
     )
-    parser.add_argument("--steps", type=int, default=Case().steps, help="time steps of 0.00488 s")
+    parser.add_argument(
+        "--steps", type=at_least(1), default=Case().steps, help="time steps of 0.00488 s"
+    )
     parser.add_argument("--size", type=float, default=Case().size, help="cell size [m]")
     options = parser.parse_args(arguments)
     base, others = base_case(options.records, steps=options.steps, size=options.size)

@@ -11,7 +11,6 @@ that of an endless reservoir by finite elements.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
+from dolfinx_joints.command_line import Parser
 from dolfinx_joints.parallel import abort_on_error, on_root
 from geometry.gravity_dam import (
     FOOT,
@@ -240,7 +240,7 @@ def deviation(found: float, reference: float) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Compute and print everything."""
-    parser = argparse.ArgumentParser(description="Frequencies of Koyna and Pine Flat dams.")
+    parser = Parser(description="Frequencies of Koyna and Pine Flat dams.")
     parser.add_argument("--quick", action="store_true", help="coarser meshes")
     options = parser.parse_args(arguments)
     sizes = [size * (2.0 if options.quick else 1.0) for size in SIZES]

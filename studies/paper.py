@@ -12,7 +12,6 @@ far the figures can be trusted. What is in the folder already, with the same num
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time as clock
 from dataclasses import replace
@@ -21,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_joints import JointsError, Results
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import Case, Which, parameters, study_row
 from studies.figures import paper_figures
@@ -68,7 +68,7 @@ def print_costs(table: Table) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run, draw, report."""
-    parser = argparse.ArgumentParser(description="The analysis of the 1992 paper.")
+    parser = Parser(description="The analysis of the 1992 paper.")
     parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
     parser.add_argument("--out", type=Path, default=Path("output/paper"), help="where to write")
     parser.add_argument(
@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> None:
         help="share of the height up to which the joints are active (default %(default)s)",
     )
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
-    parser.add_argument("--workers", type=int, default=2, help="runs at once (default 2)")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="runs at once (default 2)")
     parser.add_argument(
         "--again", action="store_true", help="run again what was run with other numbers"
     )

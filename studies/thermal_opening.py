@@ -13,7 +13,6 @@ are the largest openings of each joint: before, in the cold, during and after th
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 import dolfinx_joints as dj
 from dolfinx_joints import measures, plots
 from dolfinx_joints.checks import check_number
+from dolfinx_joints.command_line import Parser, at_least
 from dolfinx_joints.parallel import on_root
 from studies.ambiesta import ALL_STEPS, Case, Finished, build, make_mesh, simulate
 from studies.figures import shown_joint
@@ -118,12 +118,14 @@ def draw(cold: dj.Results, warm: dj.Results, cooling: float, path: Path) -> Path
 
 def main(arguments: list[str] | None = None) -> None:
     """Run both, print, draw."""
-    parser = argparse.ArgumentParser(description="Thermal opening of the joints, then earthquake.")
+    parser = Parser(description="Thermal opening of the joints, then earthquake.")
     parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
     parser.add_argument("--out", type=Path, default=Path("output/thermal_opening"))
     parser.add_argument("--cooling", type=float, default=8.0, help="fall of temperature [K]")
     parser.add_argument("--size", type=float, default=8.0, help="cell size [m]")
-    parser.add_argument("--steps", type=int, default=ALL_STEPS, help="time steps of 0.00488 s")
+    parser.add_argument(
+        "--steps", type=at_least(1), default=ALL_STEPS, help="time steps of 0.00488 s"
+    )
     parser.add_argument(
         "--active-height", type=float, default=0.75, help="share of the height that joints cut"
     )

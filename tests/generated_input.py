@@ -42,6 +42,12 @@ def cheap() -> settings:
     return settings()
 
 
+def one_of_many() -> settings:
+    """As `cheap`, for one of many doors of a kind: fewer inputs in ``make test``."""
+    inputs = settings().max_examples
+    return settings(max_examples=inputs if inputs >= CAMPAIGN else max(inputs // 10, 1))
+
+
 def costly() -> settings:
     """How many inputs a door gets that runs Gmsh or DOLFINx; a decorator below ``@given``."""
     return settings(max_examples=max(settings().max_examples // SHARE_OF_COSTLY, 1))

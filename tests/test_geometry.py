@@ -532,6 +532,7 @@ def test_bad_battered_section():
         (ambiesta, {"joints": -1}, "joints is -1, but it must be a whole number of at least 0"),
         (ambiesta, {"layers": 1.5}, "layers is 1.5, but it must be a whole number of at least 1"),
         (ambiesta, {"active_height": 0}, r"active_height is 0, but it must be in \(0, 1\]\."),
+        (ambiesta, {"active_height": 0.99999}, "but it must be 1, or from 0.001 to 0.999"),
         (ambiesta, {"active_height": 1.1}, r"active_height is 1.1, but it must be in \(0, 1\]\."),
     ],
 )
@@ -570,6 +571,16 @@ def test_cells_turned_inside_out_are_refused(tmp_path):
         _base.write_mesh(tmp_path / "m.msh", solid, 2, place=lambda x, _: x * [1, 1, -1])
     assert not gmsh.isInitialized()
     assert not (tmp_path / "m.msh").exists()
+
+
+def test_cells_without_volume_are_refused(tmp_path):
+    """Their scaled Jacobian is 0/0, in the second group read, beside good cells."""
+    points, cells = _extrude.grid(np.arange(3.0), np.arange(2.0), "hex")
+    plane = _extrude.PlaneMesh(points, {"good": cells[:1], "flat": cells[1:]}, {})
+    solid = _extrude.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
+    with pytest.raises(RuntimeError, match="smallest scaled Jacobian of the mesh is nan"):
+        _base.write_mesh(tmp_path / "m.msh", solid, 1, place=lambda x, _: np.minimum(x, [1, 9, 9]))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_session_of_the_caller_is_left_alone(tmp_path):

@@ -281,7 +281,10 @@ def test_solids_that_do_not_fit_are_refused(tmp_path, boxes, dim, sentence):
             {"surfaces": {"a": ("z", 4.0)}},
             r"'a' is at z=4\.0, but no outer face .* the body reaches from z = 0 to 8 m",
         ),
-        ({"surfaces": {"a": ("w", 4.0)}}, r"'a' is at w=4\.0, but it must be x, y or z at a"),
+        (
+            {"surfaces": {"a": ("w", 4.0)}},
+            r"'a' is at \('w', 4\.0\), but it must be x, y or z at a",
+        ),
     ],
 )
 def test_bad_options(tmp_path, step, options, sentence):

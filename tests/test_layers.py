@@ -42,6 +42,8 @@ LEVELS = {
     "record_reading": 0.5,
     "hdf5_checks": 0.05,
     "results": 0.1,
+    "result_requests": 0.15,
+    "command_line": 0.0,
     "exact": 0.1,
     "slabs": 0.0,
     "memory_use": 0.1,

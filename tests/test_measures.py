@@ -305,11 +305,11 @@ def test_what_a_file_does_not_hold_is_named(tmp_path: Path) -> None:
         measures.acceleration_history(results, 0, "x")
     with pytest.raises(ResultsError, match="No series 'ground_acceleration'"):
         measures.strong_motion_end(results)
-    with pytest.raises(ValueError, match="component must be one of x, y, z, got 'w'"):
+    with pytest.raises(ValueError, match="component is .w.; it must be one of x, y, z"):
         measures.displacement_history(results, 0, "w")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="At least 2 records"):
         measures.fourier_peaks(results, 0, "x")
-    with pytest.raises(ValueError, match="tail must be 0 s or more, got -1"):
+    with pytest.raises(ValueError, match="tail is -1.0 s; it must be 0 s or more"):
         measures.joint_measures(results, tail=-1.0)
 
 

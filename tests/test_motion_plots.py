@@ -84,15 +84,15 @@ def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
 @pytest.mark.parametrize(
     ("draw", "options", "message"),
     [
-        (motion_plots.history, {"component": "w"}, "component must be x, y or z, got 'w'"),
+        (motion_plots.history, {"component": "w"}, "component is 'w'; it must be one of x, y, z"),
         (
             motion_plots.history,
             {"component": "x", "quantity": "jerk"},
-            "one of acceleration, velocity, displacement, got 'jerk'",
+            "'jerk'; it must be one of acceleration, velocity, displacement",
         ),
         (motion_plots.response_spectra, {"components": "xx"}, "different ones of x, y, z"),
         (motion_plots.response_spectra, {"components": ""}, "different ones of x, y, z"),
-        (motion_plots.response_spectra, {"target": ([1.0], [1.0, 2.0])}, r"shapes \(1,\) and"),
+        (motion_plots.response_spectra, {"target": ([1.0], [1.0, 2.0])}, "1 periods and as many"),
     ],
 )
 def test_wrong_wishes_are_refused(draw: Any, options: dict[str, Any], message: str) -> None:

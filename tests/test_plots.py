@@ -286,15 +286,15 @@ def test_axes_in_the_plane(
 
 
 def test_wrong_requests_are_refused(results: Results) -> None:
-    with pytest.raises(ValueError, match="component must be one of x, y, z, got 'w'"):
+    with pytest.raises(ValueError, match="component is .w.; it must be one of x, y, z"):
         plots.history(results, 0, "w")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="quantity must be one of normal, tangential, ratio"):
+    with pytest.raises(ValueError, match="it must be one of normal, tangential, ratio"):
         plots.joint_traction(results, "joint_1", "shear")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="one of 2 recorded states, got 2"):
         plots.joint_traction(results, "joint_1", index=2)
-    with pytest.raises(ValueError, match="position must lie within 0 to 1, got 1.5"):
+    with pytest.raises(ValueError, match="position is 1.5; it must be from 0 to 1"):
         plots.traction_profile(results, "joint_1", position=1.5)
-    with pytest.raises(ResultsError, match="joints/joint_9/points"):
+    with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):
         plots.joint_traction(results, "joint_9")
 
 

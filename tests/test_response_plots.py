@@ -120,9 +120,9 @@ def test_joint_motion_shows_the_largest_of_each_joint(results: Results) -> None:
 
 
 def test_wrong_requests_are_refused(results: Results, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="quantity must be opening or slip, got 'gap'"):
+    with pytest.raises(ValueError, match="quantity is 'gap'; it must be one of opening, slip"):
         response_plots.joint_motion(results, "gap")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="quantity must be frequency or damping, got 'period'"):
+    with pytest.raises(ValueError, match="'period'; it must be one of frequency, damping"):
         response_plots.effective_frequency(results, 0, "x", quantity="period")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="holds no joints to draw"):
         response_plots.joint_motion(write_run(tmp_path / "whole.h5", joints=0))

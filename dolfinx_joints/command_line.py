@@ -1,0 +1,48 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Command lines that are refused in one line."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+_LONGEST = 250
+
+
+def at_least(least: int) -> Callable[[str], int]:
+    """A type of argument: whole numbers from one on."""
+
+    def read(text: str) -> int:
+        if re.fullmatch(r"[+-]?[0-9]{1,18}", text) and int(text) >= least:
+            return int(text)
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {least}")
+
+    return read
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that ends the program with code 2 and one sentence, without the usage.
+
+    Options must be written in full.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        """Take the options of argparse's own."""
+        super().__init__(*args, **{"allow_abbrev": False, **options})
+
+    def error(self, message: str) -> NoReturn:
+        """End the program."""
+        message = message.partition(" (choose from")[0]  # quoted in some versions of Python
+        text = "".join(c if c.isprintable() else " " for c in " ".join(message.split()))
+        if len(text) > _LONGEST:
+            text = f"{text[:_LONGEST]}..."
+        self.exit(2, f"{self.prog}: {text.rstrip('.')}; --help tells what is allowed.\n")
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """End the program, the message printed as far as the terminal can."""
+        safe = None if message is None else message.encode(errors="backslashreplace").decode()
+        super().exit(status, safe)
+        raise SystemExit(status)

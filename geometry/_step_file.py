@@ -1,0 +1,97 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a STEP file says, gone through before Open CASCADE reads it, which crashed on wrong ones."""
+
+from __future__ import annotations
+
+import re
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+from geometry._step_options import FARTHEST
+
+_BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
+# Points of a STEP file and their numbers; the unit that lengths are given in.
+_POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
+_LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
+# Texts and comments; entities; lists without lists inside, or several entities in one.
+_ASIDE = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.S)
+_ENTITY = re.compile(r"\s*#([1-9]\d{0,8})\s*=(.*)", re.S)
+_ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:E[+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
+_LIST = re.compile(rf"(?:[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
+_REFERENCE = re.compile(r"#(\d+)")
+
+
+def check_step_file(step: Path) -> None:
+    """Raise ValueError unless the file looks like a whole STEP file."""
+    if not step.is_file():
+        raise ValueError(f"The STEP file {str(step)!r} does not exist.")
+    with step.open("rb") as file:
+        head = file.read(200).lstrip()
+        file.seek(max(0, step.stat().st_size - 200))
+        tail = file.read().rstrip()
+    if not head:
+        raise ValueError(f"{step} is empty.")
+    if not head.startswith(_BEGIN):
+        raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
+    if not tail.endswith(_END):
+        raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
+    _check_content(step)
+
+
+def _check_content(step: Path) -> None:
+    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length."""
+    text = step.read_text("latin-1")
+    points = list(_POINT.finditer(text))
+    for found in points:
+        try:
+            good = all(abs(float(number)) < FARTHEST for number in found[1].split(","))
+        except ValueError:
+            good = False
+        if not good:
+            raise ValueError(
+                f"{step} has a point at ({found[1].strip()[:60]}); coordinates must be numbers "
+                f"below {FARTHEST:g}."
+            )
+    if points and not _LENGTH.search(text):
+        raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
+    _check_entities(step, text)
+
+
+def _check_entities(step: Path, text: str) -> None:
+    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring."""
+    _, begin, rest = _ASIDE.sub(lambda found: "$" if found[0][0] == "'" else " ", text).partition(
+        "DATA;"
+    )
+    data, end, _ = rest.partition("ENDSEC;")
+    if not (begin and end):
+        raise ValueError(f"{step} has no section 'DATA;' that ends with 'ENDSEC;'.")
+    *entities, last = data.split(";")
+    entities += [last] if last.strip() else []
+    refers: dict[str, list[str]] = {}
+    for entity in entities:
+        found = _ENTITY.fullmatch(entity)
+        if found is None or found[1] in refers or not _is_value(found[2]):
+            shown = " ".join(entity.split())[:60]
+            raise ValueError(
+                f"{step} has {shown!r}, which is no entity '#number = NAME(...)' with a number of "
+                "its own."
+            )
+        refers[found[1]] = _REFERENCE.findall(found[2])
+    lost = {number for numbers in refers.values() for number in numbers} - refers.keys()
+    if lost:
+        raise ValueError(f"{step} refers to #{min(lost)}, which it does not hold.")
+    try:
+        TopologicalSorter(refers).prepare()
+    except CycleError as error:
+        raise ValueError(
+            f"{step} has an entity #{error.args[1][0]} that refers to itself."
+        ) from None
+
+
+def _is_value(text: str) -> bool:
+    """Whether a text is NAME(...), or several of them in brackets, with lists in them."""
+    before = ""
+    while text != before:
+        before, text = text, _LIST.sub("$", text)
+    return text.strip() == "$"

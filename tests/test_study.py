@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ pytest.importorskip("h5py")
 
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study import Study, read_table, write_csv
-from dolfinx_joints.study_table import LONGEST_TEXT
+from dolfinx_joints.study_table import LONGEST_TEXT, read_row, read_table
 
 TIMES = ("wall_s", "peak_mb")
 
@@ -257,6 +258,28 @@ def test_refusals(tmp_path, monkeypatch):
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
     with pytest.raises(StudyError, match="run it without mpirun"):
         squares(tmp_path).run()
+
+
+def test_files_that_are_no_rows_or_tables_are_told(tmp_path):
+    # Another program, or a full disk, has put something else in their places.
+    row = tmp_path / "a.json"
+    assert read_row(row) is None
+    for content, message in (
+        ("{", r"a\.json is not a row of a study: .*line 1"),
+        ("[]", r"a\.json is not a row of a study\.$"),
+        ('{"case": "a"}', r"a\.json is not a row of a study\.$"),
+    ):
+        row.write_text(content)
+        with pytest.raises(StudyError, match=message):
+            read_row(row)
+    place = tmp_path / "other.h5"
+    place.write_text("no table")
+    with pytest.raises(StudyError, match=r"other\.h5 is not an HDF5 file\.$"):
+        read_table(place)
+    with h5py.File(place, "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(StudyError, match=r"other\.h5 is not a table of a study\.$"):
+        read_table(place)
 
 
 def test_csv(tmp_path):

@@ -20,7 +20,7 @@ import pytest
 pytest.importorskip("h5py")
 
 from dolfinx_joints.errors import StudyError
-from dolfinx_joints.study import Study, read_table, write_csv
+from dolfinx_joints.study import Study, write_csv
 from dolfinx_joints.study_table import LONGEST_TEXT, read_row, read_table
 
 TIMES = ("wall_s", "peak_mb")

@@ -271,7 +271,7 @@ def test_a_joint_turned_to_the_eye_shows_its_width(results: Results, scenes) -> 
 
 
 def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scenes) -> None:
-    # The first is the level foot of the block: no axis is upright, and it is not turned.
+    # The second is the level foot of the block: no axis is upright, and it is not turned.
     path, arrays = tmp_path / "two.h5", joint_arrays()
     level = {
         "points": np.array([[THICKNESS / 2, SIDE / 2, 0.0]]),
@@ -296,8 +296,8 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
         views.joint_map(results, "opening", turned=False)
     assert {"1", "base"} <= {text.get_text() for text in figure.axes[0].texts}
     moved, still = ([data.points for data, _ in scene.layers[1:]] for scene in scenes)
-    np.testing.assert_array_equal(moved[0], still[0])
-    assert np.abs(moved[1] - still[1]).max() > 0.5 * THICKNESS
+    np.testing.assert_array_equal(moved[1], still[1])
+    assert np.abs(moved[0] - still[0]).max() > 0.5 * THICKNESS
 
 
 def test_states_are_those_of_the_file(results: Results, scenes) -> None:

@@ -297,7 +297,9 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
     assert {"1", "base"} <= {text.get_text() for text in figure.axes[0].texts}
     moved, still = ([data.points for data, _ in scene.layers[1:]] for scene in scenes)
     np.testing.assert_array_equal(moved[1], still[1])
-    assert np.abs(moved[0] - still[0]).max() > 0.5 * THICKNESS
+    # A quarter turn about its middle, towards the eye on the x axis.
+    np.testing.assert_allclose(np.ptp(still[0], axis=0), [THICKNESS, 0.0, HEIGHT])
+    np.testing.assert_allclose(np.ptp(moved[0], axis=0), [0.0, THICKNESS, HEIGHT], atol=1e-12)
 
 
 def test_states_are_those_of_the_file(results: Results, scenes) -> None:

@@ -598,6 +598,14 @@ REFUSED = [
         lambda: Rayleigh(mass_factor=-1.0),
         "mass_factor is -1.0; it must be zero or more and finite.",
     ),
+    (
+        lambda: Prescribed(group="base", component="w", value=float),
+        "component is 'w'; it must be 'x', 'y' or 'z'.",
+    ),
+    (
+        lambda: Prescribed(group="base", component="x", value=1e-3),
+        "value of the motion prescribed on 'base' is 0.001; it must be a function of time.",
+    ),
 ]
 
 
@@ -619,12 +627,20 @@ def test_options_out_of_range(comm, bar, blocks):
             {"supports": [Fixed(group="base", components="xx")]},
             "components is 'xx'; it must name some of 'xyz', each once.",
         ),
+        ({"material": {}}, "material names no cell group; give a material, or one per group."),
+        (
+            {"supports": ["base"]},
+            "'base' is no support; supports are Fixed, Prescribed, Spring and ViscousBoundary.",
+        ),
     ):
         call = lambda options=options: Model(bar, **{**base, **options})  # noqa: E731
         assert error_on_all_ranks(comm, ValueError, call) == text
     short = Model(bar, **base, loads=[Traction(group="top", value=(0.0, 1.0))])
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text == "Traction on 'top': value is (0.0, 1.0); it must hold 3 finite numbers."
+    words = Model(bar, **base, loads=[Traction(group="top", value=("a", "b", "c"))])
+    text = error_on_all_ranks(comm, ValueError, words.system)
+    assert text == "Traction on 'top': value is ('a', 'b', 'c'); it must hold 3 finite numbers."
     text = error_on_all_ranks(
         comm, ValueError, lambda: Model(blocks, joints=LAW, quadrature="lobatto", **base)
     )

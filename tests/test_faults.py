@@ -420,6 +420,30 @@ def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
     assert "never reached" not in done.stdout
 
 
+class Ranks:
+    """Stands for a communicator that can be aborted."""
+
+    def __init__(self, size):
+        self.size, self.aborted = size, None
+
+    def Abort(self, code):
+        self.aborted = code
+
+
+def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
+    from dolfinx_joints import abort_on_error
+
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    abort_on_error(Ranks(1))
+    assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
+    ranks = Ranks(2)
+    abort_on_error(ranks)
+    assert ranks.aborted is None
+    sys.excepthook(ValueError, ValueError("too bad"), None)
+    assert ranks.aborted == 1
+    assert "ValueError: too bad" in capsys.readouterr().err
+
+
 def marched(model, folder, *, steps=6, monitors=None, **options):
     """A short run with results and checkpoints."""
     from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation

@@ -12,11 +12,15 @@ import pytest
 pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
+from mpi4py import MPI
+
 from dolfinx_joints import (
     ConvergenceError,
     Elastic,
     Fixed,
     FrictionNoTension,
+    JointsError,
+    MatrixSystem,
     Model,
     Results,
     Spring,
@@ -139,6 +143,13 @@ def test_asking_for_what_is_not_there(column):
         modes(system, 0)
     with pytest.raises(ConvergenceError, match="modes"):
         modes(system, 4 * CELLS + 1)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="small systems live on one process")
+def test_a_body_without_stiffness_has_no_modes():
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
+    with pytest.raises(JointsError, match="The modes could not be computed: the stiffness"):
+        modes(system, 1)
 
 
 def test_effective_masses_of_a_body_on_springs_are_its_mass(column):

@@ -6,6 +6,7 @@ The files are made here after the published descriptions of the formats. The val
 are those of ``WAVE``, in cm/s^2, to the digits of the format.
 """
 
+import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -281,9 +282,20 @@ def test_junk_is_refused_whatever_its_name(tmp_path: Path, suffix: str) -> None:
         assert refusal(write(tmp_path, content, f"junk{suffix}")).startswith(message)
 
 
-def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
+def forbidden(path: Path, *_: object) -> None:
+    """What opening a file of somebody else's raises."""
+    raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+
+def test_what_is_no_file_or_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert refusal(tmp_path) == " is no file."
     assert refusal(tmp_path / "none") == " cannot be read: No such file."
+    locked = write(tmp_path, at2(), "locked.AT2")
+    monkeypatch.setattr(Path, "open", forbidden)
+    assert refusal(locked) == " cannot be read: Permission denied."
+    monkeypatch.undo()
     path = tmp_path / "sparse.AT2"
     with path.open("wb") as file:
         file.truncate(10**12)  # a hole: it takes no space on the disk
@@ -312,6 +324,10 @@ def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
         (smc().replace("-32768         2", "-32768        -2"), "line 13: the number of comments"),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
+        (
+            smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
+            "line 14: the file flags a problem of the record (18th whole number is 1)",
+        ),
     ],
 )
 def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:

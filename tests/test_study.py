@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -19,9 +20,11 @@ import pytest
 
 pytest.importorskip("h5py")
 
+from dolfinx_joints import study_case
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study import Study, write_csv
-from dolfinx_joints.study_table import LONGEST_TEXT, read_row, read_table
+from dolfinx_joints.study import _address as study_address
+from dolfinx_joints.study_table import LONGEST_TEXT, plain_values, read_row, read_table
 
 TIMES = ("wall_s", "peak_mb")
 
@@ -280,6 +283,39 @@ def test_files_that_are_no_rows_or_tables_are_told(tmp_path):
         file["x"] = 1.0
     with pytest.raises(StudyError, match=r"other\.h5 is not a table of a study\.$"):
         read_table(place)
+
+
+def test_a_case_ends_when_its_runner_is_gone(monkeypatch):
+    # The standard input ends, and nothing else can be on it: exit code 1, after all of it is read.
+    left, codes = [b"more", b""], []
+    world = SimpleNamespace(read=lambda file, count: left.pop(0), _exit=codes.append)
+    monkeypatch.setattr(study_case, "os", world)
+    study_case._end_with_the_runner()
+    assert (left, codes) == ([], [1])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0], r"The function must return a mapping of values, not \[1\.0\]"),
+        ({"x": 1.0}, "The value 'x' has the name of a parameter or of the study"),
+        ({"wall_s": 1.0}, "The value 'wall_s' has the name of a parameter or of the study"),
+        ({"y": None}, "The value 'y' must be a number or a text, not None"),
+    ],
+)
+def test_what_a_case_may_not_return(values, message):
+    with pytest.raises(StudyError, match=message):
+        plain_values(values, ["x"])
+
+
+def test_a_function_of_the_running_script_is_known_by_its_module(tmp_path, monkeypatch):
+    # As after python3 -m tests.test_study; a file that is run by its path cannot be imported.
+    monkeypatch.setattr(square, "__module__", "__main__")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", SimpleNamespace(name=__name__))
+    assert study_address(square) == (__name__, "square")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    with pytest.raises(ValueError, match="must be at the top level of a module"):
+        Study(tmp_path, square, {})
 
 
 def test_csv(tmp_path):

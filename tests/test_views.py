@@ -183,6 +183,11 @@ def test_without_anything_to_draw_with_there_is_one_sentence(
         views.mesh(results)
 
 
+def test_a_library_that_is_not_there_is_not_loadable() -> None:
+    assert not rendering._is_loadable("libno-such-library.so.1")
+    assert rendering._is_loadable("libc.so.6")
+
+
 def test_importing_views_loads_nothing_heavy() -> None:
     heavy = ("matplotlib", "pyvista", "vtkmodules", "dolfinx")
     code = f"import sys, dolfinx_joints.views; print([m for m in {heavy} if m in sys.modules])"

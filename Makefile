@@ -102,20 +102,20 @@ fuzz: ## Throw 10 000 generated inputs at each cheap door, 500 at each that runs
 	$(PYTHON) $(FUZZ)
 	$(MPIRUN) -n 2 python3 $(FUZZ) -m mpi
 
-# What the interpreter does not see, compiled kernels and what other ranks do, is seen by runs of
-# their own. The settings are in pyproject.toml.
-COVERAGE = $(call with_tool,$(COVERAGE_TOOL)) -m coverage
-KERNEL_TESTS := $(addprefix tests/test_,corrections.py gmres.py interface.py lowrank.py)
+# Measured are the processes that the tests start, too: Python imports sitecustomize as it starts.
+# Compiled kernels are seen where tests have the interpreter run them. Settings: pyproject.toml.
+COVERED = env COVERAGE_PROCESS_START="$(CURDIR)/pyproject.toml" \
+	COVERAGE_FILE="$(CURDIR)/build/coverage/data" \
+	PYTHONPATH="$(CURDIR)/build/coverage:$(TOOLS)/$(COVERAGE_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}"
 coverage: ## Lines and branches of the package that the tests but the slow ones run, on 1 and 2 ranks
 	@$(call install_tool,$(COVERAGE_TOOL),$(COVERAGE_NEEDS))
 	rm -rf build/coverage
 	mkdir -p build/coverage
-	$(COVERAGE) run -m pytest -q -m "not slow" tests
-	NUMBA_DISABLE_JIT=1 $(COVERAGE) run -m pytest -q -m "not slow" $(KERNEL_TESTS)
-	PYTHONPATH="$(TOOLS)/$(COVERAGE_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}" \
-		$(MPIRUN) -n 2 $(subst python3 -m,python3 -m coverage run -m,$(MPI_PYTEST)) tests
-	$(COVERAGE) combine -q
-	$(COVERAGE) report --fail-under=95
+	echo 'import coverage; coverage.process_startup()' >build/coverage/sitecustomize.py
+	$(COVERED) $(PYTHON) -m pytest -q -m "not slow" tests
+	$(COVERED) $(MPIRUN) -n 2 $(MPI_PYTEST) tests
+	$(call with_tool,$(COVERAGE_TOOL)) -m coverage combine -q build/coverage
+	$(call with_tool,$(COVERAGE_TOOL)) -m coverage report --fail-under=95
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

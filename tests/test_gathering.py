@@ -1,8 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Meshes and tags of the user's own that cannot be split get one sentence on all ranks."""
+"""Meshes and tags of the user's own: what cannot be split or opens in part is said on all ranks."""
 
 from __future__ import annotations
+
+import warnings
 
 import numpy as np
 import pytest
@@ -10,7 +12,14 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import basix.ufl
-from dolfinx.mesh import CellType, create_interval, create_rectangle, create_unit_cube, meshtags
+from dolfinx.mesh import (
+    CellType,
+    create_interval,
+    create_rectangle,
+    create_unit_cube,
+    locate_entities,
+    meshtags,
+)
 
 from dolfinx_joints import MeshError, _compat, split_mesh
 
@@ -86,3 +95,38 @@ def test_a_surface_in_space_is_refused(comm):
     message = "A mesh of dimension 2 in 3-D space cannot be split; solids, or plane meshes in 2-D"
     with pytest.raises(MeshError, match=message):
         split_mesh(shell, None, joints={}, groups={})
+
+
+def edges_at(mesh, **places):
+    """Tags 1, 2, ... on the edges of the places, in turn."""
+    mesh.topology.create_connectivity(1, 2)
+    found = [locate_entities(mesh, 1, place) for place in places.values()]
+    edges, first = np.unique(np.concatenate(found), return_index=True)
+    values = np.repeat(np.arange(1, len(found) + 1), [len(each) for each in found])[first]
+    return meshtags(mesh, 1, edges.astype(np.int32), values.astype(np.int32))
+
+
+def test_joints_are_all_split_here_or_all_split_already(square):
+    mesh = square[0]
+    at = {f"y{i}": (lambda x, y=0.25 * i: np.isclose(x[1], y)) for i in range(4)}
+    groups = {"a-": 3, "a+": 4}
+    message = r"Joints with duplicated faces \(a\) and joints to be split cannot stand in one mesh"
+    with pytest.raises(MeshError, match=message):
+        split_mesh(mesh, edges_at(mesh, **at), joints={"a": 1, "b": 2}, groups=groups)
+
+
+def test_facets_that_stay_closed_are_told(square, comm):
+    # Of an edge apart from the others both ends are inside the body, on the front of the joint.
+    mesh = square[0]
+    row = lambda x, y, low, high: (  # noqa: E731
+        np.isclose(x[1], y) & (x[0] > low - 1e-9) & (x[0] < high + 1e-9)
+    )
+    tags = edges_at(mesh, a=lambda x: row(x, 0.75, 0.25, 0.75) | row(x, 0.25, 0.25, 0.5))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jointed = split_mesh(mesh, tags, joints={"a": 1}, groups={})
+    assert jointed.pairs.bonded.tolist() == [1]
+    assert len(jointed.pairs.joint) == 2
+    told = [str(w.message) for w in caught if "stay closed" in str(w.message)]
+    expected = ["Joint 'a': 1 facets have all their vertices on the joint's front inside the body"]
+    assert [text[: len(expected[0])] for text in told] == (expected if comm.rank == 0 else [])

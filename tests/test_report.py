@@ -372,6 +372,57 @@ def test_joints_without_states_tell_no_opening(tmp_path):
         assert report_response.widest_opening(run) == "has no joints"
 
 
+def test_crest_arch_is_judged_by_its_stresses(tmp_path):
+    # Arch stresses of z MPa everywhere: in the crest, the upper tenth of 2 m, 2 MPa.
+    paths = []
+    for name, factor in (("linear", 1.0), ("joints", -1.1)):
+        path = tmp_path / f"{name}.h5"
+        with ResultsWriter(path, {"point_names": [], "run": name}) as writer:
+            declare_states(writer, NODES, SURFACE, {})
+            missing = np.full((len(NODES), 3), np.nan)
+            declare_envelopes(writer, np.arange(len(NODES)), missing, missing)
+            writer.start()
+            stress = 1e6 * factor * NODES[:, 2]
+            known = {n: stress if n == "arch_max" else np.nan * stress for n in NAMES}
+            writer.append("envelopes", 0.0, known)
+            writer.finish("complete", {})
+        paths.append(path)
+    with report_runs.opened(paths) as (linear, joints):
+        assert paper_statements._crest_stress(linear) == pytest.approx(2e6)
+        assert paper_statements._crest_stress(joints) == pytest.approx(2.2e6)
+    with report_runs.opened([write_run(tmp_path / "bare.h5", seconds=0.05)]) as (bare,):
+        assert np.isnan(paper_statements._crest_stress(bare))
+
+
+@pytest.mark.parametrize(("spread", "said"), [(None, False), (0.05, False), (0.2, True)])
+def test_an_error_that_reaches_a_bound_is_said(spread, said):
+    check = paper_statements.Check("statement", "ratio", "0.9 to 1.1", 0.9, 1.1, lambda pair: 1.0)
+    judgement = paper_statements.Judgement(check, 1.0, "agrees")
+    words = paper_statements._verdict(judgement, spread)
+    assert "agrees" in words
+    assert ("the error estimate reaches the bound" in words) == said
+
+
+def test_plane_joints_have_no_maps(tmp_path):
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    joint = {
+        "points": np.array([[0.5, 1.0, 0.0]]),
+        "frames": np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]),
+        "areas": np.ones(1),
+        "facet": np.zeros(1, dtype=int),
+    }
+    with ResultsWriter(tmp_path / "plane.h5", {"point_names": ["tip"]}) as writer:
+        declare_states(writer, nodes, [[2, 3], [0, 1]], {"seam": joint})
+        writer.start()
+        for time, opening in ((0.0, 0.0), (1.0, 2e-3)):
+            record = {"displacement": np.zeros((4, 3)), "joints/seam/gap": [[opening, 0.0, 0.0]]}
+            writer.append("states", time, record | {"joints/seam/traction": np.zeros((1, 3))})
+        writer.finish("complete", {})
+    page, html = page_of([tmp_path / "plane.h5"], tmp_path)
+    assert "The model is plane: its joints are lines, of which no maps are drawn." in html
+    assert "seam" in page.cells
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [(None, "–"), (True, "yes"), (np.bool_(False), "no"), ([1, "a", None], "1, a, –")],

@@ -399,3 +399,23 @@ def test_a_file_that_cannot_be_closed_is_not_locked_for_ever(
     with pytest.raises(RuntimeError, match="no room"):
         writer.close()
     assert not (tmp_path / "r.h5.lock").exists()
+
+
+def test_a_copy_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with writer_of(tmp_path / "r.h5") as writer:
+        append_rows(writer, 0, 3)
+
+    def fail(*_: Any) -> None:
+        raise OSError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsWriter, "_copy", fail)
+        with pytest.raises(ResultsError, match=r"r\.h5 cannot be copied: no room"):
+            ResultsWriter.resume(tmp_path / "r.h5", {"run": 2})
+    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
+    with ResultsWriter.resume(tmp_path / "r.h5", {"run": 2}) as writer:
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        assert results.series("run", "count").tolist() == [0, 1]

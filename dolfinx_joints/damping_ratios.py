@@ -59,8 +59,10 @@ class ModalDamping:
         for i, (f, ratio) in enumerate(zip(self.frequencies, self.ratios, strict=True), start=1):
             lines.append(f"{i:4d}  {f:12.4g}  {100.0 * ratio:15.4g}")
         coupling = self.coupling
-        i, j = sorted(divmod(int(np.argmax(coupling)), len(coupling)))
-        largest = float(coupling[i, j])
+        largest = float(coupling.max())
+        # The first of equal ones: which of them rounding makes the largest depends on the ranks.
+        first = int(np.argmax(coupling >= (1.0 - 1e-6) * largest))
+        i, j = sorted(divmod(first, len(coupling)))
         if largest > 0.0:
             where = f"between modes {i + 1} and {j + 1}"
             lines.append(f"largest coupling by damping: {largest:.2g}, {where}")

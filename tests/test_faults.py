@@ -11,6 +11,7 @@ import resource
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -378,6 +379,29 @@ def test_memory_is_known_without_linuxs_reports(monkeypatch):
     assert memory_use.peak_mb() >= 0.9 * peak
     monkeypatch.setattr(memory_use.sys, "platform", "darwin")  # which counts bytes
     assert memory_use.peak_mb() * 1024 == pytest.approx(peak, rel=0.5)
+
+
+def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
+    # As in kernels before 3.14: from the system's calls.
+    from dolfinx_joints import memory, memory_use
+
+    monkeypatch.setattr(Path, "read_text", lambda self, **_: "Other: 1 kB\n")
+    assert memory._free_on_machine() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    assert memory_use.peak_mb() == pytest.approx(used, rel=0.01)
+
+
+def test_a_warning_is_kept_once_and_shown_each_time():
+    from dolfinx_joints.dynamic_run import _heard
+
+    said = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        with _heard(said):
+            for text in ("slip", "slip", "opening"):
+                warnings.warn(text, stacklevel=1)
+    assert said == ["slip", "opening"]
+    assert [str(w.message) for w in shown] == ["slip", "slip", "opening"]
 
 
 def test_packages_without_metadata_are_unknown_to_the_manifest(monkeypatch):

@@ -380,6 +380,14 @@ def test_the_two_levels_of_a_borehole_are_two_records(tmp_path: Path) -> None:
     assert read_record(tmp_path, name=names[1]).name == names[1]  # also a part of the other name
 
 
+def test_files_of_velocities_are_no_record_of_a_folder(tmp_path: Path) -> None:
+    write(tmp_path, esm(), "acceleration.ASC")
+    names = record_names(tmp_path)
+    assert len(names) == 1
+    write(tmp_path, esm(kind="VELOCITY").replace("STATION_CODE: ", "STATION_CODE: Z"), "speed.ASC")
+    assert record_names(tmp_path) == names
+
+
 def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
     # Ends of channels are written in more than one way.
     end = "/&  ----------  End of data for channel  1  ----------"

@@ -285,6 +285,22 @@ def test_files_that_are_no_rows_or_tables_are_told(tmp_path):
         read_table(place)
 
 
+def test_cases_end_with_an_interrupted_run(tmp_path, monkeypatch):
+    # Ctrl-C while the runner waits for a case that would take ten minutes.
+    study = squares(tmp_path / "s", 1, wait=600.0)
+
+    def interrupt(seconds):
+        if list(tmp_path.glob("s/cases/*/x.txt")):
+            raise KeyboardInterrupt
+        time.sleep(seconds)
+
+    world = SimpleNamespace(sleep=interrupt, monotonic=time.monotonic)
+    monkeypatch.setattr("dolfinx_joints.study.clock", world)
+    with pytest.raises(KeyboardInterrupt):
+        study.run(progress=False)
+    assert not living_cases(tmp_path / "s")
+
+
 def test_a_case_ends_when_its_runner_is_gone(monkeypatch):
     # The standard input ends, and nothing else can be on it: exit code 1, after all of it is read.
     left, codes = [b"more", b""], []

@@ -159,6 +159,8 @@ def test_coincident_points_are_no_outline() -> None:
     scene = rendering.Scene()
     scene.edges(points, [[0, 1, 2, 3], [4, 5, 6, 7]])
     assert scene.layers[0][0].n_cells == 6
+    scene.edges(points, [])
+    assert len(scene.layers) == 1  # no facets, nothing to draw
 
 
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])

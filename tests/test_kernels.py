@@ -60,19 +60,24 @@ def check(
     return compiled
 
 
+# And the products that they take: as many as there are different eigenvalues to be told apart.
 MATRICES = {
-    "near the identity": np.eye(9) + 0.05 * RANDOM.normal(size=(9, 9)),
-    "identity, done at once": np.eye(4),
-    "singular": np.diag([1.0, 2.0, 0.0, 3.0]),
+    "near the identity": (np.eye(9) + 0.05 * RANDOM.normal(size=(9, 9)), 9),
+    "identity, done at once": (np.eye(4), 1),
+    "singular": (np.diag([1.0, 2.0, 0.0, 3.0]), 4),
 }
 
 
 @pytest.mark.parametrize("name", MATRICES)
 def test_gmres(monkeypatch, name):
-    matrix, right = MATRICES[name], np.arange(1.0, len(MATRICES[name]) + 1)
-    work = lambda: gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20)  # noqa: E731
+    matrix, expected = MATRICES[name]
+    right = np.arange(1.0, len(matrix) + 1)
+
+    def work():
+        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20)
+
     x, products = check(monkeypatch, gmres, work)
-    assert products == {"near the identity": 9, "identity, done at once": 1}.get(name, products)
+    assert products == expected
     if name != "singular":
         np.testing.assert_allclose(matrix @ x, right, rtol=1e-10)
 
@@ -97,7 +102,10 @@ def test_products_with_few_rows(monkeypatch, count):
     rows = np.sort(RANDOM.permutation(9)[:count])
     values = np.zeros(9)
     values[rows] = RANDOM.normal(size=count)
-    work = lambda: (matrix.product(values, rows), matrix.block(rows).product(values[rows]))  # noqa: E731
+
+    def work():
+        return matrix.product(values, rows), matrix.block(rows).product(values[rows])
+
     product, part = check(monkeypatch, row_matrices, work)
     np.testing.assert_allclose(product, (whole + whole.T) @ values, atol=1e-12)
     np.testing.assert_allclose(part, product[rows], atol=1e-12)

@@ -13,6 +13,7 @@ pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_joints import (
     ConvergenceError,
@@ -24,6 +25,7 @@ from dolfinx_joints import (
     Model,
     Results,
     Spring,
+    _compat,
     modes,
     write_csv,
     write_modes,
@@ -150,6 +152,14 @@ def test_a_body_without_stiffness_has_no_modes():
     system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
     with pytest.raises(JointsError, match="The modes could not be computed: the stiffness"):
         modes(system, 1)
+
+
+def test_other_errors_than_petscs_are_not_taken_for_its_own():
+    hidden, other = SystemError("a result with an exception set"), SystemError("no room")
+    hidden.__cause__ = PETSc.Error(76)
+    assert _compat.petsc_code(hidden) == _compat.petsc_code(PETSc.Error(76)) == 76
+    with pytest.raises(SystemError, match="no room"):
+        _compat.petsc_code(other)
 
 
 def test_effective_masses_of_a_body_on_springs_are_its_mass(column):

@@ -160,5 +160,5 @@ def test_the_wheel_works_beside_dolfinx_and_without_the_project(wheel, tmp_path)
     said = run(binaries / "python", script, folder=tmp_path)
     assert said.splitlines()[-1].startswith(str(tmp_path / "venv"))
     for command in ([binaries / "dolfinx-joints"], [binaries / "python", "-m", "dolfinx_joints"]):
-        assert "steps: 3" in run(*command, "info", "run.h5", folder=tmp_path)
+        assert "steps=3" in run(*command, "info", "run.h5", folder=tmp_path)
         assert dolfinx_joints.__version__ in run(*command, "--version", folder=tmp_path)

@@ -33,6 +33,8 @@ MYPY_TOOL := mypy-1.15
 MYPY_NEEDS := 'mypy==1.15.*'
 BUILD_TOOL := build-1.6
 BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
+COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
+COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
@@ -54,7 +56,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-0.11 verify fuzz bench lint dist docs clean
+.PHONY: help demo paper studies test test-0.11 verify fuzz coverage bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -99,6 +101,21 @@ FUZZ = -m pytest -q --color=no -p no:cacheprovider --hypothesis-profile=campaign
 fuzz: ## Throw 10 000 generated inputs at each cheap door, 500 at each that runs Gmsh or DOLFINx
 	$(PYTHON) $(FUZZ)
 	$(MPIRUN) -n 2 python3 $(FUZZ) -m mpi
+
+# Measured are the processes that the tests start, too: Python imports sitecustomize as it starts.
+# Compiled kernels are seen where tests have the interpreter run them. Settings: pyproject.toml.
+COVERED = env COVERAGE_PROCESS_START="$(CURDIR)/pyproject.toml" \
+	COVERAGE_FILE="$(CURDIR)/build/coverage/data" \
+	PYTHONPATH="$(CURDIR)/build/coverage:$(TOOLS)/$(COVERAGE_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}"
+coverage: ## Lines and branches of the package that the tests but the slow ones run, on 1 and 2 ranks
+	@$(call install_tool,$(COVERAGE_TOOL),$(COVERAGE_NEEDS))
+	rm -rf build/coverage
+	mkdir -p build/coverage
+	echo 'import coverage; coverage.process_startup()' >build/coverage/sitecustomize.py
+	$(COVERED) $(PYTHON) -m pytest -q -m "not slow" tests
+	$(COVERED) $(MPIRUN) -n 2 $(MPI_PYTEST) tests
+	$(call with_tool,$(COVERAGE_TOOL)) -m coverage combine -q build/coverage
+	$(call with_tool,$(COVERAGE_TOOL)) -m coverage report --fail-under=95
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

@@ -42,3 +42,16 @@ def gmsh_permutation(cell_type: Any, num_nodes: int) -> NDArray[np.int64]:
     except ImportError:
         from dolfinx.io.gmshio import cell_perm_array
     return np.asarray(cell_perm_array(cell_type, num_nodes), dtype=np.int64)
+
+
+def petsc_code(error: Exception) -> int:
+    """PETSc's code of what SLEPc raised; slepc4py 3.25 hides it as the cause of a SystemError.
+
+    Raises:
+        Exception: ``error`` itself where it does not come from PETSc.
+    """
+    known = error.__cause__ if isinstance(error, SystemError) else error
+    code = getattr(known, "ierr", None)
+    if code is None:
+        raise error
+    return int(code)

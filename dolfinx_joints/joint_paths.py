@@ -97,8 +97,6 @@ def _positions(model: Model, group: str) -> Floats:
 
 def _close(points: Floats, places: Floats, near: float) -> Mask:
     """Which points lie at one of the places."""
-    if len(places) == 0:
-        return np.zeros(len(points), dtype=bool)
     return np.asarray(KDTree(places).query(points)[0] <= near)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints import _compat
 from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
@@ -69,6 +70,7 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     Raises:
         ValueError: ``count`` is not positive, or there are fewer free unknowns with mass.
         ConvergenceError: SLEPc found fewer modes.
+        JointsError: SLEPc cannot work on the matrices.
     """
     from slepc4py import SLEPc
 
@@ -98,10 +100,11 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     ksp.getPC().setFactorSolverType("mumps")
     try:
         solver.solve()
-    except PETSc.Error as exc:
+    except (PETSc.Error, SystemError) as exc:
+        code = _compat.petsc_code(exc)
         raise JointsError(
             "The modes could not be computed: the stiffness cannot be factored, or the body has no "
-            f"mass; SLEPc's error code is {exc.ierr}."
+            f"mass; SLEPc's error code is {code}."
         ) from None
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")

@@ -157,8 +157,6 @@ class Scene:
             plotter.enable_anti_aliasing("ssaa")
             for data, style in self.layers:
                 plotter.add_mesh(data, show_scalar_bar=False, **style)
-            if any(style.get("opacity", 1.0) < 1.0 for _, style in self.layers):
-                plotter.enable_depth_peeling()
             depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
             place = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
             focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards

@@ -132,7 +132,7 @@ def create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
         raise ResultsError(f"{name!r} is declared already, or is the path of another.")
     try:
         return group.create_dataset(name, **options)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
         raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
 
 

@@ -108,8 +108,6 @@ def _number_groups(table: Ints, next_number: int) -> Ints:
 
 def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
     """Whether each row stands in ``table``."""
-    if len(table) == 0:
-        return np.zeros(len(rows), dtype=bool)
     _, inverse = np.unique(np.vstack([table, rows]), axis=0, return_inverse=True)
     return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])
 

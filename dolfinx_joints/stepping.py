@@ -119,8 +119,6 @@ class Stepper:
         finest = 2**self._control.max_halvings
         start, done = state.time, 0  # done counts pieces of the shortest length
         while done < finest:
-            while done % (finest >> self._level):
-                self._level += 1
             pieces = finest >> self._level
             shortest = pieces == 1
             try:

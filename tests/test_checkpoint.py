@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import random
 import re
 import signal
@@ -384,6 +385,14 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
 
     leave(foreign)
     refused("is no checkpoint, or a damaged one", resume=True)
+
+    def of_another_program():
+        foreign()
+        content = path.read_bytes()
+        path.write_bytes(content + hashlib.sha256(content).digest())
+
+    leave(of_another_program)
+    refused("is HDF5 but not a file of 'dolfinx_joints checkpoint'", resume=True)
 
     def newer():
         monkeypatch.setattr(checkpoint_file, "VERSION", 2)

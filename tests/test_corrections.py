@@ -235,6 +235,14 @@ def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
     check(one.solve(r, blocks, EXACT), s, blocks, r)
 
 
+def test_a_rough_matrix_that_costs_more_than_the_exact_one_is_not_asked(comm):
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    blocks, r = tangents(states("mixed"), stuck), right_side()
+    rough = Unwanted(RowMatrix.of(s, comm))
+    found = Corrections(RowMatrix.of(s, comm), rough, None, comm).solve(r, blocks, EXACT)
+    check(found, s, blocks, r)
+
+
 def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch):
     # I + T0 S = G with two rows alike, as where three rigid joints meet: no W, yet an answer to
     # every right-hand side in its range.

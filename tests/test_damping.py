@@ -147,3 +147,5 @@ def test_modes_are_asked_for(bar):
     found = modal_damping(system, modes(system, 2))  # nothing damps
     assert np.all(found.ratios == 0.0)
     assert np.all(found.coupling == 0.0)
+    assert "coupling" not in found.report()
+    assert len(found.report().splitlines()) == 3

@@ -11,11 +11,13 @@ import resource
 import signal
 import subprocess
 import sys
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
+from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError, file_lock
 from dolfinx_joints.cli import main
 from dolfinx_joints.errors import CheckpointError
 from dolfinx_joints.file_lock import FileLock
@@ -300,6 +302,123 @@ def test_codes_of_mumps_in_words(code, size, words):
     assert words in in_words(Failed(code, size))
 
 
+def test_what_petsc_says_of_other_failures():
+    # Codes of petscerror.h: 55 is no memory, 76 an error of a library that PETSc calls.
+    from petsc4py import PETSc
+
+    from dolfinx_joints.factor_faults import NO_MEMORY, NOT_FACTORED, in_words, of_error
+
+    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
+    assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
+    told = of_error(PETSc.Error(76), matrix)
+    assert told.startswith(f"{NOT_FACTORED}; PETSc says: ")
+    assert told.endswith(".")
+    assert "\n" not in told
+    # What is said in MUMPS's words is of MUMPS, and of a failure.
+    assert in_words(Failed(0, 0)) == ""
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("petsc")
+    assert in_words(ksp.getPC()) == ""
+
+
+def test_a_failure_without_a_sentence_has_petscs_reason(monkeypatch):
+    from petsc4py import PETSc
+
+    from dolfinx_joints.linear import DirectSolver
+
+    monkeypatch.setattr(DirectSolver, "_factor", lambda self: 4)
+    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
+    solver = DirectSolver(matrix, symmetric=False)
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    with pytest.raises(JointsError, match="could not be factored; PETSc's reason is 4.$"):
+        solver.solve(b, x)
+    solver.destroy()
+
+
+def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
+    # Between opening and locking, its last owner deletes the file: what is locked then is no lock.
+    place, flock, calls = tmp_path / "r.h5.lock", file_lock.fcntl.flock, []
+
+    def slow(file, how):
+        if not calls:
+            place.unlink()
+        elif len(calls) == 1:
+            place.rename(tmp_path / "older.lock")
+            place.touch()
+        calls.append(how)
+        flock(file, how)
+
+    monkeypatch.setattr(file_lock.fcntl, "flock", slow)
+    with FileLock(tmp_path / "r.h5", ResultsError) as lock:
+        assert len(calls) == 3
+        with pytest.raises(ResultsError, match=r"r\.h5 is being written by process \d+ on"):
+            FileLock(tmp_path / "r.h5", ResultsError)
+    assert not place.exists()
+    lock.release()  # again is nothing
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_lock_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "r.h5.lock").symlink_to("/dev/full")
+    with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: [\w ]+\.$"):
+        FileLock(tmp_path / "r.h5", ResultsError)
+
+
+def test_memory_is_known_without_linuxs_reports(monkeypatch):
+    # From the system's calls: not less than what Linux tells of now, and of the same size.
+    from dolfinx_joints import memory, memory_use
+
+    free, peak = memory._free_on_machine(), memory_use.peak_mb()
+    monkeypatch.setattr(Path, "exists", lambda self: False)
+    assert (
+        free
+        <= memory._free_on_machine()
+        == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    )
+    assert memory_use.peak_mb() >= 0.9 * peak
+    monkeypatch.setattr(memory_use.sys, "platform", "darwin")  # which counts bytes
+    assert memory_use.peak_mb() * 1024 == pytest.approx(peak, rel=0.5)
+
+
+def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
+    # As in kernels before 3.14: from the system's calls.
+    from dolfinx_joints import memory, memory_use
+
+    monkeypatch.setattr(Path, "read_text", lambda self, **_: "Other: 1 kB\n")
+    assert memory._free_on_machine() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    assert memory_use.peak_mb() == pytest.approx(used, rel=0.01)
+
+
+def test_a_warning_is_kept_once_and_shown_each_time():
+    from dolfinx_joints.dynamic_run import _heard
+
+    said = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        with _heard(said):
+            for text in ("slip", "slip", "opening"):
+                warnings.warn(text, stacklevel=1)
+    assert said == ["slip", "opening"]
+    assert [str(w.message) for w in shown] == ["slip", "slip", "opening"]
+
+
+def test_packages_without_metadata_are_unknown_to_the_manifest(monkeypatch):
+    from dolfinx_joints import manifest
+
+    def nothing(package):
+        raise manifest.PackageNotFoundError(package)
+
+    known = manifest.versions()
+    monkeypatch.setattr(manifest, "version", nothing)
+    monkeypatch.delitem(sys.modules, "gmsh", raising=False)
+    found = manifest.versions()
+    assert "gmsh" not in found
+    assert {found[package] for package in manifest._PACKAGES} == {"unknown"}
+    assert found["petsc"] == known["petsc"]
+
+
 RANK = """
 import sys
 from mpi4py import MPI
@@ -323,6 +442,30 @@ def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
     assert done.returncode != 0
     assert "ValueError: the second rank has had enough" in done.stderr
     assert "never reached" not in done.stdout
+
+
+class Ranks:
+    """Stands for a communicator that can be aborted."""
+
+    def __init__(self, size):
+        self.size, self.aborted = size, None
+
+    def Abort(self, code):
+        self.aborted = code
+
+
+def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
+    from dolfinx_joints import abort_on_error
+
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    abort_on_error(Ranks(1))
+    assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
+    ranks = Ranks(2)
+    abort_on_error(ranks)
+    assert ranks.aborted is None
+    sys.excepthook(ValueError, ValueError("too bad"), None)
+    assert ranks.aborted == 1
+    assert "ValueError: too bad" in capsys.readouterr().err
 
 
 def marched(model, folder, *, steps=6, monitors=None, **options):

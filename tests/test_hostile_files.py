@@ -126,6 +126,10 @@ def records(file, name, folder):
     file[name] = np.zeros(3, dtype=[("a", float), ("b", int)])
 
 
+def empty(file, name, folder):
+    file[name] = h5py.Empty("f8")
+
+
 def nested(file, name, folder):
     file[name + "/x" * 50] = 1.0
 
@@ -145,6 +149,7 @@ SENTENCES = {
     pickled: "holds object, not plain numbers",
     references: "holds object, not plain numbers",
     records: "holds .*, not plain numbers",
+    empty: "is empty",
     nested: "groups are nested more than 8 deep",
     a_ring_of_groups: "groups are nested more than 8 deep",
 }
@@ -163,6 +168,16 @@ def test_what_leads_out_of_a_file_is_refused(door, change, tmp_path):
         change(file, name, tmp_path)
     with pytest.raises(error, match=rf"given\.h5 is refused: .*{SENTENCES[change]}.*\.$"):
         read(path)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_more_names_than_any_file_has_are_refused(door, tmp_path, monkeypatch):
+    write, read, error = DOORS[door]
+    write(tmp_path / "given.h5")
+    read(tmp_path / "given.h5")
+    monkeypatch.setattr("dolfinx_joints.hdf5_checks._NAMES", 0)
+    with pytest.raises(error, match=r"given\.h5 is refused: it has more than 0 names\.$"):
+        read(tmp_path / "given.h5")
 
 
 def layout(change):

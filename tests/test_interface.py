@@ -32,6 +32,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     GeneralizedAlpha,
     Gravity,
+    JointsError,
     KeyedJoint,
     Model,
     NewtonOptions,
@@ -45,6 +46,7 @@ from dolfinx_joints import (
 from dolfinx_joints.interface import InterfaceSolver
 from dolfinx_joints.joint_step import JointStep
 from dolfinx_joints.linear import Effective
+from dolfinx_joints.modal import modes
 from dolfinx_joints.solver import NewtonSolver
 from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import initial_state
@@ -353,6 +355,41 @@ def test_a_system_without_joints_is_refused(wall_file, read):
     )
     with pytest.raises(ValueError, match="has nothing to condense onto"):
         InterfaceSolver(model.system())
+
+
+def test_what_a_solver_cannot_do_is_refused(wall):
+    # A law of one's own, without a local solution, and one that is rigid beside it.
+    class Plain:
+        internal_variables = ()
+
+        def __init__(self, law: Any) -> None:
+            self._law = law
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("local_"):
+                raise AttributeError(name)
+            return getattr(self._law, name)
+
+    system = wall(Plain(friction())).system()
+    sentence = r"^The condensed solver needs laws with a local solution; Plain has none\.$"
+    with pytest.raises(JointsError, match=sentence):
+        make_solver(system, kind="condensed")
+    rigid = RigidJoint(friction_angle_deg=30.0)
+    laws = {"joint_1": Plain(friction()), "joint_2": rigid, "joint_3": rigid}
+    mixed = wall(laws).system()
+    with pytest.raises(JointsError, match="^Rigid joints need the condensed solver. The condensed"):
+        make_solver(mixed)
+    with pytest.raises(JointsError, match="A rigid joint has no stiffness: modes and the monolit"):
+        modes(mixed, 1)
+
+
+def test_a_solve_needs_the_state_of_the_joints(wall):
+    system = wall().system()
+    x = system.mass.createVecRight()
+    with pytest.raises(ValueError, match="The state of the joints is missing"):
+        InterfaceSolver(system).solve(
+            Effective(mass=0.0, damping=0.0, stiffness=1.0), x.duplicate(), x, None
+        )
 
 
 @pytest.mark.parametrize("compliance", COMPLIANCES)

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dolfinx_joints.errors import JointsError
 from dolfinx_joints.laws import FrictionNoTension, JointState, Status
 from dolfinx_joints.rigid import RigidJoint
 
@@ -413,3 +415,17 @@ def test_rigid_joint_meets_coulombs_law():
     assert np.abs(gap[answer.status == Status.STICK]).max() <= 1e-20
     np.testing.assert_allclose(answer.dissipation[sliding], length[sliding], rtol=1e-9)
     assert np.abs(answer.dissipation[~sliding]).max() <= 1e-14 * length.max()
+
+
+def test_rigid_points_have_no_answer_of_their_own():
+    # Where a motion starts they carry nothing; what an overlap carries does not follow from it.
+    law, state = rigid(), JointState.at_rest(np.zeros((2, 3)))
+    state = replace(state, internal=np.zeros((2, 3)))
+    gap = np.array([[0.0, 1e-3, 0.0], [2e-3, 0.0, 0.0]])
+    answer = law.end_point(gap, state)
+    np.testing.assert_array_equal(answer.traction, 0.0)
+    assert answer.status.tolist() == [Status.STICK, Status.OPEN]
+    with pytest.raises(JointsError, match=r"rigid joint overlaps by 0\.001 m: it must start with"):
+        law.end_point(gap - [1e-3, 0.0, 0.0], state)
+    with pytest.raises(JointsError, match="A rigid joint needs the condensed solver"):
+        law.step(gap, state)

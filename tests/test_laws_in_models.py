@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -183,3 +184,17 @@ class TestMixed:
         largest = max(comm.allgather(float(np.abs(expected).max(initial=1.0))))
         assert np.abs(response.traction[:, 1:] - expected).max(initial=0.0) < 1e-9 * largest
         assert outcome.energy.friction == 0.0
+
+
+class Forgetful(MohrCoulombJoint):
+    """A law that gives back other variables than it has."""
+
+    def end_point(self, gap, state):
+        response = super().end_point(gap, state)
+        return replace(response, state=replace(response.state, internal=np.zeros((len(gap), 7))))
+
+
+def test_other_variables_than_the_law_has_are_refused():
+    law = Forgetful(**FRICTION, cohesion=1e5)
+    with pytest.raises(ValueError, match=r"Forgetful returned internal .* of shape \(1, 7\)"):
+        drop(law, dt=1e-3, end=1e-3, velocity=-1.0)

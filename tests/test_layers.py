@@ -339,6 +339,12 @@ def test_public_names_exist():
     assert int(run(code)) > 20
 
 
+def test_public_names_are_listed_before_their_first_use():
+    import dolfinx_joints
+
+    assert set(dolfinx_joints.__all__) <= set(dir(dolfinx_joints))
+
+
 def test_unknown_name_is_an_attribute_error():
     import dolfinx_joints
 

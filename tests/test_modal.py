@@ -12,13 +12,19 @@ import pytest
 pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
+from mpi4py import MPI
+from petsc4py import PETSc
+
 from dolfinx_joints import (
     Elastic,
     Fixed,
     FrictionNoTension,
+    JointsError,
+    MatrixSystem,
     Model,
     Results,
     Spring,
+    _compat,
     modes,
     write_csv,
     write_modes,
@@ -138,6 +144,21 @@ def test_asking_for_what_is_not_there(column):
         modes(system, 0)
     with pytest.raises(ValueError, match=f"count is {4 * CELLS + 1}; it must be {4 * CELLS} at"):
         modes(system, 4 * CELLS + 1)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="small systems live on one process")
+def test_a_body_without_stiffness_has_no_modes():
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
+    with pytest.raises(JointsError, match="The modes could not be computed: the stiffness"):
+        modes(system, 1)
+
+
+def test_other_errors_than_petscs_are_not_taken_for_its_own():
+    hidden, other = SystemError("a result with an exception set"), SystemError("no room")
+    hidden.__cause__ = PETSc.Error(76)
+    assert _compat.petsc_code(hidden) == _compat.petsc_code(PETSc.Error(76)) == 76
+    with pytest.raises(SystemError, match="no room"):
+        _compat.petsc_code(other)
 
 
 def test_effective_masses_of_a_body_on_springs_are_its_mass(column):

@@ -598,6 +598,14 @@ REFUSED = [
         lambda: Rayleigh(mass_factor=-1.0),
         "mass_factor is -1.0; it must be zero or more and finite.",
     ),
+    (
+        lambda: Prescribed(group="base", component="w", value=float),
+        "component is 'w'; it must be one of x, y, z.",
+    ),
+    (
+        lambda: Prescribed(group="base", component="x", value=1e-3),
+        "value of the motion prescribed on 'base' is 0.001; it must be a function of time.",
+    ),
 ]
 
 
@@ -611,6 +619,7 @@ def test_options_out_of_range(comm, bar, blocks):
     for options, text in (
         ({"plane": "bent"}, "plane is 'bent'; it must be one of strain, stress."),
         ({"degree": 3}, "degree is 3; the displacement may be of degree 1 or 2."),
+        ({"material": {}}, "material names no cell group; give a material, or one per group."),
     ):
         call = lambda options=options: Model(bar, **{**base, **options})  # noqa: E731
         assert error_on_all_ranks(comm, ValueError, call) == text

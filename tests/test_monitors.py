@@ -25,9 +25,11 @@ from dolfinx_joints import (
     Newmark,
     ProgressMonitor,
     Results,
+    ResultsError,
     ResultsMonitor,
     Simulation,
     StepControl,
+    monitors,
     stiffness_proportional,
 )
 from dolfinx_joints.monitors import FieldMonitor
@@ -341,6 +343,38 @@ def test_intervals_are_checked(new_path):
     ):
         with pytest.raises(ValueError, match="every is 0; .* are written every 1 or more steps"):
             kind()
+    with pytest.raises(ValueError, match="every is 2.5; states are written every 1 or more steps"):
+        ResultsMonitor("x.h5", points=POINTS, every=2.5)
+    with pytest.raises(ValueError, match="points is empty; at least one monitor point is needed"):
+        ResultsMonitor("x.h5", points={})
+
+
+def test_a_file_that_cannot_be_begun_is_closed(comm, wall_file, read, new_path, monkeypatch):
+    # What goes wrong on rank 0, after the file is made, is raised on all; the file says so.
+    def fail(*_):
+        raise RuntimeError("no energies today")
+
+    monkeypatch.setattr(monitors, "declare_energy", fail)
+    path = new_path("begun.h5")
+    with pytest.raises(RuntimeError, match="no energies today"):
+        shake(wall(read(wall_file())), [ResultsMonitor(path, points=POINTS)], steps=1)
+    comm.barrier()
+
+    def look():
+        assert not path.with_name("begun.h5.lock").exists()
+        with Results(path) as results:
+            assert results.status == "failed"
+            assert results.summary == {"error": "RuntimeError: no energies today"}
+
+    on_root(comm, look)
+
+
+def test_fields_that_cannot_be_written_are_told(comm, wall_file, read, new_path):
+    there = new_path("file")
+    on_root(comm, there.touch)
+    with pytest.raises(ResultsError, match="fields.bp cannot be written: .*Not a directory") as got:
+        shake(wall(read(wall_file())), [FieldMonitor(there / "fields.bp")], steps=1)
+    assert len(set(comm.allgather(str(got.value)))) == 1
 
 
 def test_progress(comm, wall_file, read, capsys):
@@ -351,3 +385,13 @@ def test_progress(comm, wall_file, read, capsys):
     assert "wall" in texts[0]
     assert "3/3" in texts[0]
     assert all(text == "" for text in texts[1:])
+    assert "% open" in texts[0]
+
+
+def test_progress_without_joints_tells_no_shares(comm, wall_file, read, capsys):
+    model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])
+    shake(model, [ProgressMonitor("whole")], steps=2)
+    texts = comm.allgather(capsys.readouterr().err)
+    assert "2/2" in texts[0]
+    assert " it" in texts[0]
+    assert "open" not in texts[0]

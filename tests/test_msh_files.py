@@ -161,3 +161,86 @@ def test_gmsh_without_a_library_of_the_system_is_one_sentence(tmp_path, monkeypa
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(dj.MeshError, match=f"^Gmsh cannot be loaded: {missing}; install that"):
         load_msh(tmp_path / "any.msh")
+
+
+NODES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0), (9, 9, 0)]
+
+
+def write_plane(path, elements, *, nodes=NODES, lines=1):
+    """A .msh file of elements (dim, entity, kind, nodes) in named groups "body" and "edge"."""
+    entities = {0: {}, 1: {n: [] for n in range(1, lines + 1)}, 2: {}}
+    for dim, entity, kind, corners in elements:
+        entities[dim].setdefault(entity, []).append((kind, corners))
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.SaveAll", 1)
+        model, number = gmsh.model, 0
+        for dim in (2, 1):
+            for entity, parts in entities[dim].items():
+                model.addDiscreteEntity(dim, entity)
+                if dim == 2 and entity == 1:
+                    tags = list(range(1, len(nodes) + 1))
+                    model.mesh.addNodes(2, 1, tags, [c for node in nodes for c in node])
+                for kind, corners in parts:
+                    number += 1
+                    model.mesh.addElements(dim, entity, [kind], [[number]], [corners])
+        model.addPhysicalGroup(2, list(entities[2]), name="body")
+        model.addPhysicalGroup(2, [1], name="first")
+        model.addPhysicalGroup(1, list(entities[1]), name="edge")
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+LINE, TRIANGLE, QUAD = 1, 2, 3
+SQUARE, NEXT = (2, 1, QUAD, (1, 2, 3, 4)), (2, 2, QUAD, (2, 5, 6, 3))
+EDGE = (1, 1, LINE, (1, 2))
+
+
+def test_cells_of_two_groups_are_read_once(tmp_path):
+    raw = load_msh(write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE]))
+    assert len(raw.cells) == 2
+    assert {name: cells.tolist() for name, cells in raw.cell_groups.items()} == {
+        "body": [0, 1],
+        "first": [0],
+    }
+    assert raw.facet_groups["edge"].shape == (1, 2)
+
+
+WARPED = [(x, y, 0.1 * x * y) for x, y, _ in NODES]
+
+
+@pytest.mark.parametrize(
+    ("elements", "options", "sentence"),
+    [
+        ([SQUARE, (2, 2, TRIANGLE, (2, 5, 6)), EDGE], {}, "has cells of Gmsh types [2, 3]; one of"),
+        (
+            [SQUARE, (2, 1, TRIANGLE, (2, 5, 6)), EDGE],
+            {},
+            "entity 1 holds 2 kinds of cells; one kind is needed.",
+        ),
+        ([SQUARE, EDGE], {"nodes": WARPED}, "is a surface that does not lie in a plane z = const"),
+        ([SQUARE], {}, "Group 'edge' holds no facets; mesh it before writing the file."),
+        (
+            [SQUARE, (1, 1, LINE, (2, 7))],
+            {},
+            "Group 'edge' has facets with nodes that belong to no cell.",
+        ),
+        ([SQUARE, (1, 1, LINE, (1, 3))], {}, "Group 'edge': 1 of its facets belong to no cell."),
+    ],
+    ids=["types", "kinds", "warped", "no facets", "foreign nodes", "diagonal"],
+)
+def test_what_is_in_a_plane_mesh_is_checked(tmp_path, elements, options, sentence):
+    path = write_plane(tmp_path / "bad.msh", elements, **options)
+    with pytest.raises(dj.MeshError) as failure:
+        dj.read_msh(path, MPI.COMM_SELF, joints=[])
+    assert sentence in str(failure.value)
+    assert str(failure.value).endswith(".")
+
+
+def test_joints_are_a_list_of_names(tmp_path):
+    path = write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE])
+    with pytest.raises(dj.MeshError, match="joints is 'edge'; it must be a list of names"):
+        dj.read_msh(path, MPI.COMM_SELF, joints="edge")

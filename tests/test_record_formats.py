@@ -6,6 +6,7 @@ The files are made here after the published descriptions of the formats. The val
 are those of ``WAVE``, in cm/s^2, to the digits of the format.
 """
 
+import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -281,9 +282,20 @@ def test_junk_is_refused_whatever_its_name(tmp_path: Path, suffix: str) -> None:
         assert refusal(write(tmp_path, content, f"junk{suffix}")).startswith(message)
 
 
-def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
+def forbidden(path: Path, *_: object) -> None:
+    """What opening a file of somebody else's raises."""
+    raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+
+def test_what_is_no_file_or_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert refusal(tmp_path) == " is no file."
     assert refusal(tmp_path / "none") == " cannot be read: No such file."
+    locked = write(tmp_path, at2(), "locked.AT2")
+    monkeypatch.setattr(Path, "open", forbidden)
+    assert refusal(locked) == " cannot be read: Permission denied."
+    monkeypatch.undo()
     path = tmp_path / "sparse.AT2"
     with path.open("wb") as file:
         file.truncate(10**12)  # a hole: it takes no space on the disk
@@ -319,6 +331,10 @@ def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
         (esm().replace("0.010000", "1" * 400), "line 7: SAMPLING_INTERVAL_S '111"),
         (at2(unit="1" * 400), "line 3: must say 'UNITS OF G', got 'ACCELERATION TIME SERIES"),
         (columns().replace("time N", "1 " * 400), ": columns must be 'time' once at most and"),
+        (
+            smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
+            "line 14: the file flags a problem of the record (18th whole number is 1)",
+        ),
     ],
 )
 def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:
@@ -377,6 +393,14 @@ def test_the_two_levels_of_a_borehole_are_two_records(tmp_path: Path) -> None:
     assert names == ["ABC001_20000101_102000_underground", "ABC001_20000101_102000"]
     assert read_record(tmp_path, name="underground").name == names[0]
     assert read_record(tmp_path, name=names[1]).name == names[1]  # also a part of the other name
+
+
+def test_files_of_velocities_are_no_record_of_a_folder(tmp_path: Path) -> None:
+    write(tmp_path, esm(), "acceleration.ASC")
+    names = record_names(tmp_path)
+    assert len(names) == 1
+    write(tmp_path, esm(kind="VELOCITY").replace("STATION_CODE: ", "STATION_CODE: Z"), "speed.ASC")
+    assert record_names(tmp_path) == names
 
 
 def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:

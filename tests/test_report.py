@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from html.parser import HTMLParser
 from pathlib import Path
@@ -14,7 +15,15 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 
-from dolfinx_joints import measures, paper_statements, report, report_runs
+from dolfinx_joints import (
+    measures,
+    paper_statements,
+    report,
+    report_page,
+    report_response,
+    report_runs,
+    report_sections,
+)
 from dolfinx_joints.envelopes import ENVELOPE_NAMES as NAMES
 from dolfinx_joints.envelopes import declare_envelopes
 from dolfinx_joints.errors import ResultsError
@@ -310,6 +319,124 @@ def test_body_without_arch_directions(tmp_path):
     assert "Deformed shape of cube at t = 0.000 s, the last record." in html
     assert "Envelope principal, max of cube" in html
     assert "Envelope arch, max" not in html
+
+
+def test_doubts_about_a_run_are_said(tmp_path):
+    # Both errors are above the 5 % that `results` calls large; a fifth of that is not doubtful.
+    many = {"energy_error": 0.07, "local_error": 0.3, "warnings": ["the slip is large"]}
+    path = write_run(tmp_path / "run.h5", summary=many, seconds=0.05)
+    few = write_run(tmp_path / "few.h5", summary={"energy_error": 0.01}, seconds=0.05)
+    with report_runs.opened([path, few]) as runs:
+        assert [report_sections.doubts(run) for run in runs] == [
+            [
+                "run: the energy error is 7.00% of the largest energy.",
+                "run: a step errs by 30.00% of the largest displacement.",
+                "run: the slip is large",
+            ],
+            [],
+        ]
+
+
+def test_what_is_not_in_the_file_is_said(tmp_path, monkeypatch):
+    # Histories alone: joints, states and a body are missing; the ground did not move.
+    with ResultsWriter(tmp_path / "bare.h5", {"point_names": ["tip"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 1.0]], accelerations=True)
+        writer.start()
+        for row in range(6):
+            record = {"displacement": [[1e-3 * row, 0.0, 0.0]], "iterations": 1}
+            record |= {"acceleration": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            writer.append("histories", 0.1 * row, record | shares)
+        writer.finish("complete", {})
+
+    def unknown(package):
+        raise report_sections.PackageNotFoundError(package)
+
+    monkeypatch.setattr(report_sections, "version", unknown)
+    page, html = page_of([tmp_path / "bare.h5"], tmp_path, with_3d=True)
+    assert "The files hold no states of a body." in html
+    assert "not installed as a package" in page.cells
+    with report_runs.opened([tmp_path / "bare.h5"]) as (run,):
+        assert report_response.strong_until(run) == pytest.approx(0.5)  # the end of the run
+
+
+def test_joints_without_states_tell_no_opening(tmp_path):
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        declare_states(writer, NODES, SURFACE, {"joint_1": JOINT})
+        writer.start()
+        writer.finish("complete", {})
+    with report_runs.opened([tmp_path / "r.h5"]) as (run,):
+        assert report_response.widest_opening(run) is None
+    path = write_run(tmp_path / "linear.h5", "linear", seconds=0.1)
+    with report_runs.opened([path]) as (run,):
+        assert report_response.widest_opening(run) == "has no joints"
+
+
+def test_crest_arch_is_judged_by_its_stresses(tmp_path):
+    # Arch stresses of z MPa everywhere: in the crest, the upper tenth of 2 m, 2 MPa.
+    paths = []
+    for name, factor in (("linear", 1.0), ("joints", -1.1)):
+        path = tmp_path / f"{name}.h5"
+        with ResultsWriter(path, {"point_names": [], "run": name}) as writer:
+            declare_states(writer, NODES, SURFACE, {})
+            missing = np.full((len(NODES), 3), np.nan)
+            declare_envelopes(writer, np.arange(len(NODES)), missing, missing)
+            writer.start()
+            stress = 1e6 * factor * NODES[:, 2]
+            known = {n: stress if n == "arch_max" else np.nan * stress for n in NAMES}
+            writer.append("envelopes", 0.0, known)
+            writer.finish("complete", {})
+        paths.append(path)
+    with report_runs.opened(paths) as (linear, joints):
+        assert paper_statements._crest_stress(linear) == pytest.approx(2e6)
+        assert paper_statements._crest_stress(joints) == pytest.approx(2.2e6)
+    with report_runs.opened([write_run(tmp_path / "bare.h5", seconds=0.05)]) as (bare,):
+        assert np.isnan(paper_statements._crest_stress(bare))
+
+
+@pytest.mark.parametrize(("spread", "said"), [(None, False), (0.05, False), (0.2, True)])
+def test_an_error_that_reaches_a_bound_is_said(spread, said):
+    check = paper_statements.Check("statement", "ratio", "0.9 to 1.1", 0.9, 1.1, lambda pair: 1.0)
+    judgement = paper_statements.Judgement(check, 1.0, "agrees")
+    words = paper_statements._verdict(judgement, spread)
+    assert "agrees" in words
+    assert ("the error estimate reaches the bound" in words) == said
+
+
+def test_plane_joints_have_no_maps(tmp_path):
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    joint = {
+        "points": np.array([[0.5, 1.0, 0.0]]),
+        "frames": np.array([[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]),
+        "areas": np.ones(1),
+        "facet": np.zeros(1, dtype=int),
+    }
+    with ResultsWriter(tmp_path / "plane.h5", {"point_names": ["tip"]}) as writer:
+        declare_states(writer, nodes, [[2, 3], [0, 1]], {"seam": joint})
+        writer.start()
+        for time, opening in ((0.0, 0.0), (1.0, 2e-3)):
+            record = {"displacement": np.zeros((4, 3)), "joints/seam/gap": [[opening, 0.0, 0.0]]}
+            writer.append("states", time, record | {"joints/seam/traction": np.zeros((1, 3))})
+        writer.finish("complete", {})
+    page, html = page_of([tmp_path / "plane.h5"], tmp_path)
+    assert "The model is plane: its joints are lines, of which no maps are drawn." in html
+    assert "seam" in page.cells
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "–"), (True, "yes"), (np.bool_(False), "no"), ([1, "a", None], "1, a, –")],
+)
+def test_values_in_words(value, text):
+    assert report_page.plain(value) == text
+
+
+@pytest.mark.parametrize("package", ["matplotlib", "plotly"])
+def test_a_report_needs_its_packages(tmp_path, monkeypatch, package):
+    path = write_run(tmp_path / "run.h5", seconds=0.05)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ResultsError, match=f"Reports need {package}, which is not installed"):
+        report.write([path], tmp_path / "out.html", with_3d=False)
 
 
 def test_bad_input_is_refused_in_a_sentence(tmp_path):

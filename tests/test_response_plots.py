@@ -106,6 +106,10 @@ def test_effective_frequency_and_damping(
         np.testing.assert_allclose(np.asarray(line.get_ydata()), value, rtol=0.01)
     unit = "[Hz]" if quantity == "frequency" else "[%]"
     assert ax.get_ylabel().endswith(unit)
+    alone = response_plots.effective_frequency(results, "crest", "x", quantity=quantity)
+    assert alone.get_legend() is None
+    (line,) = (line for line in alone.get_lines() if len(np.asarray(line.get_xdata())) > 2)
+    np.testing.assert_allclose(np.asarray(line.get_ydata()), values[1], rtol=0.01)
 
 
 def test_joint_motion_shows_the_largest_of_each_joint(results: Results) -> None:

@@ -247,6 +247,37 @@ def test_the_order_of_calls_is_kept(tmp_path: Path) -> None:
             writer.finish("failed", {})
 
 
+def test_a_wrong_declaration_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match=r"flush_interval must be 0 s or more, got -1\.0 s"):
+        ResultsWriter(tmp_path / "r.h5", {}, flush_interval=-1.0)
+    assert list(tmp_path.iterdir()) == []
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        with pytest.raises(ResultsError, match="'z' must hold real numbers, got complex128"):
+            writer.series("run", "z", (), "-", "impedance", dtype=complex)
+        with pytest.raises(ResultsError, match=r"'u' must have no negative length, got \(-1, 3\)"):
+            writer.series("run", "u", (-1, 3), "m", "displacement")
+        writer.static("mesh", [1.0], "-", "an array, not a group")
+        with pytest.raises(ResultsError, match="'mesh/nodes' cannot be declared: "):
+            writer.static("mesh/nodes", [1.0], "m", "nodes")
+
+
+def test_a_folder_in_the_place_of_the_file_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "r.h5").mkdir()
+    with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: "):
+        ResultsWriter(tmp_path / "r.h5", {}, overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
+    writer = writer_of(tmp_path / "r.h5")
+    writer.finish("complete", {})
+    writer.close()
+    with ResultsWriter(tmp_path / "other.h5", {}):
+        writer.close()
+    with Results(tmp_path / "r.h5") as results:
+        assert results.status == "complete"
+
+
 def test_foreign_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match="There is no results file"):
         Results(tmp_path / "none.h5")
@@ -262,6 +293,11 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
         file.attrs["version"] = VERSION + 1
     with pytest.raises(ResultsError, match="has version 2 of the layout.*reads up to 1"):
         Results(tmp_path / "newer.h5")
+    writer_of(tmp_path / "torn.h5").close()
+    with h5py.File(tmp_path / "torn.h5", "r+") as file:
+        del file["streams"]
+    with pytest.raises(ResultsError, match=r"torn\.h5 was left incomplete before its run started"):
+        Results(tmp_path / "torn.h5")
 
 
 def test_missing_names_list_those_that_exist(tmp_path: Path) -> None:
@@ -341,11 +377,12 @@ def test_a_convergence_error_says_what_it_knows() -> None:
 
 def test_texts_that_are_no_utf8_do_not_stop_a_run(tmp_path: Path) -> None:
     # What sys.argv gives for the byte 0xff.
-    with ResultsWriter(tmp_path / "r.h5", {"command": ["\udcff.h5"]}) as writer:
+    facts = {"command": ["\udcff.h5"], "mesh": Path("meshes") / "dam.msh"}
+    with ResultsWriter(tmp_path / "r.h5", facts) as writer:
         writer.start()
         writer.finish("complete", {})
     with Results(tmp_path / "r.h5") as results:
-        assert results.metadata["command"] == ["?.h5"]
+        assert results.metadata == {"command": ["?.h5"], "mesh": "meshes/dam.msh"}
 
 
 def test_a_file_that_cannot_be_closed_is_not_locked_for_ever(
@@ -362,3 +399,23 @@ def test_a_file_that_cannot_be_closed_is_not_locked_for_ever(
     with pytest.raises(RuntimeError, match="no room"):
         writer.close()
     assert not (tmp_path / "r.h5.lock").exists()
+
+
+def test_a_copy_that_fails_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with writer_of(tmp_path / "r.h5") as writer:
+        append_rows(writer, 0, 3)
+
+    def fail(*_: Any) -> None:
+        raise OSError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsWriter, "_copy", fail)
+        with pytest.raises(ResultsError, match=r"r\.h5 cannot be copied: no room"):
+            ResultsWriter.resume(tmp_path / "r.h5", {"run": 2})
+    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
+    with ResultsWriter.resume(tmp_path / "r.h5", {"run": 2}) as writer:
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        assert results.series("run", "count").tolist() == [0, 1]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Matching to a response spectrum: what must stay, what must be reached, what is refused."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,12 @@ def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
     narrow = (np.array([0.5, 0.505, 0.51]), np.array([1.0, 50.0, 1.0]))
     with pytest.raises(RecordError, match=r"came no nearer .*, at 0\.5\d* s, in 3 rounds; toleran"):
         match_spectrum(RECORD, narrow, components="x", rounds=3)
+    nearest = []
+    for rounds in (1, 3, 8):
+        with pytest.raises(RecordError) as told:
+            match_spectrum(RECORD, narrow, components="x", rounds=rounds)
+        nearest.append(float(re.search(r"than [+-]([\d.]+)%, at", str(told.value))[1]))
+    assert nearest[0] >= nearest[1] >= nearest[2]  # the best round counts, not the last
     still = RECORD.scaled([1.0, 0.0, 1.0])
     with pytest.raises(RecordError, match="Component y of 'synthetic motion 2' is zero through"):
         match_spectrum(still, (STEPS, eurocode(STEPS)), components="y")

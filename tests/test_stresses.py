@@ -254,6 +254,9 @@ def test_faces_of_envelopes_are_checked(wall_file, read, new_path):
     model = model_of(read(wall_file()))
     with pytest.raises(MeshError, match="no facet group 'upstream'"):
         run(model, new_path("none.h5"), envelopes=["upstream"])
+    whole = model_of(read(wall_file(), joints=[]))
+    with pytest.raises(MeshError, match="facet group 'joint_1' has no facets on the boundary"):
+        run(whole, new_path("none.h5"), envelopes=["joint_1"])
     for wrong, message in (
         ([], "envelopes is an empty list; name facet groups, or pass False."),
         ("base", "envelopes is 'base'; it must be True, False or a list of facet groups."),

@@ -15,17 +15,22 @@ import sys
 import time
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 
 pytest.importorskip("h5py")
 
+from dolfinx_joints import study_case
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study import Study, read_table, write_csv
+from dolfinx_joints.study import _address as study_address
 from dolfinx_joints.study_table import (
     LONGEST_TEXT,
     OWN_COLUMNS,
+    plain_values,
     read_row,
     write_row,
     write_table,
@@ -318,6 +323,79 @@ def test_refusals(tmp_path, monkeypatch):
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
     with pytest.raises(StudyError, match="run it without mpirun"):
         squares(tmp_path).run()
+
+
+def test_files_that_are_no_rows_or_tables_are_told(tmp_path):
+    # Another program, or a full disk, has put something else in their places.
+    row = tmp_path / "a.json"
+    assert read_row(row) is None
+    for content, message in (
+        ("{", r"a\.json is not a row of a study: .*line 1"),
+        ("[]", r"a\.json is not a row of a study\.$"),
+        ('{"case": "a"}', r"a\.json is not a row of a study\.$"),
+    ):
+        row.write_text(content)
+        with pytest.raises(StudyError, match=message):
+            read_row(row)
+    place = tmp_path / "other.h5"
+    place.write_text("no table")
+    with pytest.raises(StudyError, match=r"other\.h5 is not an HDF5 file\.$"):
+        read_table(place)
+    with h5py.File(place, "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(
+        StudyError, match=r"other\.h5 is no table of a study, or a damaged one: its checksum"
+    ):
+        read_table(place)
+
+
+def test_cases_end_with_an_interrupted_run(tmp_path, monkeypatch):
+    # Ctrl-C while the runner waits for a case that would take ten minutes.
+    study = squares(tmp_path / "s", 1, wait=600.0)
+
+    def interrupt(seconds):
+        if list(tmp_path.glob("s/cases/*/x.txt")):
+            raise KeyboardInterrupt
+        time.sleep(seconds)
+
+    world = SimpleNamespace(sleep=interrupt, monotonic=time.monotonic)
+    monkeypatch.setattr("dolfinx_joints.study.clock", world)
+    with pytest.raises(KeyboardInterrupt):
+        study.run(progress=False)
+    assert not living_cases(tmp_path / "s")
+
+
+def test_a_case_ends_when_its_runner_is_gone(monkeypatch):
+    # The standard input ends, and nothing else can be on it: exit code 1, after all of it is read.
+    left, codes = [b"more", b""], []
+    world = SimpleNamespace(read=lambda file, count: left.pop(0), _exit=codes.append)
+    monkeypatch.setattr(study_case, "os", world)
+    study_case._end_with_the_runner()
+    assert (left, codes) == ([], [1])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1.0], r"The function must return a mapping of values, not \[1\.0\]"),
+        ({"x": 1.0}, "The value 'x' has the name of a parameter or of the study"),
+        ({"wall_s": 1.0}, "The value 'wall_s' has the name of a parameter or of the study"),
+        ({"y": None}, "The value 'y' must be a number or a text, not None"),
+    ],
+)
+def test_what_a_case_may_not_return(values, message):
+    with pytest.raises(StudyError, match=message):
+        plain_values(values, ["x"])
+
+
+def test_a_function_of_the_running_script_is_known_by_its_module(tmp_path, monkeypatch):
+    # As after python3 -m tests.test_study; a file that is run by its path cannot be imported.
+    monkeypatch.setattr(square, "__module__", "__main__")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", SimpleNamespace(name=__name__))
+    assert study_address(square) == (__name__, "square")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    with pytest.raises(ValueError, match="must be at the top level of a module"):
+        Study(tmp_path, square, {})
 
 
 def test_csv(tmp_path):

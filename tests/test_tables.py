@@ -14,6 +14,7 @@ import pytest
 from dolfinx_joints import Results, ResultsError, cli
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.measures import joint_measures
+from dolfinx_joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.results import ENERGY_TERMS
 from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results_overview import overview
@@ -189,6 +190,63 @@ def test_a_folder_that_is_a_file(tmp_path):
     assert place.read_text() == "mine"
 
 
+def test_a_table_that_cannot_take_its_place_leaves_nothing(tmp_path):
+    out = tmp_path / "out"
+    (out / "histories.csv").mkdir(parents=True)
+    with (
+        Results(write_run(tmp_path / "r.h5")) as results,
+        pytest.raises(ResultsError, match="The tables cannot be written to .*out: .*directory"),
+    ):
+        write_csv(results, out, overwrite=True)
+    assert [path.name for path in out.iterdir()] == ["histories.csv"]
+
+
+@pytest.mark.parametrize("water", [False, True])
+def test_blocks_have_a_row_for_each_record(tmp_path, water):
+    # Two blocks, three records; the totals are those without water plus those of the water.
+    parts = {"force": "N", "moment": "N m"}
+    if water:
+        parts |= {"water_force": "N", "water_moment": "N m"}
+    values = {name: RANDOM.standard_normal((3, 2, 3)) for name in parts}
+    mass, centre = np.array([2.0, 3.0]), RANDOM.random((2, 3))
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        writer.static("blocks/mass", mass, "kg", "mass")
+        writer.static("blocks/centre", centre, "m", "centre of gravity")
+        for name, unit in parts.items():
+            writer.series("resultants", f"blocks/{name}", (2, 3), unit, name)
+        writer.start()
+        for row in range(3):
+            record = {f"blocks/{name}": value[row] for name, value in values.items()}
+            writer.append("resultants", 0.1 * row, record)
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        (path,) = write_csv(results, tmp_path)
+    assert path.name == "blocks.csv"
+    assert column(path, "block").tolist() == [0, 0, 0, 1, 1, 1]
+    np.testing.assert_allclose(column(path, "time [s]"), [0.0, 0.1, 0.2, 0.0, 0.1, 0.2])
+    assert column(path, "mass [kg]").tolist() == [2, 2, 2, 3, 3, 3]
+    for i, axis in enumerate("xyz"):
+        np.testing.assert_array_equal(
+            column(path, f"centre {axis} [m]"), np.repeat(centre[:, i], 3)
+        )
+        for what, label in (
+            ("force", f"total force {axis} [N]"),
+            ("moment", f"total moment about the centre {axis} [N m]"),
+        ):
+            total = values[what] + values.get(f"water_{what}", 0.0)
+            np.testing.assert_array_equal(column(path, label), total[:, :, i].T.ravel())
+        effective = column(path, f"effective force {axis} [N]")
+        np.testing.assert_array_equal(effective, values["force"][:, :, i].T.ravel())
+
+
+def test_resultants_that_were_not_recorded_are_told(tmp_path):
+    with Results(write_run(tmp_path / "r.h5")) as results:
+        with pytest.raises(ResultsError, match="no resultants of blocks; record them with Results"):
+            block_resultants(results)
+        with pytest.raises(ResultsError, match="No joint 'joint_9' in .*it has joint_1, joint_2"):
+            joint_resultants(results, "joint_9")
+
+
 def test_a_file_without_records_has_no_tables(tmp_path):
     with ResultsWriter(tmp_path / "r.h5", {}) as writer:
         declare_histories(writer, [[0.0, 0.0, 1.0]])
@@ -222,12 +280,20 @@ def test_the_law_of_a_joint_may_be_unknown(tmp_path):
         writer.finish("complete", {})
     with Results(tmp_path / "r.h5") as results:
         joints, forces = write_csv(results, tmp_path)
+        assert "joint_1" in overview(results.path)
         assert math.isnan(column(joints, "safety_min [-]")[0])
         assert np.isfinite(column(forces, "total force z [N]")).all()
 
 
 @pytest.mark.parametrize(
-    "laws", ["rigid", {"joint_1": 30.0}, {"joint_1": {"kind": "x", "cohesion": 0.0}}]
+    "laws",
+    [
+        "rigid",
+        {"joint_1": 30.0},
+        {"joint_1": {"kind": "x", "cohesion": 0.0}},
+        {"joint_1": {"kind": 3, "friction_angle_deg": 30.0, "cohesion": 0.0}},
+        {"joint_1": {"kind": "x", "friction_angle_deg": "30", "cohesion": 0.0}},
+    ],
 )
 def test_metadata_of_laws_that_are_something_else(tmp_path, laws):
     with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:

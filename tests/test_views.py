@@ -159,6 +159,8 @@ def test_coincident_points_are_no_outline() -> None:
     scene = rendering.Scene()
     scene.edges(points, [[0, 1, 2, 3], [4, 5, 6, 7]])
     assert scene.layers[0][0].n_cells == 6
+    scene.edges(points, [])
+    assert len(scene.layers) == 1  # no facets, nothing to draw
 
 
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
@@ -181,6 +183,11 @@ def test_without_anything_to_draw_with_there_is_one_sentence(
     monkeypatch.setattr(sys.modules["vtkmodules"], "__version__", "9.3.0")
     with pytest.raises(JointsError, match="need VTK 9.5 or later, got 9.3"):
         views.mesh(results)
+
+
+def test_a_library_that_is_not_there_is_not_loadable() -> None:
+    assert not rendering._is_loadable("libno-such-library.so.1")
+    assert rendering._is_loadable("libc.so.6")
 
 
 def test_importing_views_loads_nothing_heavy() -> None:
@@ -270,6 +277,38 @@ def test_a_joint_turned_to_the_eye_shows_its_width(results: Results, scenes) -> 
     assert camera.project(turned)[true[:, 0] == 0.0][:, 0].max() == pytest.approx(-1.0)
 
 
+def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scenes) -> None:
+    # The second is the level foot of the block: no axis is upright, and it is not turned.
+    path, arrays = tmp_path / "two.h5", joint_arrays()
+    level = {
+        "points": np.array([[THICKNESS / 2, SIDE / 2, 0.0]]),
+        "frames": np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]),
+        "areas": np.array([THICKNESS * SIDE]),
+        "facet": np.array([0]),
+    }
+    nodes, surface = block(SIDE)
+    with ResultsWriter(path, {}) as writer:
+        joints = {"joint_base": level, "joint_1": {**arrays, "facet": np.arange(2, 4 * ROWS, 4)}}
+        declare_states(writer, nodes, surface, joints)
+        writer.start()
+        record = {
+            f"joints/{name}/{what}": np.zeros((len(joint["points"]), 3))
+            for name, joint in joints.items()
+            for what in ("gap", "traction")
+        }
+        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
+        writer.finish("complete", {})
+    with Results(path) as results:
+        figure = views.joint_map(results, "opening")
+        views.joint_map(results, "opening", turned=False)
+    assert {"1", "base"} <= {text.get_text() for text in figure.axes[0].texts}
+    moved, still = ([data.points for data, _ in scene.layers[1:]] for scene in scenes)
+    np.testing.assert_array_equal(moved[1], still[1])
+    # A quarter turn about its middle, towards the eye on the x axis.
+    np.testing.assert_allclose(np.ptp(still[0], axis=0), [THICKNESS, 0.0, HEIGHT])
+    np.testing.assert_allclose(np.ptp(moved[0], axis=0), [0.0, THICKNESS, HEIGHT], atol=1e-12)
+
+
 def test_states_are_those_of_the_file(results: Results, scenes) -> None:
     figure = views.joint_map(results, "state", joint="joint_1")
     np.testing.assert_array_equal(scenes[0].layers[1][0].cell_data["value"], [2, 1, 1, 0])
@@ -314,3 +353,15 @@ def test_wrong_requests_are_refused(results: Results, tmp_path: Path) -> None:
         writer.start()
     with pytest.raises(ValueError, match=r"need a body in space; that of .*plane\.h5 is plane"):
         views.mesh(Results(tmp_path / "plane.h5"))
+    with ResultsWriter(tmp_path / "whole.h5", {}) as writer:
+        nodes, surface = block(SIDE)
+        declare_states(writer, nodes, surface, {})
+        writer.static("envelopes/nodes", np.arange(len(nodes)), "-", "nodes")
+        writer.series("envelopes", "principal_max", (len(nodes),), "Pa", "largest")
+        writer.start()
+        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)})
+        writer.append("envelopes", 0.0, {"principal_max": np.full(len(nodes), np.nan)})
+    with pytest.raises(ValueError, match=r"whole\.h5 has no joints to draw"):
+        views.joint_map(Results(tmp_path / "whole.h5"))
+    with pytest.raises(ValueError, match="There is nothing to draw: all values are missing"):
+        views.envelope(Results(tmp_path / "whole.h5"))

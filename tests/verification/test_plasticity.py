@@ -230,6 +230,21 @@ def test_energy_balance_counts_plastic_work(comm, kind, joint, new_path):
         assert np.all(np.diff(plastic) >= 0.0)
 
 
+def test_groups_of_one_law_are_one_body(comm):
+    # What belongs to no group's boundary: laws by group give what the law of the whole gives.
+    jointed = block(comm, "quadrilateral")
+    law = rock(dilatancy_angle_deg=10.0, fit="plane strain")
+    found = []
+    for material in (law, {"low": law, "high": law}):
+        simulation = Simulation(standing(jointed, material))
+        simulation.statics(steps=2)
+        outcome = simulation.dynamics(dt=1e-3, steps=4, scheme=EnergyConsistent())
+        assert "monolithic solver (plastic cells of DruckerPrager)" in simulation.report(outcome)
+        found.append((outcome.energy.plastic, outcome.energy.stored))
+    assert found[0][0] > 0.1 * found[0][1]
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+
+
 def simulation_start(simulation, model):
     """Stored energy of the static state: half of the work of stresses on elastic strains."""
     static = simulation.static
@@ -302,6 +317,8 @@ def test_what_it_does_not_do_is_said(comm, new_path):
         Simulation(model).dynamics(dt=1e-3, steps=1, scheme=ImplicitContact())
     with pytest.raises(CheckpointError, match="do not hold the state of plastic cells"):
         Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=Checkpoints(new_path("c.h5")))
+    with pytest.raises(JointsError, match="of a body with plastic cells cannot be free, nor"):
+        Simulation(model).statics(joints="free")
     with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
         SurfaceStress(model, NodeGather(model))
     with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):

@@ -258,6 +258,11 @@ def test_refusals(wall):
         (4.0, "faces is 4.0; it must be a temperature per facet group"),
         ({"y_min": math.nan}, "The temperature of 'y_min' is nan; it must be finite"),
         ({"y_min": "cold"}, "The temperature of 'y_min' is 'cold'"),
+        (
+            {"y_min": lambda x: x},
+            r"The temperature of 'y_min' has shape \(\d+, 3\); for \d+ points",
+        ),
+        ({"y_min": lambda x: x[:, 0] * math.nan}, "of 'y_min' is not finite at some of its points"),
         ({"x_min": 4.0}, "A block has no face with a given temperature; joints let no heat"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -349,7 +349,7 @@ def test_energies_balance(read, wall_file, redistribute):
     assert outcome.energy.viscous > 0.0
 
 
-def test_refusals(wall):
+def test_refusals(wall, read, wall_file):
     """One sentence each, on all ranks."""
     with pytest.raises(ValueError, match="HydrostaticPressure on 'x_min': level is nan m; it must"):
         HydrostaticPressure(group="x_min", level=float("nan"))
@@ -370,3 +370,7 @@ def test_refusals(wall):
         model_of(wall.jointed, added_mass=[WestergaardMass(group="upstream", level=1.0)])
     with pytest.raises(MeshError, match="upstream"):
         model_of(wall.jointed, loads=[HydrostaticPressure(group="upstream", level=1.0)])
+    # 4 x 1 x 3 cells: a plane across them has 3 facets, each with a cell on both sides.
+    whole, within = read(wall_file(), joints=[]), HydrostaticPressure(group="joint_1", level=5.0)
+    with pytest.raises(MeshError, match="^3 facets of 'joint_1' lie inside the body; water acts"):
+        model_of(whole, loads=[within]).system()

@@ -27,7 +27,8 @@ def content(path: Path) -> dict[str, Any]:
         summary = {k: v for k, v in results.summary.items() if k not in ("seconds", "peak_mb")}
         metadata = results.metadata
         metadata["manifest"].pop("command")  # names another folder
-        return found | {"status": results.status, "summary": summary, "metadata": metadata}
+        told = {"status": results.status, "summary": summary, "metadata": metadata}
+        return found | dict(_leaves(told, ""))
 
 
 def records(results: Results) -> dict[str, Any]:
@@ -54,19 +55,33 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
             yield above + name, value
 
 
-def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> float:
-    """Largest of all arrays and numbers relative to the largest entry of each; 0 to the bit.
+def scales(whole: Mapping[str, Any]) -> dict[str, float]:
+    """Largest entry of each array and number of a finished run, to judge rounding by.
 
-    Energies and forces that balance are differences of large parts: their scale is the largest of
-    the stream or folder that they are in.
+    Energies are differences of large parts and share theirs; what a summary tells are shares.
+    """
+    found: Counter[str] = Counter()
+    for name, value in whole.items():
+        if _is_real(value):
+            size = float(np.nanmax(np.abs(value), initial=0.0))
+            found[_kind(name)] = max(found[_kind(name)], size)
+    return {
+        name: max(1.0, found[_kind(name)]) if name.startswith("summary/") else found[_kind(name)]
+        for name, value in whole.items()
+        if _is_real(value)
+    }
+
+
+def difference(
+    found: Mapping[str, Any], expected: Mapping[str, Any], scale: Mapping[str, float]
+) -> float:
+    """Largest of all arrays and numbers relative to their `scales`; 0 if all bits are the same.
+
+    Raises:
+        DamagedError: Names, shapes, whole numbers or texts are not the same.
     """
     if found.keys() != expected.keys():
         raise DamagedError(f"other names: {sorted(found.keys() ^ expected.keys())}")
-    scales: Counter[str] = Counter()
-    for name, value in expected.items():
-        if _is_real(value):
-            size = float(np.nanmax(np.abs(value), initial=0.0))
-            scales[_folder(name)] = max(scales[_folder(name)], size)
     largest = 0.0
     for name, value in expected.items():
         if not _is_real(value):
@@ -76,8 +91,9 @@ def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> float:
         if np.shape(found[name]) != np.shape(value):
             raise DamagedError(f"{name}: shape {np.shape(found[name])}, not {np.shape(value)}")
         if not np.array_equal(found[name], value, equal_nan=True):
-            off = float(np.nanmax(np.abs(np.subtract(found[name], value))))
-            largest = max(largest, off / scales[_folder(name)])
+            off = float(np.max(np.abs(np.subtract(found[name], value))))
+            off = off / scale[name] if scale[name] > 0.0 else np.inf
+            largest = max(largest, np.inf if np.isnan(off) else off)
     return largest
 
 
@@ -85,6 +101,6 @@ def _is_real(value: Any) -> bool:
     return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
 
 
-def _folder(name: str) -> str:
-    """Energies share a scale, other arrays have their own."""
-    return "energy" if "energy" in name else name
+def _kind(name: str) -> str:
+    """Names whose values share a scale."""
+    return "energy" if "energy/" in name and not name.endswith("time") else name

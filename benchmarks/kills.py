@@ -5,11 +5,12 @@
 
 A small dam with joints is shaken by a script that writes states of the results file and
 checkpoints at every second step (`_killed_job.py`). It is killed, on several ranks all processes
-at once, started again, killed again, until it ends. Most moments are drawn uniformly over the time
-a whole run takes; every third kill waits for a write, or for a part of the start-up that is short,
-and hits inside it. While the run lives its results file is opened now and then: what it shows must
-be the first records of the run left alone. The finished results file and the last checkpoint are
-compared with those of that run: bit by bit on one rank, to 1e-10 of the largest entry on several.
+at once, started again, killed again, until it ends. A third of the moments are drawn from the time
+that a whole run takes, a third from the steps that are left, and a third hit inside a write or a
+short part of the start-up. While the run lives its results file is opened now and then: what it
+shows must be the first records of the run left alone. The finished results file and the last
+checkpoint are compared with those of that run: bit by bit on one rank, to 1e-10 of the largest
+entry on several.
 
 A line for each kill says what it hit, where the run stood and how much had to be computed again.
 Exit status 1 if a run could not be continued or ended otherwise.
@@ -22,7 +23,6 @@ import json
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import time as clock
@@ -33,7 +33,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks._killed_job import PHASES, Trace
-from benchmarks._same_files import DamagedError, checkpoint, content, difference, records
+from benchmarks._processes import POLL, kill
+from benchmarks._same_files import DamagedError, checkpoint, content, difference, records, scales
 from dolfinx_joints import Results, ResultsError
 
 BOUND = 1e-10  # on several ranks, of the largest entry
@@ -41,7 +42,7 @@ START_UP = PHASES[: PHASES.index("step")]
 AIMS = ("results written", "checkpoint written", "records", "statics", "results begun")
 AIMS_CONTINUED = ("results written", "checkpoint written", "records", "results copied")
 WITHIN = 0.004  # seconds after a write has begun in which an aimed kill hits
-POLL, LOOK = 0.0002, 0.25  # seconds
+LOOK = 0.25  # seconds between two looks at the results file
 
 
 @dataclass(kw_only=True)
@@ -52,7 +53,7 @@ class Kill:
         run: Number of the run that was killed.
         ranks: Its processes.
         seconds: Time from its start [s].
-        aim: What it waited for, None for a moment drawn at random.
+        aim: What it waited for.
         phase: What the run was doing.
         computed: Last step that the run had recorded, -1 before its dynamic stage.
         on_disk: Last step that the results file holds, -1 without one.
@@ -64,7 +65,7 @@ class Kill:
     run: int
     ranks: int
     seconds: float
-    aim: str | None
+    aim: str
     phase: str
     computed: int
     on_disk: int
@@ -110,11 +111,13 @@ class Whole:
                 raise SystemExit(f"kills: the run left alone failed.\n{said(folder)}")
         self.content = content(folder / "run.h5")
         self._checkpoint = checkpoint(folder / "run.ckpt")
+        self._scale = scales(self.content)
 
     def compare(self, folder: Path) -> float:
         """Largest relative difference of a finished run; 0 if all bits are the same."""
-        results = difference(content(folder / "run.h5"), self.content)
-        return max(results, difference(checkpoint(folder / "run.ckpt"), self._checkpoint))
+        results = difference(content(folder / "run.h5"), self.content, self._scale)
+        kept = checkpoint(folder / "run.ckpt")
+        return max(results, difference(kept, self._checkpoint, scales(self._checkpoint)))
 
     def compare_begun(self, path: Path) -> int:
         """Last step of a results file, whose records must be the first ones of the run.
@@ -125,7 +128,7 @@ class Whole:
         with Results(path) as results:
             found = records(results)
         expected = {name: self.content[name][: len(value)] for name, value in found.items()}
-        off = difference(found, expected)
+        off = difference(found, expected, self._scale)
         if off > (BOUND if self.ranks > 1 else 0.0):
             raise DamagedError(f"{path.name}, not finished, differs by {off:.1e}")
         return len(found["histories/time"]) - 1
@@ -158,31 +161,31 @@ def said(folder: Path) -> str:
     return (folder / "said").read_text(errors="replace")[-2000:]
 
 
-def family(process: int) -> list[int]:
-    """A process and all below it, the youngest first."""
-    found = []
-    for task in Path(f"/proc/{process}/task").glob("*/children"):
-        for child in task.read_text().split():
-            found += family(int(child))
-    return [*found, process]
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """When a run is killed.
 
+    Attributes:
+        seconds: Not before so long a time from its start [s].
+        step: Not before this step was recorded.
+        phase: Not before it does this; None for anything.
+        then: So much later [s].
+    """
 
-def kill(process: subprocess.Popen[bytes]) -> None:
-    """Signal 9 to a run, to each of its processes, and wait until all are gone."""
-    members = family(process.pid)
-    for member in members:
-        os.kill(member, signal.SIGKILL)
-    process.wait()
-    while any(_lives(member) for member in members):
-        clock.sleep(POLL)
+    seconds: float = 0.0
+    step: int = -1
+    phase: str | None = None
+    then: float = 0.0
 
+    @property
+    def name(self) -> str:
+        """What is waited for."""
+        return self.phase or (f"step {self.step}" if self.step >= 0 else "a time")
 
-def _lives(process: int) -> bool:
-    try:
-        status = Path(f"/proc/{process}/stat").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return status.rpartition(")")[2].split()[0] not in ("Z", "X")
+    def has_come(self, trace: Trace, seconds: float) -> bool:
+        """Whether it is there, but for ``then``."""
+        there = trace.step >= self.step and self.phase in (None, trace.phase)
+        return there and seconds >= self.seconds
 
 
 class Campaign:
@@ -233,9 +236,13 @@ class Campaign:
             process = start(folder, self._whole.ranks, self._whole.steps)
             trace = Trace(folder / "trace")
             may = len(self.kills) < wanted
-            met = self._watch(folder, process, trace, kept) if may else None
-            if met is None:
-                process.wait()
+            try:
+                met = self._watch(folder, process, trace, kept) if may else None
+                if met is None:
+                    process.wait()
+            finally:
+                if process.poll() is None:
+                    kill(process)
             if trace.first >= 0:
                 for each in waiting:
                     each.resumed = trace.first
@@ -256,26 +263,17 @@ class Campaign:
         self, folder: Path, process: subprocess.Popen[bytes], trace: Trace, kept: int
     ) -> Kill | None:
         """Let the run go until its moment, and kill it; None if it ended before."""
-        began = clock.perf_counter()
-        aim, delay = None, self._chance.random() * self._whole.seconds
-        if self._chance.random() < 1 / 3:
-            aim = self._chance.choice(AIMS if kept < 0 else AIMS_CONTINUED)
-            if aim in START_UP:
-                delay = 0.0
-        looked = began
-        while clock.perf_counter() < began + delay:
+        began, looked = clock.perf_counter(), 0.0
+        moment = self._moment(kept)
+        while not moment.has_come(trace, clock.perf_counter() - began):
             if process.poll() is not None:
                 return None
-            if clock.perf_counter() > looked + LOOK:
+            # Looking takes longer than a write: not while one is waited for.
+            if moment.phase is None and clock.perf_counter() > looked + LOOK:
                 self._look(folder, kept)
                 looked = clock.perf_counter()
             clock.sleep(POLL)
-        if aim is not None:
-            while trace.phase != aim:
-                if process.poll() is not None:
-                    return None
-                clock.sleep(POLL)
-            clock.sleep(WITHIN * self._chance.random())
+        clock.sleep(moment.then)
         if process.poll() is not None:
             return None
         seconds = clock.perf_counter() - began
@@ -284,12 +282,25 @@ class Campaign:
             run=0,
             ranks=self._whole.ranks,
             seconds=seconds,
-            aim=aim,
+            aim=moment.name,
             phase=trace.phase,
             computed=trace.step,
             on_disk=-1,
             kept=-1,
         )
+
+    def _moment(self, kept: int) -> Moment:
+        """When to kill; a third each by the time, by the step and in a phase."""
+        chance, steps = self._chance, self._whole.steps
+        kind = chance.choice(("time", "step", "phase"))
+        if kind == "time":
+            return Moment(seconds=chance.random() * self._whole.seconds)
+        if kind == "step":
+            within = 2.0 * chance.random() * self._whole.seconds / steps
+            return Moment(step=chance.randint(max(kept, 0), steps - 1), then=within)
+        phase = chance.choice(AIMS if kept < 0 else AIMS_CONTINUED)
+        first = -1 if phase in START_UP else chance.randint(max(kept, 0), steps - 1)
+        return Moment(step=first, phase=phase, then=WITHIN * chance.random())
 
     def _look(self, folder: Path, kept: int) -> int:
         """Last step that the results file shows, -1 if there is none yet.

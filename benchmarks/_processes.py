@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import time as clock
+from contextlib import suppress
 from pathlib import Path
 
 POLL = 0.0002  # seconds between two looks at a process
@@ -26,7 +27,8 @@ def kill(process: subprocess.Popen[bytes]) -> None:
     """Signal 9 to a run, to each of its processes, and wait until all are gone."""
     members = _family(process.pid)
     for member in members:
-        os.kill(member, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it has ended
+            os.kill(member, signal.SIGKILL)
     process.wait()
     while any(_lives(member) for member in members):
         clock.sleep(POLL)

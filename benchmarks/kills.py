@@ -278,6 +278,8 @@ class Campaign:
             return None
         seconds = clock.perf_counter() - began
         kill(process)
+        if process.returncode == 0:
+            return None
         return Kill(
             run=0,
             ranks=self._whole.ranks,

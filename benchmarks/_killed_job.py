@@ -6,14 +6,19 @@ What it does at each moment is kept in a small file mapped into memory, which th
 the process is killed.
 
     python3 -m benchmarks._killed_job FOLDER STEPS
+    python3 -m benchmarks._killed_job serve
+
+The second loads everything once and forks a run for each line ``FOLDER STEPS`` of its input.
 """
 
 from __future__ import annotations
 
 import functools
 import mmap
+import os
 import struct
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -179,5 +184,40 @@ def main(folder: Path, steps: int) -> None:
     trace.phase = "end"
 
 
+def serve() -> None:
+    """Fork a run for each line of the input; print its number, and how it ended."""
+    import gmsh  # noqa: F401
+    import mpi4py.MPI  # noqa: F401
+
+    import benchmarks._scenes  # noqa: F401
+    import dolfinx_joints as dj
+
+    for name in dj.__all__:
+        getattr(dj, name)
+    for line in sys.stdin:
+        folder, steps = line.rsplit(maxsplit=1)
+        child = os.fork()
+        if child == 0:
+            os._exit(_forked(Path(folder), int(steps)))
+        print(child, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
+def _forked(folder: Path, steps: int) -> int:
+    """A run in a process that was forked; its exit status."""
+    said = os.open(folder / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    try:
+        main(folder, steps)
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    if sys.argv[1:] == ["serve"]:
+        serve()
+    else:
+        main(Path(sys.argv[1]), int(sys.argv[2]))

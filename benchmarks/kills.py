@@ -20,10 +20,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import shutil
-import subprocess
 import sys
 import time as clock
 from collections import Counter
@@ -33,7 +31,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks._killed_job import PHASES, Trace
-from benchmarks._processes import POLL, kill
+from benchmarks._processes import POLL, Process, Starter, kill
 from benchmarks._same_files import DamagedError, checkpoint, content, difference, records, scales
 from dolfinx_joints import Results, ResultsError
 
@@ -42,7 +40,7 @@ START_UP = PHASES[: PHASES.index("step")]
 AIMS = ("results written", "checkpoint written", "records", "statics", "results begun")
 AIMS_CONTINUED = ("results written", "checkpoint written", "records", "results copied")
 WITHIN = 0.004  # seconds after a write has begun in which an aimed kill hits
-LOOK = 0.25  # seconds between two looks at the results file
+LOOK = 0.5  # seconds between two looks at the results file
 
 
 @dataclass(kw_only=True)
@@ -93,18 +91,17 @@ class Whole:
 
     Args:
         folder: Where it runs.
-        ranks: Its processes.
-        steps: Its steps.
+        starter: Starts it.
     """
 
-    def __init__(self, folder: Path, ranks: int, steps: int) -> None:
+    def __init__(self, folder: Path, starter: Starter) -> None:
         """Run twice, as the first time compiles what later runs find; the second is timed."""
-        self.ranks, self.steps = ranks, steps
+        self.ranks, self.steps, self.start = starter.ranks, starter.steps, starter.start
         for _ in range(2):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
             began = clock.perf_counter()
-            process = start(folder, ranks, steps)
+            process = self.start(folder)
             process.wait()
             self.seconds = clock.perf_counter() - began
             if process.returncode:
@@ -132,28 +129,6 @@ class Whole:
         if off > (BOUND if self.ranks > 1 else 0.0):
             raise DamagedError(f"{path.name}, not finished, differs by {off:.1e}")
         return len(found["histories/time"]) - 1
-
-
-def start(folder: Path, ranks: int, steps: int) -> subprocess.Popen[bytes]:
-    """Start the run, or go on with it."""
-    command = [sys.executable, "-m", "benchmarks._killed_job", str(folder), str(steps)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    root = str(Path(__file__).resolve().parents[1])
-    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    for trace in folder.glob("trace*"):
-        trace.unlink()
-    return subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=(folder / "said").open("wb"),
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(paths),
-            "TMPDIR": str(folder),  # what mpirun leaves when it is killed goes with the folder
-            "OMPI_MCA_mpi_yield_when_idle": "1",  # a rank that waits lets others work
-        },
-    )
 
 
 def said(folder: Path) -> str:
@@ -233,7 +208,7 @@ class Campaign:
         waiting: list[Kill] = []  # not yet gone on from
         kept = -1
         while True:
-            process = start(folder, self._whole.ranks, self._whole.steps)
+            process = self._whole.start(folder)
             trace = Trace(folder / "trace")
             may = len(self.kills) < wanted
             try:
@@ -259,9 +234,7 @@ class Campaign:
             self.kills.append(met)
             waiting.append(met)
 
-    def _watch(
-        self, folder: Path, process: subprocess.Popen[bytes], trace: Trace, kept: int
-    ) -> Kill | None:
+    def _watch(self, folder: Path, process: Process, trace: Trace, kept: int) -> Kill | None:
         """Let the run go until its moment, and kill it; None if it ended before."""
         began, looked = clock.perf_counter(), 0.0
         moment = self._moment(kept)
@@ -379,11 +352,13 @@ def main(arguments: list[str] | None = None) -> int:
         for ranks, kills in ((1, options.kills), (options.ranks, options.rank_kills)):
             if not kills:
                 continue
-            whole = Whole(Path(folder) / f"whole_{ranks}", ranks, options.steps)
+            starter = Starter(ranks, options.steps)
+            whole = Whole(Path(folder) / f"whole_{ranks}", starter)
             print(f"A run of {options.steps} steps on {ranks} takes {whole.seconds:.1f} s.")
             campaign = Campaign(Path(folder), whole, random.Random(options.seed + ranks))
             campaign.run(kills)
             campaigns.append(campaign)
+            starter.close()
     found = print_table(campaigns)
     if options.json:
         every = [asdict(each) for campaign in campaigns for each in campaign.kills]

@@ -361,7 +361,8 @@ def main(arguments: list[str] | None = None) -> int:
             starter.close()
     found = print_table(campaigns)
     if options.json:
-        every = [asdict(each) for campaign in campaigns for each in campaign.kills]
+        kills = (each for campaign in campaigns for each in campaign.kills)
+        every = [{**asdict(each), "again": each.again} for each in kills]
         print(json.dumps({**found, "log": every}))
     return int(found["lost"] > 0 or found["identical"] < found["kills"])
 

@@ -156,6 +156,8 @@ def same_files(path, alone):
         for stream, names in other.streams.items():
             np.testing.assert_array_equal(results.time(stream), other.time(stream))
             for name in names:
+                if name == "iterations":  # a point that slides is on the cone but for the last bit
+                    continue
                 found, expected = (r.series(stream, name) for r in (results, other))
                 scale = scales.get(other.unit(stream, name), 0.0)
                 agree(found, expected, f"{stream}/{name}", scale)

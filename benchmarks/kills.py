@@ -267,14 +267,15 @@ class Campaign:
     def _moment(self, kept: int) -> Moment:
         """When to kill; a third each by the time, by the step and in a phase."""
         chance, steps = self._chance, self._whole.steps
+        begun = min(max(kept, 0), steps - 1)
         kind = chance.choice(("time", "step", "phase"))
         if kind == "time":
             return Moment(seconds=chance.random() * self._whole.seconds)
         if kind == "step":
             within = 2.0 * chance.random() * self._whole.seconds / steps
-            return Moment(step=chance.randint(max(kept, 0), steps - 1), then=within)
+            return Moment(step=chance.randint(begun, steps - 1), then=within)
         phase = chance.choice(AIMS if kept < 0 else AIMS_CONTINUED)
-        first = -1 if phase in START_UP else chance.randint(max(kept, 0), steps - 1)
+        first = -1 if phase in START_UP else chance.randint(begun, steps - 1)
         return Moment(step=first, phase=phase, then=WITHIN * chance.random())
 
     def _look(self, folder: Path, kept: int) -> int:

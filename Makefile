@@ -87,11 +87,11 @@ test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
 	$(PYTHON) -m pytest -q -m "not slow" tests
 
-verify: fuzz ## Run the slow tests, verification on 3 ranks, objectivity on 4, the demos on 2, fuzz
+verify: fuzz ## Run the slow tests, verification on 3 ranks, a part on 4, the demos on 2, fuzz
 	$(PYTHON) -m pytest -q -m slow tests
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
-		tests/verification/test_objectivity.py
+		tests/verification/test_objectivity.py tests/verification/test_many_ranks.py
 	$(MPIRUN) -n 2 python3 demos/01_impact.py
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50

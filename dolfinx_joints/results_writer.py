@@ -89,7 +89,8 @@ class ResultsWriter:
         try:
             if self.path.exists():
                 self.path.unlink()  # not truncated: whoever reads the old file keeps it
-            self._file = h5py.File(self.path, "x", libver="latest")
+            # Rows are written once: HDF5 would keep the last MB of each series in memory.
+            self._file = h5py.File(self.path, "x", libver="latest", rdcc_nbytes=0)
             self._room = Room(self.path, self._file)
         except OSError as error:
             raise ResultsError(f"{self.path} cannot be created: {error}.") from error

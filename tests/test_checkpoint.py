@@ -566,4 +566,5 @@ def test_corrections_go_on_with_the_same_bits(comm):
         found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
         np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
         assert again.products == found.products
+        assert other.memory()["missed"] == first.memory()["missed"], kind
     assert first.memory()["missed"] > 0.0  # the second way has been taken

@@ -141,6 +141,24 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(results.series("run", "count"), np.arange(128))
 
 
+def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
+    # 3.2 MB of each of 8 series. HDF5's cache of chunks would keep the last MB of each.
+    def resident() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    names = [f"x{i}" for i in range(8)]
+    values = dict.fromkeys(names, np.ones(1024))
+    with ResultsWriter(tmp_path / "r.h5", {}, flush_interval=0.0) as writer:
+        for name in names:
+            writer.series("run", name, (1024,), "m", "a number")
+        writer.start()
+        sizes = []
+        for row in range(400):
+            writer.append("run", float(row), values)
+            sizes.append(resident())
+    assert sizes[-1] - sizes[20] < 2e6
+
+
 def test_a_run_killed_before_its_start_is_told(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys; from dolfinx_joints.results_writer import ResultsWriter\n"

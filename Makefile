@@ -35,6 +35,8 @@ BUILD_TOOL := build-1.6
 BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
 SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
+MUTANTS_TOOL := mutants-1
+MUTANTS_NEEDS := --no-deps 'cosmic-ray==8.7.*' 'parso==0.8.*' 'attrs==26.*' 'stevedore==5.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
 MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
 BASH_SCRIPTS := with-dolfinx .ci/run
@@ -60,7 +62,8 @@ TESTS_OF_VERSIONS := $(addprefix tests/,test_layers.py test_linear.py test_mater
 	test_modal.py test_model.py test_monitors.py test_stresses.py \
 	verification/test_thermal.py verification/test_water.py)
 
-.PHONY: help demo paper studies test test-0.11 verify fuzz bench lint dist docs clean
+MUTANTS_ARGS ?=
+.PHONY: help demo paper studies test test-0.11 verify fuzz mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -105,6 +108,10 @@ FUZZ = -m pytest -q --color=no -p no:cacheprovider --hypothesis-profile=campaign
 fuzz: ## Throw 10 000 generated inputs at each cheap door, 500 at each that runs Gmsh or DOLFINx
 	$(PYTHON) $(FUZZ)
 	$(MPIRUN) -n 2 python3 $(FUZZ) -m mpi
+
+mutants: ## Put small faults into laws, joints, schemes and solvers; do the tests notice?
+	@$(call install_tool,$(MUTANTS_TOOL),$(MUTANTS_NEEDS))
+	$(call with_tool,$(MUTANTS_TOOL)) tests/mutants.py $(MUTANTS_ARGS)
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

@@ -1,0 +1,242 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Tests in processes of their own, and which of them reach a line, for ``mutants``."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import hashlib
+import json
+import os
+import resource
+import signal
+import time
+import traceback
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coverage
+import dolfinx.fem.petsc  # noqa: F401  loaded once, for all tests that are forked from here
+import numba
+import pytest
+import scipy.sparse.linalg  # noqa: F401
+
+PROJECT = Path(__file__).resolve().parents[1]
+PACKAGE = PROJECT / "dolfinx_joints"
+BUILD = PROJECT / "build" / "mutants"
+KERNEL = {"njit", "register_jitable"}  # what makes a function a kernel
+
+
+def processor_time() -> float:
+    """Of this process and of those it has waited for, [s]."""
+    return sum(os.times()[:4])
+
+
+def run_tests(tests: list[str], interpreted: bool, *plugins: object, stop: bool = True) -> int:
+    """Run pytest in this process."""
+    os.environ["NUMBA_DISABLE_JIT"] = str(int(interpreted))
+    numba.config.reload_config()
+    options = ["-q", "--color=no", "-p", "no:cacheprovider", "-m", "not slow", *["-x"] * stop]
+    return int(pytest.main([*options, *tests], plugins=list(plugins)))
+
+
+def in_child(work: Callable[[], int], log: Path, seconds: float) -> int | None:
+    """What ``work`` returns in a process of its own; None if it takes too long."""
+    child = os.fork()
+    if child == 0:
+        code = 3
+        try:
+            os.setsid()
+            for stream in (1, 2):
+                os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
+            code = work()
+        except BaseException:
+            traceback.print_exc()
+        os._exit(code)
+    deadline = time.monotonic() + 5.0 * seconds
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            break
+        if time.monotonic() > deadline:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return None
+        time.sleep(0.02)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)  # what it may have left running
+    code = os.waitstatus_to_exitcode(status)
+    return None if -code in (signal.SIGXCPU, signal.SIGKILL) else code
+
+
+class Watch:
+    """Notes for each test the lines that it runs, its processor time, and whether it passed."""
+
+    def __init__(self, lines: coverage.Coverage) -> None:
+        self._lines, self.seconds, self.unfit = lines, {}, set()
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        start = processor_time()
+        self._lines.switch_context(item.nodeid)
+        result = yield
+        self._lines.switch_context("")
+        self.seconds[item.nodeid] = processor_time() - start
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if not report.passed:
+            self.unfit.add(report.nodeid)
+
+
+def watch(job: Job, out: Path) -> int:
+    """Write which lines of the modules each test of a file runs."""
+    included = [str(PACKAGE / f"{module}.py") for module in job.modules]
+    lines = coverage.Coverage(data_file=None, include=included, config_file=False)
+    lines.start()
+    watched = Watch(lines)
+    code = run_tests([f"tests/{job.file}.py"], job.interpreted, watched, stop=False)
+    lines.stop()
+    data, reached = lines.get_data(), defaultdict(list)
+    for path in data.measured_files():
+        for line, tests in data.contexts_by_lineno(path).items():
+            for test in tests:
+                reached[test].append(f"{Path(path).stem}:{line}")
+    fit = {
+        test: [seconds, reached[test]]
+        for test, seconds in watched.seconds.items()
+        if test not in watched.unfit
+    }
+    out.write_text(json.dumps(fit), encoding="utf-8")
+    return code
+
+
+@dataclass(frozen=True)
+class Job:
+    """A file of tests to be watched.
+
+    Attributes:
+        file: Name below ``tests``.
+        interpreted: Whether kernels are interpreted, which shows their lines.
+        modules: Those whose lines are noted.
+    """
+
+    file: str
+    interpreted: bool
+    modules: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """Tests to be run together, with their processor time [s]."""
+
+    tests: list[str]
+    interpreted: bool
+    seconds: float
+
+
+def reach_of(job: Job) -> dict[str, Any]:
+    """Tests of a file with their seconds and lines, measured if that has not been done yet."""
+    tests = PROJECT / "tests"
+    files = [*PACKAGE.glob("*.py"), tests / "conftest.py", tests / f"{job.file}.py"]
+    known = b"".join(path.read_bytes() for path in sorted(files)) + str(job).encode()
+    name = f"{Path(job.file).name}-{hashlib.sha256(known).hexdigest()[:16]}"
+    out = BUILD / f"{name}.json"
+    if not out.exists():
+        start = time.monotonic()
+        code = in_child(lambda: watch(job, out), BUILD / f"{name}.log", 900.0)
+        kind = "interpreted" if job.interpreted else "compiled"
+        seconds = time.monotonic() - start
+        print(f"watched {job.file}, kernels {kind}: {seconds:.0f} s, pytest {code}", flush=True)
+    return json.loads(out.read_text(encoding="utf-8")) if out.exists() else {}
+
+
+def spans(source: str, line: int) -> Iterator[tuple[int, int, ast.stmt]]:
+    """First and last line of the statements that a line is in, of ``if`` and the like the head."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.stmt) and not isinstance(node, ast.ClassDef):
+            last = node.end_lineno
+            body = getattr(node, "body", None)
+            if body and not isinstance(node, ast.FunctionDef):
+                last = max(node.lineno, body[0].lineno - 1)
+            if node.lineno <= line <= last:
+                yield node.lineno, last, node
+
+
+def is_kernel(function: ast.AST) -> bool:
+    """Whether numba compiles a function."""
+    decorators = getattr(function, "decorator_list", [])
+    return any(getattr(getattr(d, "func", d), "id", "") in KERNEL for d in decorators)
+
+
+class Reach:
+    """Which tests reach a line, with compiled and with interpreted kernels.
+
+    Args:
+        pool: Processes that watch the tests.
+        compiled: Files of tests below ``tests``.
+        interpreted: Those that are watched with interpreted kernels.
+        modules: Whose lines are asked for.
+        most: Processor time that the tests of a line may take together, [s].
+    """
+
+    def __init__(
+        self,
+        pool: Any,
+        *,
+        compiled: tuple[str, ...],
+        interpreted: tuple[str, ...],
+        modules: tuple[str, ...],
+        most: float,
+    ) -> None:
+        self._most = most
+        self._seconds: dict[bool, dict[str, float]] = {True: {}, False: {}}
+        self._lines: dict[bool, dict[str, set[str]]] = {
+            True: defaultdict(set),
+            False: defaultdict(set),
+        }
+        jobs = [Job(name, False, modules) for name in compiled]
+        jobs += [Job(name, True, modules) for name in interpreted]
+        for job, tests in zip(jobs, pool.imap(reach_of, jobs, 1), strict=True):
+            for test, (seconds, lines) in tests.items():
+                self._seconds[job.interpreted][test] = seconds
+                for line in lines:
+                    self._lines[job.interpreted][line].add(test)
+
+    def chosen(self, module: str, line: int) -> Chosen:
+        """Tests that reach a line, the quickest first, with interpreted kernels if it is in one.
+
+        A line in a function is reached by what runs its statement, a default by what runs the
+        function, and a line outside of functions by what runs anything of the module.
+        """
+        source = (PACKAGE / f"{module}.py").read_text(encoding="utf-8")
+        around = list(spans(source, line))
+        functions = [node for *_, node in around if isinstance(node, ast.FunctionDef)]
+        if functions:
+            first, last, _ = max(around, key=lambda span: span[0])
+            interpreted = any(is_kernel(node) for node in functions)
+        else:
+            first, last = 1, len(source.splitlines())
+            interpreted = any(is_kernel(node) for node in ast.walk(ast.parse(source)))
+        places = [f"{module}:{number}" for number in range(first, last + 1)]
+        found = set().union(*(self._lines[interpreted].get(place, ()) for place in places))
+        return self._affordable(found, f"tests/test_{module}.py", interpreted)
+
+    def _affordable(self, found: set[str], own: str, interpreted: bool) -> Chosen:
+        """The quickest tests; those of the module's own file come first unless they are long."""
+        chosen: list[str] = []
+        files, spent, seconds = set(), 0.0, self._seconds[interpreted]
+        for test in sorted(found, key=lambda t: seconds[t] * (0.2 if t.startswith(own) else 1.0)):
+            file = test.partition("::")[0]
+            more = seconds[test] + (0.0 if file in files else 0.3)  # to read the file
+            if spent + more > self._most and chosen:
+                break
+            spent += more
+            files.add(file)
+            chosen.append(test)
+        return Chosen(tests=chosen, interpreted=interpreted, seconds=spent)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import ctypes
 import hashlib
 import json
 import os
@@ -29,6 +30,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "dolfinx_joints"
 BUILD = PROJECT / "build" / "mutants"
 KERNEL = {"njit", "register_jitable"}  # what makes a function a kernel
+MOST_INTERPRETED = 4.0  # processor time of a test [s]; some take minutes without compiled kernels
+DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of Linux
 
 
 def processor_time() -> float:
@@ -37,7 +40,7 @@ def processor_time() -> float:
 
 
 def run_tests(tests: list[str], interpreted: bool, *plugins: object, stop: bool = True) -> int:
-    """Run pytest in this process."""
+    """Run pytest in this process, where nothing of the package has been imported yet."""
     os.environ["NUMBA_DISABLE_JIT"] = str(int(interpreted))
     numba.config.reload_config()
     options = ["-q", "--color=no", "-p", "no:cacheprovider", "-m", "not slow", *["-x"] * stop]
@@ -51,6 +54,7 @@ def in_child(work: Callable[[], int], log: Path, seconds: float) -> int | None:
         code = 3
         try:
             os.setsid()
+            ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
             for stream in (1, 2):
                 os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), stream)
             resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
@@ -77,8 +81,10 @@ def in_child(work: Callable[[], int], log: Path, seconds: float) -> int | None:
 class Watch:
     """Notes for each test the lines that it runs, its processor time, and whether it passed."""
 
-    def __init__(self, lines: coverage.Coverage) -> None:
-        self._lines, self.seconds, self.unfit = lines, {}, set()
+    def __init__(self, lines: coverage.Coverage, most: float) -> None:
+        self._lines, self._most = lines, most
+        self.seconds: dict[str, float] = {}
+        self.unfit: set[str] = set()
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -89,9 +95,22 @@ class Watch:
         self.seconds[item.nodeid] = processor_time() - start
         return result
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self) -> Iterator[None]:
+        signal.signal(signal.SIGPROF, _too_long)
+        signal.setitimer(signal.ITIMER_PROF, self._most)
+        try:
+            return (yield)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if not report.passed:
             self.unfit.add(report.nodeid)
+
+
+def _too_long(*_: object) -> None:
+    raise TimeoutError("this test takes too long here")
 
 
 def watch(job: Job, out: Path) -> int:
@@ -99,7 +118,7 @@ def watch(job: Job, out: Path) -> int:
     included = [str(PACKAGE / f"{module}.py") for module in job.modules]
     lines = coverage.Coverage(data_file=None, include=included, config_file=False)
     lines.start()
-    watched = Watch(lines)
+    watched = Watch(lines, MOST_INTERPRETED if job.interpreted else 0.0)
     code = run_tests([f"tests/{job.file}.py"], job.interpreted, watched, stop=False)
     lines.stop()
     data, reached = lines.get_data(), defaultdict(list)

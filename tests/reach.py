@@ -22,7 +22,7 @@ from typing import Any
 
 import coverage
 import dolfinx.fem.petsc  # noqa: F401  loaded once, for all tests that are forked from here
-import numba
+import numba  # noqa: F401
 import pytest
 import scipy.sparse.linalg  # noqa: F401
 
@@ -30,7 +30,6 @@ PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "dolfinx_joints"
 BUILD = PROJECT / "build" / "mutants"
 KERNEL = {"njit", "register_jitable"}  # what makes a function a kernel
-MOST_INTERPRETED = 4.0  # processor time of a test [s]; some take minutes without compiled kernels
 DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of Linux
 
 
@@ -39,10 +38,8 @@ def processor_time() -> float:
     return sum(os.times()[:4])
 
 
-def run_tests(tests: list[str], interpreted: bool, *plugins: object, stop: bool = True) -> int:
+def run_tests(tests: list[str], *plugins: object, stop: bool = True) -> int:
     """Run pytest in this process, where nothing of the package has been imported yet."""
-    os.environ["NUMBA_DISABLE_JIT"] = str(int(interpreted))
-    numba.config.reload_config()
     options = ["-q", "--color=no", "-p", "no:cacheprovider", "-m", "not slow", *["-x"] * stop]
     return int(pytest.main([*options, *tests], plugins=list(plugins)))
 
@@ -81,8 +78,8 @@ def in_child(work: Callable[[], int], log: Path, seconds: float) -> int | None:
 class Watch:
     """Notes for each test the lines that it runs, its processor time, and whether it passed."""
 
-    def __init__(self, lines: coverage.Coverage, most: float) -> None:
-        self._lines, self._most = lines, most
+    def __init__(self, lines: coverage.Coverage) -> None:
+        self._lines = lines
         self.seconds: dict[str, float] = {}
         self.unfit: set[str] = set()
 
@@ -95,22 +92,9 @@ class Watch:
         self.seconds[item.nodeid] = processor_time() - start
         return result
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_call(self) -> Iterator[None]:
-        signal.signal(signal.SIGPROF, _too_long)
-        signal.setitimer(signal.ITIMER_PROF, self._most)
-        try:
-            return (yield)
-        finally:
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
-
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if not report.passed:
             self.unfit.add(report.nodeid)
-
-
-def _too_long(*_: object) -> None:
-    raise TimeoutError("this test takes too long here")
 
 
 def watch(job: Job, out: Path) -> int:
@@ -118,8 +102,8 @@ def watch(job: Job, out: Path) -> int:
     included = [str(PACKAGE / f"{module}.py") for module in job.modules]
     lines = coverage.Coverage(data_file=None, include=included, config_file=False)
     lines.start()
-    watched = Watch(lines, MOST_INTERPRETED if job.interpreted else 0.0)
-    code = run_tests([f"tests/{job.file}.py"], job.interpreted, watched, stop=False)
+    watched = Watch(lines)
+    code = run_tests([f"tests/{job.file}.py"], watched, stop=False)
     lines.stop()
     data, reached = lines.get_data(), defaultdict(list)
     for path in data.measured_files():
@@ -141,12 +125,10 @@ class Job:
 
     Attributes:
         file: Name below ``tests``.
-        interpreted: Whether kernels are interpreted, which shows their lines.
         modules: Those whose lines are noted.
     """
 
     file: str
-    interpreted: bool
     modules: tuple[str, ...]
 
 
@@ -155,7 +137,6 @@ class Chosen:
     """Tests to be run together, with their processor time [s]."""
 
     tests: list[str]
-    interpreted: bool
     seconds: float
 
 
@@ -169,9 +150,8 @@ def reach_of(job: Job) -> dict[str, Any]:
     if not out.exists():
         start = time.monotonic()
         code = in_child(lambda: watch(job, out), BUILD / f"{name}.log", 900.0)
-        kind = "interpreted" if job.interpreted else "compiled"
         seconds = time.monotonic() - start
-        print(f"watched {job.file}, kernels {kind}: {seconds:.0f} s, pytest {code}", flush=True)
+        print(f"watched {job.file}: {seconds:.0f} s, pytest {code}", flush=True)
     return json.loads(out.read_text(encoding="utf-8")) if out.exists() else {}
 
 
@@ -194,62 +174,49 @@ def is_kernel(function: ast.AST) -> bool:
 
 
 class Reach:
-    """Which tests reach a line, with compiled and with interpreted kernels.
+    """Which tests reach a line.
 
     Args:
         pool: Processes that watch the tests.
-        compiled: Files of tests below ``tests``.
-        interpreted: Those that are watched with interpreted kernels.
+        files: Files of tests below ``tests``.
         modules: Whose lines are asked for.
         most: Processor time that the tests of a line may take together, [s].
     """
 
     def __init__(
-        self,
-        pool: Any,
-        *,
-        compiled: tuple[str, ...],
-        interpreted: tuple[str, ...],
-        modules: tuple[str, ...],
-        most: float,
+        self, pool: Any, *, files: tuple[str, ...], modules: tuple[str, ...], most: float
     ) -> None:
         self._most = most
-        self._seconds: dict[bool, dict[str, float]] = {True: {}, False: {}}
-        self._lines: dict[bool, dict[str, set[str]]] = {
-            True: defaultdict(set),
-            False: defaultdict(set),
-        }
-        jobs = [Job(name, False, modules) for name in compiled]
-        jobs += [Job(name, True, modules) for name in interpreted]
-        for job, tests in zip(jobs, pool.imap(reach_of, jobs, 1), strict=True):
+        self._seconds: dict[str, float] = {}
+        self._tests: dict[str, set[str]] = defaultdict(set)
+        for tests in pool.imap(reach_of, [Job(name, modules) for name in files], 1):
             for test, (seconds, lines) in tests.items():
-                self._seconds[job.interpreted][test] = seconds
+                self._seconds[test] = seconds
                 for line in lines:
-                    self._lines[job.interpreted][line].add(test)
+                    self._tests[line].add(test)
 
     def chosen(self, module: str, line: int) -> Chosen:
-        """Tests that reach a line, the quickest first, with interpreted kernels if it is in one.
+        """Tests that reach a line, the quickest first.
 
         A line in a function is reached by what runs its statement, a default by what runs the
-        function, and a line outside of functions by what runs anything of the module.
+        function. A line outside of functions, and one of a kernel, in which nothing is seen, is
+        reached by what runs anything of the module.
         """
         source = (PACKAGE / f"{module}.py").read_text(encoding="utf-8")
         around = list(spans(source, line))
         functions = [node for *_, node in around if isinstance(node, ast.FunctionDef)]
-        if functions:
+        first, last = 1, len(source.splitlines())
+        if functions and not any(is_kernel(node) for node in functions):
             first, last, _ = max(around, key=lambda span: span[0])
-            interpreted = any(is_kernel(node) for node in functions)
-        else:
-            first, last = 1, len(source.splitlines())
-            interpreted = any(is_kernel(node) for node in ast.walk(ast.parse(source)))
-        places = [f"{module}:{number}" for number in range(first, last + 1)]
-        found = set().union(*(self._lines[interpreted].get(place, ()) for place in places))
-        return self._affordable(found, f"tests/test_{module}.py", interpreted)
+        places = (f"{module}:{number}" for number in range(first, last + 1))
+        found = set().union(*(self._tests.get(place, ()) for place in places))
+        return self._affordable(found, f"tests/test_{module}.py")
 
-    def _affordable(self, found: set[str], own: str, interpreted: bool) -> Chosen:
+    def _affordable(self, found: set[str], own: str) -> Chosen:
         """The quickest tests; those of the module's own file come first unless they are long."""
         chosen: list[str] = []
-        files, spent, seconds = set(), 0.0, self._seconds[interpreted]
+        files: set[str] = set()
+        spent, seconds = 0.0, self._seconds
         for test in sorted(found, key=lambda t: seconds[t] * (0.2 if t.startswith(own) else 1.0)):
             file = test.partition("::")[0]
             more = seconds[test] + (0.0 if file in files else 0.3)  # to read the file
@@ -258,4 +225,4 @@ class Reach:
             spent += more
             files.add(file)
             chosen.append(test)
-        return Chosen(tests=chosen, interpreted=interpreted, seconds=spent)
+        return Chosen(tests=chosen, seconds=spent)

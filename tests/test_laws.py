@@ -340,6 +340,12 @@ def test_no_points():
     assert LAW.stored_energy(answer.state).shape == (0,)
 
 
+def test_a_state_at_rest_has_the_variables_asked_for():
+    # Checkpoints keep states with as many internal variables as their laws have.
+    assert rest(4).internal.shape == (4, 0)
+    assert JointState.at_rest(np.zeros((4, 3)), variables=3).internal.shape == (4, 3)
+
+
 # A joint without compliance, on the compliance of the structure.
 
 OWN = np.array([[2e-11, 1e-11]])  # c_n, c_s [m/Pa]

@@ -301,6 +301,22 @@ def test_an_iteration_that_fails_says_so(comm):
     solver.destroy()
 
 
+def test_an_iteration_ends_where_rounding_ends_it(comm):
+    # Rounding of a product with numbers of 1e9 leaves more than the residual asked for; the
+    # solution is that of the direct solver, whose condition number is below a thousand.
+    matrix = chain(comm)
+    matrix.scale(1e9)
+    b, x, expected = (matrix.createVecLeft() for _ in range(3))
+    b.setArray(columns(matrix, 1)[:, 0])
+    solver, direct = IterativeSolver(matrix), DirectSolver(matrix, symmetric=True)
+    solver.solve(b, x, tolerance=1e-30)
+    direct.solve(b, expected)
+    x.axpy(-1.0, expected)
+    assert x.norm() <= 1e-12 * expected.norm()
+    solver.destroy()
+    direct.destroy()
+
+
 def test_auto_goes_by_memory(wall, monkeypatch):
     assert isinstance(EffectiveMatrix(wall, STEP).solver, DirectSolver)
     monkeypatch.setattr(memory, "_free_here", lambda: 1e4)

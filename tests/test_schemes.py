@@ -85,6 +85,23 @@ def test_order_of_newmark(beta, gamma, order):
     np.testing.assert_allclose(rates, order, atol=0.15)
 
 
+@pytest.mark.parametrize(
+    "scheme", [EnergyConsistent(), Newmark(), Newmark(beta=0.3, gamma=0.5), Newmark(beta=0.1)]
+)
+def test_local_error_is_that_of_the_second_step(scheme):
+    # Against the motion u cos wt + v/w sin wt from where the step starts. Of the third order in
+    # dt, and the next order is a hundredth of it at w dt = 0.02.
+    dt = 0.02 / OMEGA
+    system = MatrixSystem.from_arrays(mass=3.0, stiffness=3 * OMEGA**2)
+    solver = make_solver(system, None, "auto", scheme.rule)
+    start = initial_state(solver, velocity=vector(system, 1.0))
+    first, _ = scheme.advance(solver, start, dt)
+    second, report = scheme.advance(solver, first, dt)
+    u, v = first.displacement.array[0], first.velocity.array[0]
+    exact = u * np.cos(OMEGA * dt) + v / OMEGA * np.sin(OMEGA * dt)
+    assert report.local_error == pytest.approx(abs(second.displacement.array[0] - exact), rel=0.05)
+
+
 def test_forced_vibration():
     # Undamped, F = F0 sin(W t) from rest: u = F0/k / (1 - r^2) (sin W t - r sin w t), r = W/w.
     w, drive = OMEGA, 0.7 * OMEGA

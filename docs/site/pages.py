@@ -19,7 +19,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 MENU = {
     "Use": ["docs/guide.md", "demos", "docs/api.md", "docs/modules.md", "docs/bad_files.md"],
     "Background": ["docs/theory.md", "docs/time_integration.md", "docs/conventions.md"],
-    "Evidence": ["docs/benchmarks.md", "docs/studies.md"],
+    "Evidence": ["docs/benchmarks.md", "docs/studies.md", "docs/mutants.md"],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "CHANGELOG.md"],
 }
 # Files beside the pages that pages link to.

@@ -1,0 +1,55 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's method on one unknown, where each of its choices is known by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("petsc4py")
+
+from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, NewtonOptions
+from dolfinx_joints.laws import JointState
+from dolfinx_joints.linear import STATIC
+from dolfinx_joints.solver import NewtonSolver, SolveReport
+
+
+class Backwards(FrictionNoTension):
+    """A law whose tangent is wrong: Newton's correction goes away from the solution."""
+
+    def end_point(self, gap, state):
+        response = super().end_point(gap, state)
+        return replace(response, tangent=-3.0 * response.tangent)
+
+
+@pytest.mark.parametrize("cuts", [0, 1, 2])
+def test_where_no_share_helps_the_best_is_taken(cuts):
+    # u + min(u, 0) = -1 from u = 0, residual 1. The wrong tangent makes the matrix 1 - 3 and the
+    # correction -1/2; at u = share / 2, open, the residual is 1 + share / 2. Shares are halved
+    # `cuts` times, and the smallest is the best. Forces are 1, so that this is relative too.
+    law = Backwards(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
+    solver = NewtonSolver(system, NewtonOptions(max_iterations=1, max_cuts=cuts))
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(-1.0)
+    with pytest.raises(ConvergenceError) as failure:
+        solver.solve(STATIC, b, x, JointState.at_rest(system.contact.operator.gap(x)))
+    assert failure.value.iteration == 1
+    assert failure.value.residual == pytest.approx(1.0 + 0.5 ** (cuts + 1), rel=1e-14)
+
+
+def test_without_joints_a_solve_is_linear():
+    # 4 u = 2 in one back-substitution, the first of which factors.
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=4.0)
+    solver = NewtonSolver(system)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(2.0)
+    for factorizations in (1, 0):
+        response, report = solver.solve(STATIC, b, x, None)
+        assert response is None
+        assert report == SolveReport(
+            iterations=1, factorizations=factorizations, residual=0.0, counts=None
+        )
+        assert x.array[0] == pytest.approx(0.5, rel=1e-15)

@@ -41,6 +41,7 @@ from dolfinx_joints import (
 from dolfinx_joints._compat import create_mesh
 from dolfinx_joints.cells import CellShape
 from dolfinx_joints.contact import Contact
+from dolfinx_joints.jointpoints import joint_points
 from dolfinx_joints.joints import JointOperator, JointTangent
 from dolfinx_joints.laws import JointState, Status
 from dolfinx_joints.msh import _permutation, load_msh
@@ -711,3 +712,10 @@ def test_failed_solve_names_the_cause(blocks_file, read):
     )
     with pytest.raises(JointsError):
         Simulation(model).statics()
+
+
+def test_a_mesh_without_joints_has_no_points(two_rectangles_file, read):
+    jointed = read(two_rectangles_file(cell="quad"), joints=[])
+    layout = joint_points(jointed.pairs, jointed.shape, 1, "auto")
+    for values in (layout.areas, layout.points, layout.sizes, layout.joint, layout.number):
+        assert len(values) == 0

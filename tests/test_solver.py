@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("petsc4py")
@@ -14,6 +15,7 @@ from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, Ne
 from dolfinx_joints.laws import JointState
 from dolfinx_joints.linear import STATIC
 from dolfinx_joints.solver import NewtonSolver, SolveReport
+from dolfinx_joints.solver_choice import make_solver
 
 
 class Backwards(FrictionNoTension):
@@ -53,3 +55,24 @@ def test_without_joints_a_solve_is_linear():
             iterations=1, factorizations=factorizations, residual=0.0, counts=None
         )
         assert x.array[0] == pytest.approx(0.5, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("points", "steps", "asked", "kept"),
+    [
+        (584, 1, "auto", "free"),  # 1752 unknowns for 1750 products of a solve
+        (583, 1, "auto", "auto"),  # 1749
+        (584, 2, "auto", "auto"),
+        (584, 0, "auto", "auto"),  # dynamics
+        (584, 1, "dense", "dense"),
+    ],
+)
+def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
+    # A column costs a seventh of a back-substitution, and a static solve takes 250 products: what
+    # is kept pays from m / 1750 solves on (docs/design.md, "Two paths for a step").
+    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=1.0, friction_angle_deg=30.0)
+    gap = np.zeros((3 * points, 1))
+    gap[0] = 1.0
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    options = NewtonOptions(compliance=asked)
+    assert make_solver(system, options, static_steps=steps).options.compliance == kept

@@ -149,6 +149,16 @@ def test_a_singular_system_gives_what_can_be_had():
     assert np.linalg.norm(b - matrix @ x) <= np.linalg.norm(b)
 
 
+@pytest.mark.parametrize("factor", [1e-150, 1e-20, 1e20, 1e150])
+def test_scales_with_the_matrix(factor):
+    # Compliances may be of any size: the solution is that of the matrix itself over the factor.
+    matrix, b = near_identity(), vector()
+    x, products = gmres(Counted(matrix), b, tolerance=1e-8, most=SIZE)
+    scaled, again = gmres(Counted(factor * matrix), b, tolerance=1e-8, most=SIZE)
+    np.testing.assert_allclose(factor * scaled, x, rtol=0, atol=1e-13 * abs(x).max())
+    assert again == products
+
+
 def test_a_nilpotent_matrix_does_not_break_it_down():
     # A shift: no progress until the last product, which then solves (a cycle of n).
     size = 8

@@ -382,6 +382,15 @@ def test_rigid_joint_by_hand():
     assert answer.status.tolist() == [Status.OPEN]
 
 
+def test_a_rigid_point_held_on_both_sides_carries_nothing():
+    # Neither the joint nor the structure gives way: no traction follows from its gap.
+    state = JointState.at_rest(np.zeros((1, 3)), variables=3)
+    answer = rigid().local_solve(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
+    np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
+    np.testing.assert_array_equal(answer.tangent, np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(answer.dissipation, [0.0])
+
+
 def test_rigid_joint_is_the_limit_of_stiff_ones():
     """At k_n = k_s = 1e30 the joint's compliance is below rounding of the structure's."""
     rng = np.random.default_rng(6)

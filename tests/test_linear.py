@@ -156,6 +156,14 @@ def test_memory_that_does_not_suffice_is_said(comm, monkeypatch):
     solver.destroy()
 
 
+def test_a_failure_without_words_gives_petscs_reason(comm, monkeypatch):
+    monkeypatch.setattr(DirectSolver, "_factor", lambda self: 6)  # neither memory nor a pivot
+    solver = DirectSolver(box(comm), symmetric=True, options={"pc_factor_mat_solver_type": "petsc"})
+    with pytest.raises(JointsError, match=r"^The matrix could not be .*; PETSc's reason is 6\.$"):
+        solver.solve_block(np.zeros((1, 1)))
+    solver.destroy()
+
+
 def test_options_do_not_leak(comm):
     matrix = chain(comm)
     before = PETSc.Options().getAll()

@@ -72,6 +72,23 @@ def test_clusters_are_a_partition(leaf):
         assert len(set(joint[order[cluster.start : cluster.stop]])) == 1
 
 
+def test_clusters_are_cut_across_their_longest_edge():
+    # 2 x 8 x 3 points 1 apart: first across y, 7 long; then 2 x 4 x 3 across y again, 3 long; then
+    # 2 x 2 x 3 across z, 2 long, where the middle of 12 sorted points is within a layer.
+    grid = np.stack(np.meshgrid(range(2), range(8), range(3), indexing="ij"), axis=-1)
+    points = grid.reshape(-1, 3).astype(float)
+    _, (tree,) = clusters(points, 6)
+    lower, upper = tree.halves
+    assert (lower.high[1], upper.low[1]) == (3.0, 4.0)
+    for half in tree.halves:
+        first, second = half.halves
+        assert second.low[1] - first.high[1] == 1.0
+        for quarter in half.halves:
+            down, up = quarter.halves
+            assert (down.high[2], up.low[2]) == (1.0, 1.0)
+            np.testing.assert_array_equal(down.low[:2], up.low[:2])
+
+
 def test_points_in_one_place_are_cut_all_the_same():
     order, (tree,) = clusters(np.zeros((10, 3)), 3)
     assert sorted(order) == list(range(10))

@@ -196,6 +196,21 @@ def test_parameters_refused(options, text):
         Newmark(**options)
 
 
+@pytest.mark.parametrize(
+    ("scheme", "options", "text"),
+    [
+        (HilberHughesTaylor, {"alpha": -0.01}, "alpha is -0.01; it must be at least 0 and at most"),
+        (HilberHughesTaylor, {"alpha": 0.34}, "alpha is 0.34; it must be at least 0 and at most"),
+        (GeneralizedAlpha, {"spectral_radius": -0.01}, "spectral_radius is -0.01; it must be at"),
+        (GeneralizedAlpha, {"spectral_radius": 1.01}, "spectral_radius is 1.01; it must be at"),
+    ],
+)
+def test_damping_out_of_range_is_refused(scheme, options, text):
+    # Beyond 1/3 HHT is no longer of use: Hughes, The Finite Element Method (1987), 9.3.
+    with pytest.raises(ValueError, match=re.escape(text)):
+        scheme(**options)
+
+
 def test_other_refusals():
     with pytest.raises(ValueError, match="they must be square and alike"):
         MatrixSystem.from_arrays(mass=np.eye(2), stiffness=1.0)

@@ -19,9 +19,7 @@ from hypothesis import HealthCheck, Phase, settings
 CAMPAIGN = 10_000  # inputs per cheap door
 SHARE_OF_COSTLY = 20  # a door that runs Gmsh or DOLFINx gets one input in so many
 LONGEST_SENTENCE = 600
-OWN_FOLDERS = tuple(
-    str(Path(__file__).parents[1] / name) for name in ("dolfinx_joints", "geometry")
-)
+OWN_FOLDERS = tuple(str(Path(__file__).parents[1] / name) for name in ("dolfinx_joints", "geometry"))
 
 # Derandomised: all ranks, and all machines with the same versions, get the same input.
 _common = settings(

@@ -85,6 +85,20 @@ def test_loads_of_any_size_are_carried(kind, load):
     assert x.array[0] == pytest.approx(0.5 * load, rel=1e-14)
 
 
+def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
+    # Bulk and closed joint of 1 N/m each: Newton's first correction solves this.
+    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[-1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(3.0)
+    state = JointState.at_rest(system.contact.operator.gap(x))
+    solver = make_solver(system, NewtonOptions(max_cuts=0), kind="condensed")
+    _, report = solver.solve(STATIC, b, x, state)
+    assert x.array[0] == pytest.approx(1.5, rel=1e-14)
+    assert report.iterations == 1
+
+
 @pytest.mark.parametrize(
     ("points", "steps", "asked", "kept"),
     [

@@ -158,6 +158,22 @@ def test_no_memory_for_what_is_zero():
     np.testing.assert_allclose(small.rows(np.arange(len(matrix))), matrix, rtol=1e-13, atol=0)
 
 
+def test_blocks_are_as_small_as_they_can_be():
+    # Two clusters of 4 points far from each other, coupled by one product of vectors: two dense
+    # blocks of 12 x 12, and between them, once for both mirror images, two factors of 12.
+    x = np.array([0.0, 1.0, 2.0, 3.0, 100.0, 101.0, 102.0, 103.0])
+    points = np.column_stack([x, np.zeros((8, 2))])
+    near = np.eye(12) + 0.02 * np.ones((12, 12))
+    matrix = np.block([[near, 0.01 * np.ones((12, 12))], [0.01 * np.ones((12, 12)), near]])
+    small = compressed(matrix, points, leaf=4)
+    assert small.nbytes == 8 * (2 * 12 * 12 + 2 * 12)
+    assert scaled_error(matrix, small) <= 1e-12
+    rough = small.rougher(1e-4)
+    # The dense blocks, of the identity and one more product, stay what they are.
+    assert rough.nbytes == 4 * (2 * 12 * 12 + 2 * 12)
+    assert scaled_error(matrix, rough) <= 1e-4
+
+
 def test_mirrored_blocks_are_symmetric():
     points, joint = plates()
     matrix = kernel(points, joint)

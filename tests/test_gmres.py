@@ -159,6 +159,13 @@ def test_scales_with_the_matrix(factor):
     assert again == products
 
 
+def test_what_a_matrix_makes_zero_cannot_be_had():
+    # A b = 0: one product tells that, and x = 0 is as good as any multiple of b.
+    x, products = gmres(Counted(np.diag([0.0, 1.0, 1.0])), np.eye(3)[0], tolerance=1e-12, most=3)
+    np.testing.assert_array_equal(x, np.zeros(3))
+    assert products == 1
+
+
 def test_a_nilpotent_matrix_does_not_break_it_down():
     # A shift: no progress until the last product, which then solves (a cycle of n).
     size = 8

@@ -102,6 +102,19 @@ def test_local_error_is_that_of_the_second_step(scheme):
     assert report.local_error == pytest.approx(abs(second.displacement.array[0] - exact), rel=0.05)
 
 
+def test_velocity_without_mass_is_the_mean_of_the_step():
+    # Two springs in a row, a mass at the end of the first and none at that of the second.
+    dt = 0.1
+    system = MatrixSystem.from_arrays(
+        mass=np.diag([1.0, 0.0]), stiffness=[[3.0, -1.0], [-1.0, 1.0]], load=lambda t: [0.0, t]
+    )
+    before, after = march(system, dt, 2, scheme=EnergyConsistent(), v0=[1.0, 0.0])[1:]
+    mean = (after.displacement.array - before.displacement.array) / dt
+    assert after.velocity.array[1] == pytest.approx(mean[1], rel=1e-14)
+    # With mass it is the mean of those at start and end.
+    assert 0.5 * (before.velocity.array + after.velocity.array)[0] == pytest.approx(mean[0])
+
+
 def test_forced_vibration():
     # Undamped, F = F0 sin(W t) from rest: u = F0/k / (1 - r^2) (sin W t - r sin w t), r = W/w.
     w, drive = OMEGA, 0.7 * OMEGA

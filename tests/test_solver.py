@@ -85,6 +85,25 @@ def test_loads_of_any_size_are_carried(kind, load):
     assert x.array[0] == pytest.approx(0.5 * load, rel=1e-14)
 
 
+@pytest.mark.parametrize("load", np.linspace(-30.0, -1.1, 20))
+def test_a_step_ends_at_rounding(load):
+    # A point 1 m open closes, and its mean traction over the step is no line in u. The iteration
+    # ends with the residual below 1e-10 of the forces; one correction more leaves their rounding.
+    law = FrictionNoTension(normal_stiffness=7.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(
+        mass=1.0, stiffness=1.0, gap=gap, law=law, initial_gap=1.0
+    )
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(load)
+    state = JointState.at_rest(system.contact.gap(x))
+    _, report = NewtonSolver(system).solve(STATIC, b, x, state, "step")
+    assert report.residual <= 4.0 * np.finfo(float).eps
+    # The energy that the joint stores, 7 J/m^2 (1 + u)^2 / 2, over the way u is its mean force.
+    u = x.array[0]
+    assert u + 3.5 * (1.0 + u) ** 2 / u == pytest.approx(load, rel=1e-14)
+
+
 def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     # Bulk and closed joint of 1 N/m each: Newton's first correction solves this.
     law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)

@@ -74,15 +74,17 @@ def test_joints_without_a_state_are_left_out():
 @pytest.mark.parametrize("load", [1.0, 1e-20, 1e20])
 @pytest.mark.parametrize("kind", ["condensed", "monolithic"])
 def test_loads_of_any_size_are_carried(kind, load):
-    # u + u = load, bulk and closed joint of 1 N/m each: residuals are relative to the forces.
+    # [[3, -1], [-1, 3]] u = (load, 0): three springs in a row and two closed joints, of 1 N/m each.
+    # Residuals are relative to the forces.
     law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
-    gap = [[-1.0], [0.0], [0.0]]
-    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    gap = [[-1, 0], [0, 0], [0, 0], [0, -1], [0, 0], [0, 0]]
+    stiffness = [[2.0, -1.0], [-1.0, 2.0]]
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=stiffness, gap=gap, law=law)
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.set(load)
+    b.setArray([load, 0.0])
     state = JointState.at_rest(system.contact.operator.gap(x))
     make_solver(system, kind=kind).solve(STATIC, b, x, state)
-    assert x.array[0] == pytest.approx(0.5 * load, rel=1e-14)
+    np.testing.assert_allclose(x.array, [0.375 * load, 0.125 * load], rtol=1e-13)
 
 
 @pytest.mark.parametrize("load", np.linspace(-30.0, -1.1, 20))

@@ -115,6 +115,21 @@ def test_velocity_without_mass_is_the_mean_of_the_step():
     assert 0.5 * (before.velocity.array + after.velocity.array)[0] == pytest.approx(mean[0])
 
 
+def test_a_start_on_a_moving_support():
+    # 3 t + 2 t^2 prescribed at the foot of a spring of 5 N/m with 2 kg on it and a dashpot of
+    # 0.5 N s/m beside it: at the start 3 m/s and 4 m/s^2 at the foot, 0.5 3 / 2 m/s^2 at the mass.
+    spring = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    system = dataclasses.replace(
+        MatrixSystem.from_arrays(mass=2.0 * np.eye(2), stiffness=5 * spring, damping=0.5 * spring),
+        constrained=np.array([0]),
+        values=lambda t: np.array([3.0 * t + 2.0 * t**2]),
+    )
+    state = initial_state(make_solver(system))
+    np.testing.assert_array_equal(state.displacement.array, [0.0, 0.0])
+    np.testing.assert_allclose(state.velocity.array, [3.0, 0.0], rtol=1e-9)
+    np.testing.assert_allclose(state.acceleration.array, [4.0, 0.75], rtol=1e-6)
+
+
 def test_forced_vibration():
     # Undamped, F = F0 sin(W t) from rest: u = F0/k / (1 - r^2) (sin W t - r sin w t), r = W/w.
     w, drive = OMEGA, 0.7 * OMEGA

@@ -500,6 +500,9 @@ def test_fewer_cells_than_ranks(comm):
     assert jointed.mesh.topology.index_map(2).size_global == 2
     assert len(jointed.pairs.joint) == 1
     assert jointed.mesh.geometry.index_map().size_global == 8
+    operator = JointOperator(jointed, fem.functionspace(jointed.mesh, ("Lagrange", 1, (2,))))
+    assert total(comm, operator.areas.sum()) == pytest.approx(1.0, rel=1e-14)  # the edge
+    assert not operator.initial_gap.any()
 
 
 @pytest.mark.parametrize(

@@ -93,9 +93,7 @@ def test_a_step_ends_at_rounding(load):
     # ends with the residual below 1e-10 of the forces; one correction more leaves their rounding.
     law = FrictionNoTension(normal_stiffness=7.0, shear_stiffness=0.0, friction_angle_deg=0.0)
     gap = [[1.0], [0.0], [0.0]]
-    system = MatrixSystem.from_arrays(
-        mass=1.0, stiffness=1.0, gap=gap, law=law, initial_gap=1.0
-    )
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law, initial_gap=1.0)
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(load)
     state = JointState.at_rest(system.contact.gap(x))

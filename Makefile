@@ -17,6 +17,7 @@ MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and 
 DEMO_ARGS ?=
 PAPER_ARGS ?=
 STUDY_ARGS ?=
+MUTANTS_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
 DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
@@ -56,13 +57,6 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-# What reaches DOLFINx, PETSc and SLEPc directly: meshes, forms, assembly, solvers, files. One file
-# each, for about a minute; all tests with that DOLFINx: make test verify DOLFINX=0.11
-TESTS_OF_VERSIONS := $(addprefix tests/,test_layers.py test_linear.py test_materials.py \
-	test_modal.py test_model.py test_monitors.py test_stresses.py \
-	verification/test_thermal.py verification/test_water.py)
-
-MUTANTS_ARGS ?=
 .PHONY: help demo paper studies test test-0.11 verify fuzz mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
@@ -91,8 +85,8 @@ test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
 
 test-0.11: DOLFINX := 0.11
-test-0.11: ## Run the tests that reach DOLFINx directly with DOLFINx 0.11 of Debian unstable, on 1 rank
-	$(PYTHON) -m pytest -q -m "not slow" $(TESTS_OF_VERSIONS)
+test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
+	$(PYTHON) -m pytest -q -m "not slow" tests
 
 verify: fuzz ## Run the slow tests, verification on 3 ranks, objectivity on 4, the demos on 2, fuzz
 	$(PYTHON) -m pytest -q -m slow tests

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 
-from dolfinx_joints.checks import check_kind_of
+from dolfinx_joints.checks import check_name
 
 if TYPE_CHECKING:
     from dolfinx_joints.elasticity import ElasticBody
@@ -37,7 +37,7 @@ class ViscousBoundary:
 
     def __post_init__(self) -> None:
         """Check the name."""
-        check_kind_of("group", self.group, isinstance(self.group, str), "the name of a facet group")
+        check_name("group", self.group)
 
     def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
         """The bilinear form of the dashpots."""

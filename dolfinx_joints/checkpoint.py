@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checkpoint_file import Tree, read_checkpoint, write_checkpoint
-from dolfinx_joints.checks import check_count
+from dolfinx_joints.checks import check_count, check_flag, check_path
 from dolfinx_joints.contact import StatusCounts
 from dolfinx_joints.dynamic_run import DynamicRun
 from dolfinx_joints.errors import CheckpointError
@@ -70,7 +70,9 @@ class Checkpoints:
 
     def __init__(self, path: str | Path, *, every: int = 100, overwrite: bool = False) -> None:
         """Nothing is written before the run starts."""
+        check_path("path", path)
         check_count("every", every, 1, "checkpoints are written every 1 or more steps")
+        check_flag("overwrite", overwrite)
         self.path, self.every, self._overwrite = Path(path), every, overwrite
         self._lock: FileLock | None = None
 

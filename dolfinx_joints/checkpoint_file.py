@@ -4,27 +4,29 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import CheckpointError
-from dolfinx_joints.hdf5_checks import DamageTold, check_contents
+from dolfinx_joints.hdf5_checks import (
+    DamageTold,
+    attribute,
+    check_contents,
+    check_seal,
+    seal,
+    set_texts,
+)
 
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 1
-
-# A checksum follows HDF5's part of the file, which does not mind: HDF5 itself was seen to read for
-# ever in a file with a few wrong bytes.
-DIGEST_BYTES = 32
 
 Tree = dict[str, Any]
 
@@ -44,7 +46,7 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         content = _image(tree)
         with part.open("wb") as file:
             file.write(content)
-            file.write(hashlib.sha256(content).digest())
+            file.write(seal(content))
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -58,7 +60,8 @@ def _image(tree: Mapping[str, Any]) -> memoryview:
     """An HDF5 file of a tree, made in memory: HDF5 does not take a full disk well."""
     image = io.BytesIO()
     with h5py.File(image, "w", libver="latest") as file:
-        file.attrs.update(format=FORMAT, version=VERSION)
+        set_texts(file, format=FORMAT)
+        file.attrs["version"] = VERSION
         file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
         for name, array in _arrays(tree):
             file.create_dataset(f"arrays/{name}", data=array)
@@ -79,13 +82,12 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     if not path.is_file():
         raise CheckpointError(f"There is no checkpoint {path}.")
     with DamageTold(path, CheckpointError, "is no checkpoint, or a damaged one"):
-        with path.open("rb") as sealed:
-            digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
-            if sealed.read() != digest:
-                raise ValueError("its checksum is not that of what it holds")
+        check_seal(path)
         with h5py.File(path, "r") as file:
-            _check(path, file.attrs.get("format"), file.attrs.get("version"))
+            _check(path, attribute(file, "format"), attribute(file, "version"))
             check_contents(file, path, CheckpointError)
+            if "facts" not in file:
+                raise ValueError("it holds no facts")
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
             for name in _names(file.get("arrays")):
                 *folders, last = name.split("/")
@@ -137,15 +139,6 @@ def _without_arrays(tree: Mapping[str, Any]) -> Tree:
 
 def _encoded(tree: Tree) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
-
-
-def _digest(file: BinaryIO, size: int) -> bytes:
-    """Checksum of the first bytes of a file, which is left behind them."""
-    checksum = hashlib.sha256()
-    while size > 0 and (block := file.read(min(size, 1 << 20))):
-        checksum.update(block)
-        size -= len(block)
-    return checksum.digest()
 
 
 def _to_disk(path: Path) -> None:

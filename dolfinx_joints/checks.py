@@ -6,15 +6,51 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+import os
+import re
+from collections.abc import Callable, Collection
 from numbers import Real
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+
+# Of a value in a message.
+LONGEST_SHOWN = 80
+
+# In SI units nothing in a body is larger, nor smaller but zero; products of four such numbers are
+# still numbers.
+LARGEST, SMALLEST = 1e75, 1e-75
+FINITE = f"finite numbers, none above {LARGEST:g} in size"
+ONE_FINITE = f"a finite number, not above {LARGEST:g} in size"
+
+# More steps, iterations or cases than that nobody waits for.
+LARGEST_COUNT = 2**31 - 1
+
+
+def shown(value: Any, say: Callable[[Any], str] = repr) -> str:
+    """A value for a message: one line, not longer than a reader wants.
+
+    Args:
+        value: Anything, also what cannot be printed.
+        say: How it is printed where it can be.
+    """
+    try:
+        text = say(value)
+    except Exception:  # what a class of the user's own may do, or an int of 5000 digits
+        text = f"a value of type {type(value).__name__}"
+    text = _ADDRESS.sub("", text)  # other on every rank
+    text = "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
+    cut = LONGEST_SHOWN // 2
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:cut]}...{text[-cut + 3 :]}"
 
 
 def check_number(
     name: str, value: Any, valid: Callable[[float], bool], allowed: str, *, unit: str = ""
 ) -> None:
-    """Refuse what is no finite real number, or not in its range.
+    """Refuse what is no finite real number, not in its range, or of a size that none can have.
 
     Args:
         name: What the value is.
@@ -26,10 +62,26 @@ def check_number(
     Raises:
         ValueError: The value is refused.
     """
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not (is_number and math.isfinite(value) and valid(float(value))):
-        shown = f"{value} {unit}".rstrip() if is_number else repr(value)
-        raise ValueError(f"{name} is {shown}; it must be {allowed}.")
+    is_number, number = isinstance(value, Real) and not isinstance(value, bool), real(value)
+    if not (math.isfinite(number) and valid(number)):
+        given = f"{shown(value, str)} {unit}".rstrip() if is_number else shown(value)
+        raise ValueError(f"{name} is {given}; it must be {allowed}.")
+    if number and not SMALLEST <= abs(number) <= LARGEST:
+        given = f"{shown(value, str)} {unit}".rstrip()
+        size = f"between {SMALLEST:g} and {LARGEST:g} in size"
+        raise ValueError(f"{name} is {given}; it must be {'zero or ' if valid(0.0) else ''}{size}.")
+
+
+def real(value: Any) -> float:
+    """A value as a number, NaN if it is none, as truth values and texts."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except Exception:  # of a class of the user's own
+        return math.nan
 
 
 def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
@@ -39,18 +91,160 @@ def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
         ValueError: ``good`` is false.
     """
     if not good:
-        raise ValueError(f"{name} is {value!r}; it must be {wanted}.")
+        raise ValueError(f"{name} is {shown(value)}; it must be {wanted}.")
 
 
-def check_count(name: str, value: Any, least: int, allowed: str) -> None:
-    """Refuse what is no whole number of at least ``least``.
+def offers(value: Any, *methods: str) -> bool:
+    """Whether a value has some methods; a class in the place of an object has none."""
+    return not isinstance(value, type) and all(
+        callable(getattr(value, name, None)) for name in methods
+    )
+
+
+def check_choice(name: str, value: Any, known: Collection[str]) -> None:
+    """Refuse what is none of the names of an option.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    good = isinstance(value, str) and value in known
+    check_kind_of(name, value, good, f"one of {', '.join(known)}")
+
+
+def check_flag(name: str, value: Any) -> None:
+    """Refuse what is neither true nor false.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    check_kind_of(name, value, isinstance(value, bool | np.bool_), "True or False")
+
+
+def check_function(name: str, value: Any, of: str = "time") -> None:
+    """Refuse what is no function.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    check_kind_of(name, value, callable(value), f"a function of {of}")
+
+
+def check_name(name: str, value: Any, of: str = "a facet group") -> None:
+    """Refuse what is no name.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    check_kind_of(name, value, isinstance(value, str), f"the name of {of}")
+
+
+def check_path(name: str, value: Any) -> None:
+    """Refuse what names no file.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    text = os.fspath(value) if isinstance(value, os.PathLike) else value
+    good = isinstance(text, str) and text.strip() != "" and "\0" not in text
+    check_kind_of(name, value, good, "the path of a file")
+
+
+def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.float64]:
+    """Finite real numbers, as many as one of ``sizes`` says.
+
+    Raises:
+        ValueError: The value is refused.
+    """
+    vector = numbers_of(value)
+    counts = " or ".join(str(size) for size in sizes)
+    if vector is None or vector.ndim != 1 or len(vector) not in sizes or not finite(vector):
+        raise ValueError(f"{name} is {shown(value)}; it must be {counts} {FINITE}.")
+    return vector
+
+
+def number_at(name: str, function: Callable[[float], Any], time: float, *, unit: str = "") -> float:
+    """What a function of time gives, a finite number.
+
+    Args:
+        name: What the value is.
+        function: The function.
+        time: Time [s].
+        unit: Unit of the value.
+
+    Raises:
+        ValueError: It gives something else.
+    """
+    value = function(time)
+    number = numbers_of(value)
+    if number is None or number.shape != () or not finite(number):
+        given = shown(value) if number is None else f"{shown(value, str)} {unit}".rstrip()
+        raise ValueError(f"{name} at t = {time:g} s is {given}; it must be {ONE_FINITE}.")
+    return float(number)
+
+
+def check_each(
+    name: str, given: Any, count: int, *, negative: bool = True, one: bool = True
+) -> NDArray[np.float64]:
+    """What a function of points gives, a finite number for each, shape (count,).
+
+    Args:
+        name: What the values are.
+        given: What the function has given, or a number in its place.
+        count: Number of points.
+        negative: Whether values may be negative.
+        one: Whether one number for all will do.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    values = numbers_of(given)
+    fits = values is not None and values.shape in (((), (count,)) if one else ((count,),))
+    if values is None or not (fits and finite(values) and (negative or (values >= 0.0).all())):
+        said = shown(given) if values is None else f"an array of shape {values.shape}"
+        if fits and values is not None and values.size:
+            said += f" from {values.min():g} to {values.max():g}"
+        wanted = "one finite number" if negative else "one finite number of zero or more"
+        raise ValueError(f"{name} gave {said}; for {count} points it must give {wanted} for each.")
+    return np.broadcast_to(values, count).astype(np.float64)
+
+
+def finite(values: NDArray[np.float64]) -> bool:
+    """Whether all numbers are finite and of a size that something can have."""
+    return bool((np.abs(values) <= LARGEST).all())
+
+
+def numbers_of(value: Any) -> NDArray[np.float64] | None:
+    """An array of any shape of what are real numbers throughout, None of anything else.
+
+    Truth values, texts and complex numbers are none.
+    """
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind == "O":
+            kinds = {type(each) for each in array.ravel()}
+            if not all(issubclass(k, Real) and not issubclass(k, bool) for k in kinds):
+                return None
+        elif array.dtype.kind not in "iuf":
+            return None
+        return array.astype(np.float64)
+    except Exception:  # sequences of the user's own may raise anything
+        return None
+
+
+def check_count(
+    name: str, value: Any, least: int, allowed: str, *, most: int = LARGEST_COUNT
+) -> int:
+    """A whole number from ``least`` to ``most``, anything else refused.
 
     Raises:
         ValueError: The value is refused.
     """
     try:
-        whole = None if isinstance(value, bool) else operator.index(value)
+        whole = None if isinstance(value, bool | np.bool_) else operator.index(value)
     except TypeError:
         whole = None
     if whole is None or whole < least:
-        raise ValueError(f"{name} is {value!r}; {allowed}.")
+        raise ValueError(f"{name} is {shown(value)}; {allowed}.")
+    if whole > most:
+        raise ValueError(f"{name} is {shown(value)}; it must be {most} at most.")
+    return whole

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.checks import check_kind_of, check_number
-from dolfinx_joints.contact import Contact
+from dolfinx_joints.contact import Contact, no_such_joint
 from dolfinx_joints.errors import JointsError, MeshError
 from dolfinx_joints.laws import Floats, JointState, Response, Status
 from dolfinx_joints.loads import Load
@@ -63,8 +63,8 @@ def grouted(
     check_kind_of("joints", names, good, "a list of joint names")
     check_number("gap", gap, lambda v: v >= 0, "zero or more and finite", unit="m")
     for name in names or ():
-        if name not in known:
-            raise MeshError(f"There is no joint {name!r}; the joints are: {', '.join(known)}.")
+        if not isinstance(name, str) or name not in known:
+            raise MeshError(no_such_joint(name, known))
     _check_elastic(model)
     contact, response = model.contact, before.joints
     if contact is None or response is None:

@@ -5,17 +5,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of
+from dolfinx_joints.checks import check_each, check_kind_of, check_number, numbers_of, shown
 from dolfinx_joints.errors import JointsError, MeshError
 from dolfinx_joints.joints import GapOperator
-from dolfinx_joints.laws import Floats, JointState, Law, Response, Status
+from dolfinx_joints.laws import Floats, JointState, Law, Response, Status, check_law
 from dolfinx_joints.parallel import raised_together
 
 InitialGap = float | Callable[[Floats], Floats]
@@ -69,10 +69,9 @@ class Contact:
         by_name = laws if isinstance(laws, Mapping) else dict.fromkeys(operator.names, laws)
         for name in (*by_name, *gaps):
             if name not in operator.names:
-                known = ", ".join(operator.names) or "none"
-                raise MeshError(f"There is no joint {name!r}; the joints are: {known}.")
+                raise MeshError(no_such_joint(name, operator.names))
         for law in by_name.values():
-            check_kind_of("A joint law", law, hasattr(law, "end_point"), "a law")
+            check_law("A joint law", law)
             names = getattr(law, "internal_variables", ())
             good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
             check_kind_of("internal_variables", names, good, "a tuple of names")
@@ -105,12 +104,13 @@ class Contact:
         return self.resting(self.gap(u))
 
     def resting(self, gap: Floats) -> JointState:
-        """State without shear traction and without history at a gap, shape (n, 3), [m]."""
+        """State without shear traction and history at a gap, shape (n, 3), [m] (collective)."""
         state = JointState.at_rest(gap, variables=self._variables)
-        for law, points in self._laws:
-            if hasattr(law, "initial_variables"):
-                first = law.initial_variables(state.gap[points])
-                state.internal[points, : _variables(law)] = first
+        with raised_together(self.operator.comm):
+            for law, points in self._laws:
+                if hasattr(law, "initial_variables"):
+                    first = _first_variables(law, state.gap[points])
+                    state.internal[points, : _variables(law)] = first
         return state
 
     def trial(self, u: Any, state: JointState) -> Response:
@@ -177,16 +177,16 @@ class Contact:
         if len(self._laws) == 1:
             law = self._laws[0][0]
             if compliance is None:
-                return _checked(law, _method(law, rule)(gap, state))
-            return _checked(law, _local_method(law, rule)(gap, compliance, state))
+                return _checked(law, _method(law, rule)(gap, state), len(gap))
+            return _checked(law, _local_method(law, rule)(gap, compliance, state), len(gap))
         answer = _empty_response(len(gap), self._variables)
         for law, points in self._laws:
             before = _state_of(law, points, state)
             if compliance is None:
-                part = _checked(law, _method(law, rule)(gap[points], before))
+                part = _checked(law, _method(law, rule)(gap[points], before), len(points))
             else:
                 method = _local_method(law, rule)
-                part = _checked(law, method(gap[points], compliance[points], before))
+                part = _checked(law, method(gap[points], compliance[points], before), len(points))
             for name in ("traction", "tangent", "dissipation", "status"):
                 getattr(answer, name)[points] = getattr(part, name)
             answer.state.gap[points] = part.state.gap
@@ -275,17 +275,17 @@ class Contact:
         return None if joint is None else (joint, type(self.laws[joint]).__name__)
 
 
+def no_such_joint(name: Any, names: Collection[str]) -> str:
+    """What to say of the name of a joint that there is none of."""
+    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."
+
+
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     """Values of an initial gap at the points of a joint."""
-    values = np.asarray(gap(places) if callable(gap) else gap)
-    if values.dtype.kind not in "if" or not np.all(np.isfinite(values)):
-        raise ValueError(f"The initial gap of {name!r} must be finite, in m; it is {gap!r}.")
-    if values.shape not in ((), (len(places),)):
-        raise ValueError(
-            f"The initial gap of {name!r} has shape {values.shape}; for {len(places)} points it "
-            f"must be a number or have shape ({len(places)},)."
-        )
-    return np.broadcast_to(values, len(places)).astype(np.float64)
+    what = f"The initial gap of {name!r}"
+    if not callable(gap):
+        check_number(what, gap, lambda _: True, "finite", unit="m")
+    return check_each(what, gap(places) if callable(gap) else gap, len(places))
 
 
 def _steps(law: Law) -> bool:
@@ -303,13 +303,26 @@ def _local_method(law: Any, rule: Rule) -> Any:
     return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
 
 
-def _checked(law: Law, response: Response) -> Response:
-    """A response that holds the law's internal variables.
+def _checked(law: Law, response: Response, count: int) -> Response:
+    """A response of ``count`` points that holds the law's internal variables.
 
     Raises:
         ValueError: It does not.
     """
-    wanted = (len(response.traction), _variables(law))
+    kind = type(law).__name__
+    good = isinstance(response, Response) and isinstance(response.state, JointState)
+    check_kind_of(f"What {kind} returned", response, good, "a Response")
+    given = {name: getattr(response, name) for name in _SHAPES if hasattr(response, name)}
+    given |= {"gap": response.state.gap, "elastic_slip": response.state.elastic_slip}
+    for name, array in given.items():
+        wanted_shape = (count, *_SHAPES[name])
+        numeric = isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
+        if not numeric or array.shape != wanted_shape:
+            raise ValueError(
+                f"{kind} returned {name} {shown(array)}; it must be an array of numbers of shape "
+                f"{wanted_shape}."
+            )
+    wanted = (count, _variables(law))
     if wanted[1] and response.state.internal.shape != wanted:
         raise ValueError(
             f"{type(law).__name__} returned internal variables of shape "
@@ -317,6 +330,28 @@ def _checked(law: Law, response: Response) -> Response:
             f"{', '.join(law.internal_variables)} it must be {wanted}."  # type: ignore[attr-defined]
         )
     return response
+
+
+def _first_variables(law: Any, gap: Floats) -> Floats:
+    """Internal variables of a law at rest."""
+    first, wanted = numbers_of(law.initial_variables(gap)), (len(gap), _variables(law))
+    if first is None or first.shape != wanted:
+        raise ValueError(
+            f"{type(law).__name__}.initial_variables must give numbers of shape {wanted}, one "
+            "column for each internal variable."
+        )
+    return first
+
+
+# Of the arrays of a response, after the number of points.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "traction": (3,),
+    "tangent": (3, 3),
+    "dissipation": (),
+    "status": (),
+    "gap": (3,),
+    "elastic_slip": (2,),
+}
 
 
 def _variables(law: Law) -> int:

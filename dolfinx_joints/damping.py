@@ -34,7 +34,12 @@ class Rayleigh:
             check_number(name, getattr(self, name), lambda v: v >= 0, "zero or more and finite")
 
     def ratio(self, frequency: float) -> float:
-        """Damping ratio of a mode of the given frequency [Hz]."""
+        """Damping ratio of a mode of the given frequency [Hz].
+
+        Raises:
+            ValueError: The frequency is not positive.
+        """
+        check_number("The frequency", frequency, lambda v: v > 0, "positive and finite", unit="Hz")
         omega = 2.0 * math.pi * frequency
         return self.mass_factor / (2.0 * omega) + self.stiffness_factor * omega / 2.0
 
@@ -82,7 +87,7 @@ def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, fl
     if one == two:
         raise ValueError(f"Both frequencies are {given[0]} Hz; they must differ.")
     # From (a / omega + b omega) / 2 = ratio at both.
-    scale = 2.0 / (two**2 - one**2)
+    scale = 2.0 / ((two - one) * (two + one))
     b = scale * (ratios[1] * two - ratios[0] * one)
     a = scale * one * two * (ratios[0] * two - ratios[1] * one)
     smallest = -1e-14 * max(ratios)  # rounding where one of them is zero

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.modal import Modes
-from dolfinx_joints.system import MatrixSystem
+from dolfinx_joints.system import MatrixSystem, check_system
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +59,10 @@ class ModalDamping:
         for i, (f, ratio) in enumerate(zip(self.frequencies, self.ratios, strict=True), start=1):
             lines.append(f"{i:4d}  {f:12.4g}  {100.0 * ratio:15.4g}")
         coupling = self.coupling
-        i, j = sorted(divmod(int(np.argmax(coupling)), len(coupling)))
-        largest = float(coupling[i, j])
+        largest = float(coupling.max())
+        # The first of equal ones: which of them rounding makes the largest depends on the ranks.
+        first = int(np.argmax(coupling >= (1.0 - 1e-6) * largest))
+        i, j = sorted(divmod(first, len(coupling)))
         if largest > 0.0:
             where = f"between modes {i + 1} and {j + 1}"
             lines.append(f"largest coupling by damping: {largest:.2g}, {where}")
@@ -76,6 +78,7 @@ def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
         system: The system.
         modes: Its modes, from `modes`.
     """
+    check_system(system)
     check_kind_of("modes", modes, isinstance(modes, Modes), "what modes() returns")
     count = len(modes.shapes)
     matrix = np.empty((count, count))

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_flag, check_kind_of, offers
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.memory_use import peak_mb
 from dolfinx_joints.model import Model
+from dolfinx_joints.model_checks import check_loads, check_nodal
 from dolfinx_joints.results import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.small_displacements import SmallDisplacements
 from dolfinx_joints.solver import SolveReport, StepSolver
@@ -234,6 +236,37 @@ class DynamicRun:
             solver=self._solver.name,
             end_point_laws=self._end_point_laws,
         )
+
+
+def check_options(model: Model, loads: Any, scheme: Any, control: Any) -> None:
+    """Refuse loads, a scheme or a control that are no such things.
+
+    Raises:
+        ValueError: One is not.
+    """
+    check_loads(model.jointed, loads)
+    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
+    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+
+
+def check_beginning(model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any) -> None:
+    """Refuse what a dynamic stage cannot begin with (collective).
+
+    Raises:
+        ValueError: A value is of another kind or of another model, or two exclude each other.
+    """
+    known = start is None or isinstance(start, DynamicState)
+    check_kind_of("start", start, known, "the state of an earlier outcome")
+    for name, vector in (("velocity", velocity), ("start", getattr(start, "displacement", None))):
+        if vector is not None:
+            check_nodal(name, vector, model.mass)
+    if velocity is not None and start is not None:
+        raise ValueError("velocity and start are both given; start holds a velocity already.")
+    good = checkpoint is None or offers(checkpoint, "keeper")
+    check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
+    check_flag("resume", resume)
+    if resume and checkpoint is None:
+        raise ValueError("resume is True, but no checkpoint is given to go on from.")
 
 
 @contextmanager

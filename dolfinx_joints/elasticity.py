@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.cells import CellShape
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_choice, check_number, offers, shown
 from dolfinx_joints.mesh import JointedMesh
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
+
+PLANES = ("strain", "stress")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +113,7 @@ class ElasticBody:
         """Put the parameters on the cells (collective)."""
         from dolfinx import fem
 
-        if plane not in ("strain", "stress"):
-            raise ValueError(f"plane is {plane!r}; it must be 'strain' or 'stress'.")
+        check_choice("plane", plane, PLANES)
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"
@@ -123,8 +124,8 @@ class ElasticBody:
         for given in by_group.values():
             if not _is_material(given):
                 raise ValueError(
-                    f"material is {given!r}; it must be an Elastic, an Orthotropic or a plastic "
-                    "material, or one of these per named cell group."
+                    f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a "
+                    "plastic material, or one of these per named cell group."
                 )
         self._plastic = {group: is_plastic(given) for group, given in by_group.items()}
         elastic = {group: elastic_part(given) for group, given in by_group.items()}
@@ -235,7 +236,7 @@ def _tensor(stress: Any, dimension: int) -> Any:
 
 def is_plastic(material: Material) -> bool:
     """Whether a material has a law of its own beyond its elastic part."""
-    return hasattr(material, "end_point")
+    return offers(material, "end_point")
 
 
 def elastic_part(material: Material) -> Elastic | Orthotropic:
@@ -244,7 +245,7 @@ def elastic_part(material: Material) -> Elastic | Orthotropic:
 
 
 def _is_material(given: Any) -> bool:
-    return hasattr(getattr(given, "elastic", given), "stiffness_matrix")
+    return offers(given) and offers(getattr(given, "elastic", given), "stiffness_matrix")
 
 
 def _parameters(given: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:

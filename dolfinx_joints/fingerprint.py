@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import number_at
 from dolfinx_joints.model import Model
 from dolfinx_joints.probes import NodeGather
 from dolfinx_joints.system import MatrixSystem
@@ -62,7 +63,7 @@ def fingerprint(
         facts["ground motion"] = np.array([np.asarray(motion(float(t)))[:3] for t in times])
     for i, (vector, factor) in enumerate(system.patterns):
         name = f"load {system.load_names[i]}"
-        values = np.array([factor(float(t)) for t in times])
+        values = np.array([number_at(name, factor, float(t)) for t in times])
         both = np.array([float(vector.dot(weights)), float(vector.norm())])
         facts[name] = np.concatenate([facts.get(name, np.zeros(0)), np.outer(both, values).ravel()])
     if system.water is not None:

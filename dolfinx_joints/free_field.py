@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.absorbing import impedance
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_kind_of, check_number, offers
 from dolfinx_joints.loads import TimeFactor, always, in_axes
 from dolfinx_joints.supports import components_of
 
@@ -28,6 +28,9 @@ Floats = NDArray[np.float64]
 
 # Levels per wavelength of the highest frequency; cubic interpolation between them errs by 2e-4.
 LEVELS = 20.0
+
+# Two vectors of forces are kept for each level and direction.
+MOST_LEVELS = 10_000
 
 # Of the largest pattern, below which one is nothing but rounding.
 ROUNDING = 1e-13
@@ -45,7 +48,7 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
         Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
         after it what the record ends with, so correct its baseline.
     """
-    check_kind_of("outcrop", outcrop, hasattr(outcrop, "integrated"), "a Motion")
+    check_kind_of("outcrop", outcrop, offers(outcrop, "integrated"), "a Motion")
     acceleration, dt = outcrop.acceleration, outcrop.dt
     velocity, _ = outcrop.integrated()
 
@@ -103,6 +106,8 @@ class FreeField:
         check_kind_of(
             "FreeField: incident", self.incident, callable(self.incident), "a function of time"
         )
+        if self.components is not None:
+            components_of(self.components, 3)
         check_number("FreeField: surface", self.surface, lambda _: True, "finite", unit="m")
         if self.base is not None:
             low = self.surface
@@ -119,16 +124,18 @@ class FreeField:
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
         gdim = model.gdim
-        self._check_incident(gdim)
         base = self._base(model)
+        lowest, highest = _heights(model, self.groups)
         lame, shear, density = _rock(model, self.groups)
         letters = "xyz"[:gdim] if self.components is None else self.components
-        velocity = lru_cache(maxsize=512)(in_axes(self.incident, gdim))
+        velocity = lru_cache(maxsize=512)(in_axes(self.incident, gdim, "FreeField: incident"))
+        velocity(0.0)
         found: list[tuple[PETSc.Vec, TimeFactor]] = []
         for axis in components_of(letters, gdim):
             modulus = lame + 2.0 * shear if axis == gdim - 1 else shear
             speed = float(np.sqrt(modulus / density))
             spacing = speed / (LEVELS * self.highest_frequency)
+            self._check_levels((highest - lowest) / spacing)
             for way in (1, -1):
                 start = 0.0 if way > 0 else 2.0 * (self.surface - base) / speed
                 for level, force in _levels(model, self.groups, axis, way, base, spacing):
@@ -137,17 +144,12 @@ class FreeField:
         largest = max((force.norm() for force, _ in found), default=0.0)
         return [(f, factor) for f, factor in found if f.norm() > ROUNDING * largest]
 
-    def _check_incident(self, gdim: int) -> None:
-        """Refuse a wave that gives no velocity for each axis."""
-        at_zero = self.incident(0.0)
-        try:
-            numbers = np.asarray(at_zero, dtype=np.float64)
-        except (TypeError, ValueError):
-            numbers = np.empty(0)
-        if numbers.ndim != 1 or len(numbers) < gdim or not np.all(np.isfinite(numbers)):
+    def _check_levels(self, count: float) -> None:
+        """Refuse a frequency that asks for more forces than anybody can keep."""
+        if count > MOST_LEVELS:
             raise ValueError(
-                f"FreeField: incident gives {at_zero!r} at t = 0 s; it must give {gdim} finite "
-                "velocities, one per axis."
+                f"FreeField: highest_frequency is {self.highest_frequency:g} Hz, which asks for "
+                f"{count:.3g} levels; {MOST_LEVELS} are the most."
             )
 
     def _base(self, model: Model) -> float:
@@ -181,6 +183,11 @@ class SupportForces:
     """
 
     reaction: PETSc.Vec
+
+    def __post_init__(self) -> None:
+        """Check the forces."""
+        good = offers(self.reaction, "getLocalSize")
+        check_kind_of("SupportForces: reaction", self.reaction, good, "nodal forces in a vector")
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """The forces, but where this model holds the body itself (collective)."""

@@ -4,19 +4,29 @@
 
 HDF5 can point out of a file (external links, virtual datasets, raw data elsewhere), ask for plugins
 to unpack data, and declare arrays of any size in a few bytes. None of that is written here, so none
-of it is followed.
+of it is followed. A few wrong bytes were seen to let HDF5 read for ever: files that are written at
+once end with a checksum, looked at before HDF5 is asked, and of others only those are opened whose
+metadata HDF5 itself checks.
 """
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import os
+import time as clock
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
+import numpy as np
 
 from dolfinx_joints.errors import JointsError
+
+DIGEST_BYTES = 32
+"""Length of the checksum that follows HDF5's part of a file, which does not mind."""
 
 # What reading a damaged or foreign file was seen to raise.
 DAMAGE = (
@@ -31,10 +41,19 @@ DAMAGE = (
     RecursionError,
 )
 
+OTHER = "holds something else than a run writes"
+"""What `DamageTold` says of a file that is whole, but not of a run."""
+
 _DEPTH = 8
 _NAMES = 100_000
 # Room for rows that a killed run had declared and not yet written.
 _SLACK = 1 << 26
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SUPERBLOCK = 36  # bytes up to the file's length
+_GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
+# HDF5 reads again what fails its checksum while a run writes, and waits for 1, 2, 4, ... ns in
+# between: 0.1 s in all, where 100 attempts of its own would outlast the reader.
+_ATTEMPTS = 26
 
 
 class DamageTold:
@@ -65,16 +84,13 @@ class DamageTold:
             raise self._error(f"{self._path} {self._verdict}: {told[:300]}.") from raised
 
 
-def check_contents(
-    file: h5py.File, path: Path, error: type[Exception], *, texts: bool = False
-) -> None:
+def check_contents(file: h5py.File, path: Path, error: type[Exception]) -> None:
     """Refuse what points elsewhere, is no plain array, or is larger than the file can hold.
 
     Args:
         file: The open file.
         path: Its name, for messages and its size.
         error: What to raise.
-        texts: Whether arrays of texts are let through.
 
     Raises:
         Exception: ``error``.
@@ -84,7 +100,7 @@ def check_contents(
         if count > _NAMES:
             raise error(f"{path} is refused: it has more than {_NAMES} names.")
         if isinstance(item, h5py.Dataset):
-            wrong = _fault(item, limit, texts=texts)
+            wrong = _fault(item, limit)
             if wrong:
                 raise error(f"{path} is refused: {name!r} {wrong}.")
 
@@ -106,15 +122,14 @@ def _items(
             yield from _items(item, f"{name}/", depth + 1, path, error)
 
 
-def _fault(dataset: h5py.Dataset, limit: int, *, texts: bool) -> str | None:
+def _fault(dataset: h5py.Dataset, limit: int) -> str | None:
     """What is wrong with an array, in words that follow its name."""
     creation = dataset.id.get_create_plist()
     if dataset.is_virtual or creation.get_external_count():
         return "takes its values from other files"
     if creation.get_nfilters():
         return "is packed by a filter"
-    text = texts and h5py.check_string_dtype(dataset.dtype) is not None
-    if dataset.dtype.kind not in "biufS" and not text:
+    if dataset.dtype.kind not in "biufS":
         return f"holds {dataset.dtype}, not plain numbers"
     if dataset.shape is None:
         return "is empty"
@@ -127,3 +142,112 @@ def _fault(dataset: h5py.Dataset, limit: int, *, texts: bool) -> str | None:
     if max(size, chunk) > limit:
         return f"claims {max(size, chunk):.3g} bytes, more than the file can hold"
     return None
+
+
+def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
+    """Give a dataset or group attributes that `attribute` reads."""
+    for name, text in texts.items():
+        encoded = text.encode()
+        kind = h5py.string_dtype("utf-8", max(len(encoded), 1))
+        item.attrs.create(name, np.bytes_(encoded), dtype=kind)
+
+
+def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
+    """A text or whole number among the attributes of a dataset or group; None without it.
+
+    Raises:
+        ValueError: It is something else. Texts of variable length lie in a heap for which HDF5 has
+            no checksum, and some wrong bytes in it are read for ever.
+    """
+    if name not in item.attrs:
+        return None
+    found = h5py.h5a.open(item.id, name.encode())
+    kind, wrong = found.get_type(), found.shape != ()
+    if isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str() and not wrong:
+        return bytes(item.attrs[name]).decode()
+    if isinstance(kind, h5py.h5t.TypeIntegerID) and not wrong:
+        return int(item.attrs[name])
+    raise ValueError(f"the attribute {name!r} is no text of fixed length and no whole number")
+
+
+def seal(content: bytes | memoryview) -> bytes:
+    """Checksum to be written behind the content of a file."""
+    return hashlib.sha256(content).digest()
+
+
+def check_seal(path: Path) -> None:
+    """Refuse a file that is not as it was written.
+
+    Raises:
+        ValueError: Its checksum is not that of what it holds.
+    """
+    with path.open("rb") as sealed:
+        digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
+        if sealed.read() != digest:
+            raise ValueError("its checksum is not that of what it holds")
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """Checksum of the first bytes of a file, which is left behind them."""
+    checksum = hashlib.sha256()
+    while size > 0 and (block := file.read(min(size, 1 << 20))):
+        checksum.update(block)
+        size -= len(block)
+    return checksum.digest()
+
+
+def open_growing(path: Path, error: type[Exception]) -> h5py.File:
+    """Open a file for reading that a run may still write, or was killed while it did.
+
+    Args:
+        path: The file.
+        error: What to raise.
+
+    Raises:
+        Exception: ``error``, where it is no HDF5 of the kind that this package writes, is
+            truncated, or cannot be opened.
+    """
+    being_written = _check_superblock(path, error)
+    try:
+        if not being_written:
+            return h5py.File(path, "r")
+        access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+        # h5py has no name for it; the GIL is kept, as h5py does while HDF5 is at work.
+        limit = ctypes.PyDLL(h5py.h5p.__file__).H5Pset_metadata_read_attempts
+        limit.argtypes = [ctypes.c_int64, ctypes.c_uint]
+        limit(access.id, _ATTEMPTS)
+        shared = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
+        return h5py.File(h5py.h5f.open(os.fsencode(path), shared, fapl=access))
+    except (OSError, RuntimeError) as failure:
+        told = " ".join(str(failure).split())[:300]
+        raise error(
+            f"{path} cannot be read; its run has not started yet or ended before it did ({told})."
+        ) from failure
+
+
+def _check_superblock(path: Path, error: type[Exception]) -> bool:
+    """Whether a writer has, or had, the file open.
+
+    A file that is shorter than its superblock says is refused: HDF5 does so itself, but not while
+    the file is being written, when it may be so for the moment in which it grows.
+    """
+    gives_up = clock.monotonic() + _GROWING_SECONDS
+    while True:
+        with path.open("rb") as file:
+            superblock = file.read(_SUPERBLOCK)
+            size = os.fstat(file.fileno()).st_size
+        if not superblock.startswith(_SIGNATURE):
+            raise error(f"{path} is not an HDF5 file.")
+        version, being_written = superblock[8:9], any(superblock[11:12])
+        if version not in (b"", b"\2", b"\3"):
+            raise error(
+                f"{path} is HDF5 but not a file of this program, which writes version 3 of the "
+                f"superblock, where all metadata have checksums; this is version {version[0]}."
+            )
+        whole, end = len(superblock) == _SUPERBLOCK, int.from_bytes(superblock[28:36], "little")
+        if whole and size >= end:
+            return being_written
+        if not being_written or clock.monotonic() > gives_up:
+            there = f" of {end}" if whole else ""
+            raise error(f"{path} is truncated: it has {size}{there} bytes.")
+        clock.sleep(0.01)

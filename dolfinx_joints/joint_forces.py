@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.construction import connected_blocks
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.errors import MeshError
@@ -80,10 +81,12 @@ class JointForces:
 
     Raises:
         MeshError: The model has no joints.
+        ValueError: ``model`` is no model.
     """
 
     def __init__(self, model: Model) -> None:
         """Find the geometry of the joints (collective)."""
+        check_kind_of("model", model, isinstance(model, Model), "a Model")
         if model.operator is None or model.contact is None:
             raise MeshError("The model has no joints, so there are no resultants of joints.")
         self._operator, self._contact = model.operator, model.contact

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_each, number_at, shown
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.parallel import raised_together
 
@@ -65,6 +66,10 @@ class WaterInJoint:
         pressure: Floats = np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
         return pressure
 
+    def factor(self, time: float) -> float:
+        """Multiplier of the pressures at a time [s]."""
+        return number_at(f"{self.name}: factor", self.load.factor, time)
+
     def by_opening(self, gap: Floats) -> Codes:
         """What a gap (n, 3) [m] leads to, CLOSED in other joints (collective)."""
         wet = self._open(gap)
@@ -113,15 +118,9 @@ def given_pressure(
     value, places = getattr(load, what), model.operator.points[here]
     everywhere = np.zeros(len(here))
     with raised_together(model.operator.comm):
-        found = np.asarray(value(places) if callable(value) else value)
-        good = found.dtype.kind in "if" and found.shape in ((), (len(places),))
-        if not (good and (np.isfinite(found) & (found >= 0.0)).all()):
-            least = f", smallest value {found.min():g} Pa" if good and found.size else ""
-            raise ValueError(
-                f"{label(load)}: {what} gave an array of shape {found.shape} for {len(places)} "
-                f"points{least}; it must give one finite pressure of zero or more for each."
-            )
-        everywhere[here] = found
+        found = value(places) if callable(value) else value
+        name = f"{label(load)}: {what}"
+        everywhere[here] = check_each(name, found, len(places), negative=False)
     return everywhere
 
 
@@ -140,4 +139,4 @@ def opening_force(model: Model, pressure: Floats) -> PETSc.Vec:
 
 def label(load: Uplift | JointWater) -> str:
     """What messages call a load."""
-    return f"{type(load).__name__} in {load.joint!r}"
+    return f"{type(load).__name__} in {shown(load.joint)}"

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import (
+    check_choice,
+    check_function,
+    check_kind_of,
+    check_name,
+    check_number,
+    check_vector,
+)
 from dolfinx_joints.joint_pressures import (
     WaterInJoint,
     given_pressure,
@@ -71,11 +78,12 @@ class SeepageLine:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        start, end = _place("start", self.start), _place("end", self.end)
-        if len(start) != len(end) or np.array_equal(start, end):
+        start = check_vector("SeepageLine: start", self.start, (2, 3))
+        end = check_vector("SeepageLine: end", self.end, (2, 3))
+        if len(start) != len(end) or not np.linalg.norm(end - start) > 0.0:
             raise ValueError(
-                f"SeepageLine: end is {self.end}; it must be another point than start "
-                f"{self.start}, with as many coordinates."
+                f"SeepageLine: end is {end.tolist()}; it must be another point than start "
+                f"{start.tolist()}, with as many coordinates."
             )
         for name in ("upstream", "downstream"):
             value = getattr(self, name)
@@ -189,14 +197,9 @@ class JointWater:
             allowed = "zero or more and finite"
             check_number(f"{name}: {what}", value, lambda v: v >= 0, allowed, unit=unit)
         _check_pressure(f"{name}: closed", self.closed)
-        named = self.reached_from is None or isinstance(self.reached_from, str)
-        wanted = "the name of a facet group"
-        check_kind_of(f"{name}: reached_from", self.reached_from, named, wanted)
-        if self.in_dynamics not in IN_DYNAMICS:
-            raise ValueError(
-                f"{name}: in_dynamics is {self.in_dynamics!r}; it must be one of "
-                f"{', '.join(IN_DYNAMICS)}."
-            )
+        if self.reached_from is not None:
+            check_name(f"{name}: reached_from", self.reached_from)
+        check_choice(f"{name}: in_dynamics", self.in_dynamics, IN_DYNAMICS)
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """None that is fixed; see `joint_water_state`."""
@@ -219,19 +222,10 @@ class JointWater:
 
 
 def _check_joint(load: Any) -> None:
-    check_kind_of("joint", load.joint, isinstance(load.joint, str), "the name of a joint")
+    check_name("joint", load.joint, "a joint")
+    check_function(f"{label(load)}: factor", load.factor)
 
 
 def _check_pressure(name: str, value: Any) -> None:
     if not callable(value):
         check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa")
-
-
-def _place(name: str, value: Any) -> Floats:
-    try:
-        place = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        place = np.empty(0)
-    if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
-        raise ValueError(f"SeepageLine: {name} is {value!r}; it must hold 2 or 3 finite numbers.")
-    return place

@@ -101,7 +101,7 @@ class JointWaters:
         """Add the forces of the end of the step, times ``scale``, [N]."""
         self._time_and_scale = time, scale
         for part, force in zip(self._parts, self._end.forces, strict=True):
-            factor = float(part.load.factor(time))
+            factor = part.factor(time)
             if not np.isfinite(factor):
                 raise ValueError(f"The factor of {part.name} is {factor} at t = {time:g} s.")
             out.axpy(scale * factor, force)
@@ -118,7 +118,7 @@ class JointWaters:
         ends = zip(self._parts, self._start.forces, self._end.forces, strict=True)
         return {
             part.name: 0.5
-            * float(part.load.factor(start) * before.dot(x) + part.load.factor(end) * after.dot(x))
+            * float(part.factor(start) * before.dot(x) + part.factor(end) * after.dot(x))
             for part, before, after in ends
         }
 
@@ -131,7 +131,7 @@ class JointWaters:
             load, count = part.load, len(part.here)
             of_codes = [np.full(count, code, dtype=np.int8) for code in Wetness]
             sums = [contact.integral(part.pressure(codes)) for codes in of_codes]
-            factors = [float(load.factor(float(t))) for t in times]
+            factors = [part.factor(float(t)) for t in times]
             settings = load.joint, load.aperture, load.reached_from, load.in_dynamics
             found[f"load {part.name}"] = np.array([*sums, *factors])
             found[f"water of {part.name}"] = repr(settings)

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_number
 from dolfinx_joints.laws import (
     NO_COMPLIANCE,
     Floats,
@@ -18,6 +18,7 @@ from dolfinx_joints.laws import (
     Law,
     Response,
     Status,
+    check_law,
     check_stiffness,
     contact_fraction,
     gap_under,
@@ -163,7 +164,7 @@ class ViscousJoint:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        check_kind_of("law", self.law, hasattr(self.law, "end_point"), "a joint law")
+        check_law("law", self.law)
         if getattr(self.law, "dilatancy_angle_deg", 0.0):
             raise ValueError(
                 "law has a dilatancy angle; dashpots are for joints that close at a gap of zero."

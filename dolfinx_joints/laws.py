@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_kind_of, check_number, numbers_of, offers, shown
 
 Floats = NDArray[np.float64]
 
@@ -292,6 +292,22 @@ def check_stiffness(normal_stiffness: float, shear_stiffness: float) -> None:
         "zero or more and finite",
         unit="Pa/m",
     )
+
+
+def check_law(name: str, law: Any) -> None:
+    """Refuse what is no joint law.
+
+    Raises:
+        ValueError: It has not the methods of one, or its stiffness is none.
+    """
+    good = offers(law, "end_point", "stored_energy", "closed_stiffness")
+    check_kind_of(name, law, good, "a joint law")
+    stiffness = numbers_of(law.closed_stiffness())
+    if stiffness is None or stiffness.shape != (2,) or not (stiffness >= 0.0).all():
+        raise ValueError(
+            f"{type(law).__name__}.closed_stiffness() gives {shown(law.closed_stiffness())}; it "
+            "must be two numbers of zero or more, k_n and k_s."
+        )
 
 
 def check_friction_angle(friction_angle_deg: float) -> None:

@@ -194,8 +194,8 @@ class DirectSolver:
         """Factor the matrix; PETSc's reason of a failure, or 0."""
         with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
-            self._ksp.setFromOptions()
             with self._told():
+                self._ksp.setFromOptions()
                 self._ksp.setUp()
         return int(self._ksp.getPC().getFailedReason())
 

@@ -13,7 +13,16 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import (
+    check_function,
+    check_kind_of,
+    check_name,
+    check_number,
+    check_vector,
+    finite,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -38,21 +47,27 @@ class AddedMass(Protocol):
         """Its mass in the layout of the model's matrices [kg] (collective)."""
 
 
-def in_axes(motion: Callable[[float], Any], gdim: int) -> Callable[[float], Any]:
+def in_axes(
+    motion: Callable[[float], Any], gdim: int, name: str = "motion"
+) -> Callable[[float], NDArray[np.float64]]:
     """What moves a model, of a motion in space: in the plane x and z, the vertical axis there is y.
 
     Args:
         motion: Function of time; of two numbers (x, up) in the plane all are taken.
         gdim: Axes of the model.
+        name: What the motion is called where it gives something else than ``gdim`` numbers.
     """
-    if gdim == 3:
-        return motion
 
-    def in_plane(time: float) -> Any:
-        values = np.asarray(motion(time))
-        return values[[0, 2]] if len(values) > 2 else values
+    def moved(time: float) -> NDArray[np.float64]:
+        given = motion(time)
+        values = numbers_of(given)
+        if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):
+            raise ValueError(
+                f"{name}({time:g}) is {shown(given)}; it must be at least {gdim} finite numbers."
+            )
+        return values[[0, 2]] if gdim == 2 and len(values) > 2 else values[:gdim]
 
-    return in_plane
+    return moved
 
 
 def always(_time: float) -> float:
@@ -66,9 +81,17 @@ class Gravity:
 
     Attributes:
         acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) unless given.
+
+    Raises:
+        ValueError: It is no vector.
     """
 
     acceleration: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the vector."""
+        if self.acceleration is not None:
+            check_vector("Gravity: acceleration", self.acceleration, (2, 3))
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """M g with the mass of the body; an extra mass form has no weight."""
@@ -77,7 +100,7 @@ class Gravity:
         if self.acceleration is None:
             vector[-1] = -STANDARD_GRAVITY
         else:
-            vector[:] = _vector(self.acceleration, gdim, "acceleration")
+            vector[:] = check_vector("Gravity: acceleration", self.acceleration, (gdim,))
         return [(model.inertia_pattern(vector, body_only=True), always)]
 
 
@@ -89,17 +112,26 @@ class Traction:
         group: Name of the facet group.
         value: Traction vector [Pa].
         factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is of another kind.
     """
 
     group: str
     value: Sequence[float]
     factor: TimeFactor = always
 
+    def __post_init__(self) -> None:
+        """Check group, vector and factor."""
+        check_on_group(self)
+        check_vector(f"Traction on {shown(self.group)}: value", self.value, (2, 3))
+
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
         from dolfinx import fem
 
-        vector = _vector(self.value, model.gdim, f"Traction on {self.group!r}: value")
+        name = f"Traction on {shown(self.group)}: value"
+        vector = check_vector(name, self.value, (model.gdim,))
         v = ufl.TestFunction(model.V)
         constant = fem.Constant(model.jointed.mesh, vector)
         return [
@@ -115,17 +147,25 @@ class Pressure:
         group: Name of the facet group.
         value: Pressure [Pa].
         factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is of another kind, or the pressure is not finite.
     """
 
     group: str
     value: float
     factor: TimeFactor = always
 
+    def __post_init__(self) -> None:
+        """Check group, pressure and factor."""
+        check_on_group(self)
+        name = f"Pressure on {shown(self.group)}: value"
+        check_number(name, self.value, lambda _: True, "finite", unit="Pa")
+
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
         from dolfinx import fem
 
-        check_number(f"Pressure on {self.group!r}: value", self.value, lambda _: True, "finite")
         v = ufl.TestFunction(model.V)
         n = ufl.FacetNormal(model.jointed.mesh)
         constant = fem.Constant(model.jointed.mesh, float(-self.value))
@@ -140,10 +180,18 @@ class FormLoad:
     Attributes:
         form: Given the test function, the UFL form of the load [N].
         factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: One of them is no function.
     """
 
     form: Callable[[Any], Any]
     factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the functions."""
+        check_function("FormLoad: form", self.form, "the test function")
+        check_function("FormLoad: factor", self.factor)
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its nodal forces."""
@@ -159,13 +207,20 @@ class BaseMotion:
     Attributes:
         acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
             In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
+
+    Raises:
+        ValueError: It is no function.
     """
 
     acceleration: Callable[[float], Any]
 
+    def __post_init__(self) -> None:
+        """Check the motion."""
+        check_function("BaseMotion: acceleration", self.acceleration)
+
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
-        latest = lru_cache(maxsize=1)(in_axes(self.acceleration, model.gdim))
+        latest = lru_cache(maxsize=1)(in_axes(self.acceleration, model.gdim, "acceleration"))
 
         def factor(axis: int) -> TimeFactor:
             return lambda time: float(latest(time)[axis])
@@ -176,14 +231,19 @@ class BaseMotion:
         ]
 
 
-def _vector(value: Sequence[float], gdim: int, name: str) -> NDArray[np.float64]:
-    try:
-        vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        vector = np.full(1, np.nan)
-    if vector.shape != (gdim,) or not np.all(np.isfinite(vector)):
-        raise ValueError(f"{name} is {value}; it must hold {gdim} finite numbers.")
-    return vector
+def check_on_group(load: Any) -> None:
+    """Refuse a load whose group is no name, or whose factor is no function.
+
+    Raises:
+        ValueError: It is.
+    """
+    check_name("group", load.group)
+    check_function(f"{on_group(load)}: factor", load.factor)
+
+
+def on_group(load: Any) -> str:
+    """What messages call a load on a facet group."""
+    return f"{type(load).__name__} on {shown(load.group)}"
 
 
 def check_motion(motion: Any, gdim: int) -> None:
@@ -194,6 +254,4 @@ def check_motion(motion: Any, gdim: int) -> None:
     """
     wanted = f"a function of time that gives at least {gdim} numbers"
     check_kind_of("motion", motion, callable(motion), wanted)
-    first = np.asarray(motion(0.0))
-    good = first.ndim == 1 and len(first) >= gdim and first.dtype.kind in "if"
-    check_kind_of("motion(0)", first.tolist(), good, f"at least {gdim} numbers")
+    in_axes(motion, gdim)(0.0)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.checks import shown
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh, load_msh
 from dolfinx_joints.orientation import facet_normals
@@ -126,13 +127,12 @@ class JointedMesh:
 
 
 def _tags_of(groups: Mapping[str, tuple[int, ...]], name: str, kind: str) -> tuple[int, ...]:
-    try:
-        return groups[name]
-    except KeyError:
+    if not isinstance(name, str) or name not in groups:
         known = ", ".join(sorted(groups)) or "none"
         raise MeshError(
-            f"The mesh has no {kind} group {name!r}; its {kind} groups are: {known}."
-        ) from None
+            f"The mesh has no {kind} group {shown(name)}; its {kind} groups are: {known}."
+        )
+    return groups[name]
 
 
 def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) -> JointedMesh:

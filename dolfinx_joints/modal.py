@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from dolfinx_joints.checks import check_count
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints import JointTangent
-from dolfinx_joints.system import MatrixSystem, as_aij
+from dolfinx_joints.system import MatrixSystem, as_aij, check_system
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +67,13 @@ def modes(system: MatrixSystem, count: int) -> Modes:
         count: Number of modes.
 
     Raises:
-        ValueError: ``count`` is not positive.
+        ValueError: ``count`` is not positive, or there are fewer free unknowns with mass.
         ConvergenceError: SLEPc found fewer modes.
     """
     from slepc4py import SLEPc
 
-    check_count("count", count, 1, "at least one mode must be asked for")
+    check_system(system)
+    check_count("count", count, 1, "at least one mode must be asked for", most=_most(system))
     stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
     if system.contact is not None:
         free = stiffness.createVecRight()
@@ -105,6 +106,13 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
     return _collect(solver, system, count)
+
+
+def _most(system: MatrixSystem) -> int:
+    """Number of free dofs with mass, as many as there are modes (collective)."""
+    held = np.union1d(system.constrained, system.massless)
+    free = system.mass.getLocalSize()[0] - len(held)
+    return int(sum(system.mass.comm.tompi4py().allgather(free)))
 
 
 def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:

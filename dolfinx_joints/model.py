@@ -17,16 +17,23 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.absorbing import ViscousBoundary, absorbing_groups
-from dolfinx_joints.checks import check_kind_of
+from dolfinx_joints.checks import check_kind_of, check_vector
 from dolfinx_joints.contact import Contact, InitialGap
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.elasticity import ElasticBody, Material, is_plastic
-from dolfinx_joints.errors import MeshError
 from dolfinx_joints.joints import JointOperator
 from dolfinx_joints.laws import Law
 from dolfinx_joints.loads import AddedMass, Load
 from dolfinx_joints.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.mesh import JointedMesh
+from dolfinx_joints.model_checks import (
+    check_added,
+    check_form,
+    check_joints,
+    check_loads,
+    check_nodal,
+    check_options,
+)
 from dolfinx_joints.parallel import lasting
 from dolfinx_joints.redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.supports import Constraints, Spring, Support
@@ -37,8 +44,6 @@ if TYPE_CHECKING:
     from dolfinx_joints.plastic_bulk import PlasticBulk
 
 BilinearForm = Callable[[Any, Any], Any]
-
-ADDED = "a WestergaardMass or a ReservoirMass"
 
 
 class Model:
@@ -108,37 +113,34 @@ class Model:
         redistribute_mass: bool = False,
     ) -> None:
         """Assemble everything that does not change (collective)."""
-        lists = {"supports": supports, "loads": loads, "added_mass": added_mass}
-        for name, values in lists.items():
-            check_kind_of(name, values, isinstance(values, list | tuple), f"a list of {name}")
-        for added in added_mass:
-            check_kind_of("An added mass", added, hasattr(added, "matrix"), ADDED)
-        for load in loads:
-            check_kind_of("A load", load, hasattr(load, "patterns"), "Gravity, Traction or such")
-            if hasattr(load, "group"):
-                jointed.facets(load.group)
-            check_kind_of("factor", *_factor(load), "a function of time")
+        is_mesh = isinstance(jointed, JointedMesh)
+        check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
+        forms = {"stiffness": extra_stiffness, "mass": extra_mass, "damping": extra_damping}
+        check_options(
+            degree=degree,
+            quadrature=quadrature,
+            plane=plane,
+            damping=damping,
+            forms={f"extra_{name}": form for name, form in forms.items()},
+            flags={"symmetric": symmetric, "redistribute_mass": redistribute_mass},
+        )
+        check_joints(jointed, joints, initial_gaps)
+        check_kind_of(
+            "supports", supports, isinstance(supports, list | tuple), "a list of supports"
+        )
+        check_loads(jointed, loads)
+        check_added(added_mass)
         rayleigh = damping or Rayleigh()
-        check_kind_of("damping", rayleigh, isinstance(rayleigh, Rayleigh), "a Rayleigh damping")
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
         self.gdim = jointed.mesh.geometry.dim
-        degree = jointed.shape.degree if degree is None else degree
-        if degree not in (1, 2):
-            raise ValueError(f"degree is {degree}; the displacement may be of degree 1 or 2.")
+        degree = jointed.shape.degree if degree is None else int(degree)
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", degree, (self.gdim,)))
         self.body = ElasticBody(jointed, material, plane=plane)
         self.constraints = Constraints(jointed, self.V, list(supports))
         self.operator, self.contact = None, None
-        if jointed.joint_names:
-            if joints is None:
-                raise MeshError(
-                    f"The mesh has joints ({', '.join(jointed.joint_names)}) but no law was given; "
-                    "pass joints=, or read the mesh with joints=[] for a monolithic body."
-                )
+        if jointed.joint_names and joints is not None:
             self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
             self.contact = Contact(self.operator, joints, initial_gaps)
-        elif joints is not None and isinstance(joints, Mapping) and joints:
-            raise MeshError(f"The mesh has no joints, but laws were given for {', '.join(joints)}.")
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, self.loads)
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
@@ -235,12 +237,12 @@ class Model:
     def _extra(self, extra: BilinearForm) -> Any:
         """A bilinear form of the user's own."""
         form = extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
-        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
         return form
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
-        _check_form(form, 1, "A load must be a linear UFL form of v")
+        check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return without_ghosts(vector, self.mass)
@@ -254,6 +256,7 @@ class Model:
             acceleration: Shape (gdim,), [m/s^2].
             body_only: Leave the extra mass form and added masses out.
         """
+        check_vector("acceleration", acceleration, (self.gdim,))
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
         local = uniform.getLocalSize() // self.gdim
@@ -271,6 +274,7 @@ class Model:
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
         """
+        check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
             raise ValueError(
                 "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
@@ -311,6 +315,7 @@ class Model:
         Raises:
             MeshError: There is no such group.
         """
+        check_nodal("force", force, self.mass)
         nodes = self.nodes(group)
         local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
         return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
@@ -327,6 +332,7 @@ class Model:
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""
+        check_nodal("vector", vector, self.mass)
         u = fem.Function(self.V, name=name)
         owned = vector.getLocalSize()
         u.x.array[:owned] = vector.getArray(readonly=True)
@@ -358,15 +364,3 @@ def _group(load: Any) -> list[str]:
 def _follows(load: Any) -> bool:
     """Whether a load depends on the state of the joints."""
     return hasattr(load, "in_dynamics")
-
-
-def _factor(load: Any) -> tuple[Any, bool]:
-    """Factor of a load and whether it is a function, or nothing to complain of."""
-    factor = getattr(load, "factor", None)
-    return factor, factor is None or callable(factor)
-
-
-def _check_form(form: Any, arguments: int, what: str) -> None:
-    count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
-    if count != arguments:
-        raise ValueError(f"{what}; this one has {count} arguments: {str(form)[:80]}.")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_count, check_kind_of
+from dolfinx_joints.checks import check_count, check_flag, check_kind_of, check_path
 from dolfinx_joints.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
 from dolfinx_joints.errors import MeshError, ResultsError
 from dolfinx_joints.joint_forces import PointExtras, ResultantsStream, strengths
@@ -22,12 +22,13 @@ from dolfinx_joints.probes import (
     NodeGather,
     PointProbe,
     boundary_facets,
+    checked_points,
     joint_facet_points,
     joint_statics,
 )
 from dolfinx_joints.results import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
-from dolfinx_joints.results_writer import ResultsWriter
+from dolfinx_joints.results_writer import ResultsWriter, check_storable
 from dolfinx_joints.stages import Record
 from dolfinx_joints.stresses import StressEnvelopes
 
@@ -54,6 +55,9 @@ class ResultsMonitor:
             included, at the whole boundary or on the facet groups named; of models in space only.
             Costs a product with a matrix each step.
         resultants: Record force and moment of each joint, and on each block, at every step.
+
+    Raises:
+        ValueError: A parameter is of another kind.
     """
 
     def __init__(
@@ -68,14 +72,14 @@ class ResultsMonitor:
         resultants: bool = False,
     ) -> None:
         """Nothing is written before the run starts."""
+        check_path("path", path)
         check_count("every", every, 1, "states are written every 1 or more steps")
-        if not points:
-            raise ValueError("points is empty; at least one monitor point is needed.")
-        self._path, self._points, self._every = Path(path), dict(points), every
+        check_flag("overwrite", overwrite)
+        check_flag("resultants", resultants)
+        check_storable("metadata", {} if metadata is None else metadata)
+        self._path, self._points, self._every = Path(path), checked_points(points), every
         self._metadata, self._overwrite = dict(metadata or {}), overwrite
-        check_kind_of("resultants", resultants, isinstance(resultants, bool), "True or False")
-        self._with_envelopes = chosen_faces(envelopes)
-        self._with_resultants = resultants
+        self._with_envelopes, self._with_resultants = chosen_faces(envelopes), resultants
         self._writer: ResultsWriter | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -300,6 +304,7 @@ class FieldMonitor:
 
     def __init__(self, path: str | Path, *, every: int = 10) -> None:
         """Nothing is written before the run starts."""
+        check_path("path", path)
         check_count("every", every, 1, "fields are written every 1 or more steps")
         self._path, self._every = Path(path), every
 
@@ -356,6 +361,7 @@ class ProgressMonitor:
 
     def __init__(self, label: str = "dynamic") -> None:
         """The bar appears when the run starts."""
+        check_kind_of("label", label, isinstance(label, str), "a text")
         self._label = label
         self._bar: Any = None
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints
 from dolfinx_joints.errors import MeshError
+from dolfinx_joints.msh_checks import Contents
 
 # Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
 _CELLS = {
@@ -66,20 +68,34 @@ def load_msh(path: Path) -> RawMesh:
     terminal, current = gmsh.option.getNumber("General.Terminal"), gmsh.model.getCurrent()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        try:
-            gmsh.model.add(f"dolfinx_joints reads {path}")
-            gmsh.merge(str(path))
-        except Exception as exc:
-            raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
+        contents = Contents(path.read_bytes(), repr(str(path)), _nodes_per_cell)
+        gmsh.model.add(f"dolfinx_joints reads {path}")
+        with TemporaryDirectory() as folder:
+            checked = path
+            if contents.others:
+                checked = Path(folder) / "checked.msh"
+                checked.write_bytes(b"".join(contents.parts))
+            try:
+                gmsh.merge(str(checked))
+            except Exception as exc:
+                raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
         return _read_model(gmsh.model, str(path))
     finally:
         if started:
             gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
             gmsh.finalize()
         else:
-            gmsh.model.remove()
+            if gmsh.model.getCurrent() != current:
+                gmsh.model.remove()
             gmsh.model.setCurrent(current)
             gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def _nodes_per_cell(kind: int) -> int:
+    """Number of nodes of a Gmsh type of cell."""
+    import gmsh
+
+    return int(gmsh.model.mesh.getElementProperties(kind)[3])
 
 
 def _check_head(path: Path) -> None:

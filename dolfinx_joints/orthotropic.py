@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_kind_of, check_number, numbers_of, shown
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,8 @@ class Orthotropic:
         """Check the parameters."""
         for name in ("young", "poisson", "shear"):
             values = getattr(self, name)
-            three = isinstance(values, Sequence | np.ndarray) and len(values) == 3
+            row = isinstance(values, np.ndarray) and values.ndim == 1
+            three = (row or isinstance(values, Sequence)) and len(values) == 3
             check_kind_of(f"Orthotropic: {name}", values, three, "three numbers")
         for name, values in (("young", self.young), ("shear", self.shear)):
             for value in values:
@@ -102,19 +103,17 @@ class Orthotropic:
         Raises:
             ValueError: They are no three orthogonal vectors.
         """
-        try:
-            rows = np.asarray(self.axes, dtype=float)
-        except (TypeError, ValueError):
-            rows = np.zeros(0)
-        good = rows.shape == (3, 3) and bool(np.all(np.isfinite(rows)))
-        lengths = np.linalg.norm(rows, axis=1) if good else np.zeros(3)
-        if good and np.all(lengths > 0.0):
+        rows = numbers_of(self.axes)
+        good = rows is not None and rows.shape == (3, 3) and bool(np.isfinite(rows).all())
+        lengths = np.linalg.norm(rows, axis=1) if good and rows is not None else np.zeros(3)
+        if rows is not None and np.all(lengths > 0.0) and np.all(np.isfinite(lengths)):
             frame: Floats = rows / lengths[:, None]
             if np.allclose(frame @ frame.T, np.eye(3), atol=1e-6):
                 u, _, v = np.linalg.svd(frame)  # exactly orthogonal
                 return u @ v
         raise ValueError(
-            f"Orthotropic: axes is {self.axes!r}; it must be three orthogonal vectors in x, y, z."
+            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in "
+            "x, y, z."
         )
 
 

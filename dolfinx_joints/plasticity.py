@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_choice, check_kind_of, check_number, offers
 
 if TYPE_CHECKING:
     from dolfinx_joints.elasticity import Elastic
@@ -134,7 +134,7 @@ class DruckerPrager:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        good = hasattr(self.elastic, "first_lame") and hasattr(self.elastic, "density")
+        good = offers(self.elastic, "first_lame") and hasattr(self.elastic, "density")
         check_kind_of("DruckerPrager: elastic", self.elastic, good, "an Elastic")
         check_number(
             "DruckerPrager: friction_angle_deg",
@@ -157,10 +157,7 @@ class DruckerPrager:
                 lambda v: 0 <= v <= friction,
                 f"from 0 to the friction angle, {friction:g} degrees",
             )
-        if self.fit not in FITS:
-            raise ValueError(
-                f"DruckerPrager: fit is {self.fit!r}; it must be one of {', '.join(FITS)}."
-            )
+        check_choice("DruckerPrager: fit", self.fit, FITS)
 
     @property
     def slope(self) -> float:

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_kind_of, check_vector, shown
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.model import Model
 
@@ -49,6 +50,18 @@ class NodeGather:
         values = np.zeros((len(self._order), 3))
         values[:, : self._gdim] = np.concatenate(parts)[self._order]
         return values
+
+
+def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
+    """Monitor points by name.
+
+    Raises:
+        ValueError: They are something else.
+    """
+    named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
+    check_kind_of("points", points, named and len(points) > 0, "coordinates by name of a point")
+    places = (check_vector(f"The point {shown(n)}", p, (2, 3)) for n, p in points.items())
+    return {n: tuple(float(x) for x in place) for n, place in zip(points, places, strict=True)}
 
 
 def _node_keys(model: Model) -> NDArray[np.int64]:
@@ -149,6 +162,11 @@ class PointProbe:
         extent = float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
         positions = []
         for row, point in enumerate(points):
+            if len(point) < self._gdim:
+                raise MeshError(
+                    f"Monitor point {tuple(point)} has {len(point)} coordinates; the mesh has "
+                    f"{self._gdim}."
+                )
             wanted = np.zeros(3)
             wanted[: len(point)] = point
             distance = np.round(np.linalg.norm(x - wanted, axis=1), 9)

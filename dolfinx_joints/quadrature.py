@@ -11,6 +11,8 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import shown
+
 Floats = NDArray[np.float64]
 
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
@@ -76,7 +78,7 @@ def is_nodal(facet_vertices: int, degree: int, rule: str | int) -> bool:
     Raises:
         ValueError: The rule is unknown or does not exist for this degree.
     """
-    _check_rule(rule)
+    check_rule(rule)
     exists = degree in (1, 2)
     if rule == "nodal" and not exists:
         raise ValueError(
@@ -85,7 +87,7 @@ def is_nodal(facet_vertices: int, degree: int, rule: str | int) -> bool:
     return exists and rule in ("auto", "nodal")
 
 
-def _check_rule(rule: Any) -> None:
+def check_rule(rule: Any) -> None:
     """Refuse what is neither the name of a rule nor the degree of one."""
     if isinstance(rule, str) and rule in RULES:
         return
@@ -96,6 +98,6 @@ def _check_rule(rule: Any) -> None:
     least, most = GAUSS_DEGREES
     if not least <= exact_to <= most:
         raise ValueError(
-            f"quadrature is {rule!r}; it must be one of {', '.join(RULES)}, or the degree of a "
-            f"Gauss rule, a whole number from {least} to {most}."
+            f"quadrature is {shown(rule)}; it must be one of {', '.join(RULES)}, or the degree of "
+            f"a Gauss rule, a whole number from {least} to {most}."
         )

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_joints.checks import shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_text import (
     Component,
@@ -103,7 +104,9 @@ def _said(text: RecordText) -> dict[str, tuple[int, str]]:
             continue
         key = "unit" if match[1].lower() == "units" else match[1].lower()
         if key in said:
-            text.fail(number, f"{key} is said again; line {said[key][0]} says {said[key][1]!r}.")
+            text.fail(
+                number, f"{key} is said again; line {said[key][0]} says {shown(said[key][1])}."
+            )
         said[key] = (number, match[2].strip())
     return said
 
@@ -120,7 +123,7 @@ def _unit(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> 
             "'# unit: cm/s^2' above the numbers."
         )
     if None not in (here, given) and here != given:
-        text.fail(said["unit"][0], f"the unit is {here}, but unit={user.unit!r} was given.")
+        text.fail(said["unit"][0], f"the unit is {here}, but unit={shown(user.unit)} was given.")
     return here or given or ""
 
 
@@ -131,7 +134,8 @@ def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) ->
     if here is not None and given is not None and here != given:
         text.fail(
             said["columns"][0],
-            f"the columns are {' '.join(here)}, but columns={' '.join(given)!r} was given.",
+            f"the columns are {shown(' '.join(here), str)}, but columns="
+            f"{shown(' '.join(given))} was given.",
         )
     names = here or given
     if names is None:
@@ -146,7 +150,7 @@ def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) ->
     if known != names or names.count("time") > 1 or len(set(names)) < len(names):
         raise RecordError(
             f"{text.path}: columns must be 'time' once at most and different directions (N, E, S, "
-            f"W, UP, DOWN or azimuths), got {' '.join(names)}."
+            f"W, UP, DOWN or azimuths), got {shown(' '.join(names), str)}."
         )
     return names
 

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import shown
 from dolfinx_joints.record_formats import Format
 from dolfinx_joints.record_text import Component, Direction, RecordText, component, record_named
 
@@ -22,7 +23,7 @@ _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)
 _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
-_WIDTH = re.compile(r"Format\s*=\s*\(\s*(\d{1,3})\s*[IFEGD](\d{1,2})", re.I)
+_WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
 _BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d{1,3})\s*\)", re.I)
 _UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
 
@@ -71,12 +72,17 @@ def _channels(text: RecordText) -> Iterator[Component]:
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:
     """Name of the unit, by the second and third whole number, which are on a line."""
     if whole[1] not in ("1", "-999"):  # acceleration, or not said here
-        text.fail(number, f"the channel must hold acceleration, code 1, got {whole[1]}.")
+        text.fail(
+            number, f"the channel must hold acceleration, code 1, got {shown(whole[1], str)}."
+        )
     known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
     for code, name in _UNIT_CODES.items():
         if whole[2] == str(code):
             return name
-    text.fail(number, f"the unit has the code {whole[2]}; known are {known} (50 is raw counts).")
+    text.fail(
+        number,
+        f"the unit has the code {shown(whole[2], str)}; known are {known} (50 is raw counts).",
+    )
 
 
 def _header(text: RecordText, number: int) -> tuple[list[str], int]:
@@ -86,7 +92,7 @@ def _header(text: RecordText, number: int) -> tuple[list[str], int]:
     if part is None or width is None:
         text.fail(
             number,
-            f"must say how many header values follow and their format, got {line.strip()!r}.",
+            f"must say how many header values follow and their format, got {shown(line.strip())}.",
         )
     count, lines = text.count(number, part[1]), text.count(number, part[2], "the number of lines")
     text.line(number + lines, "the end of the header")
@@ -101,7 +107,7 @@ def _after_comments(text: RecordText, number: int) -> int:
     line = text.line(number, "the number of comments")
     match = _COMMENTS.match(line)
     if match is None:
-        text.fail(number, f"must say how many comment lines follow, got {line.strip()!r}.")
+        text.fail(number, f"must say how many comment lines follow, got {shown(line.strip())}.")
     return number + int(match[1]) + 1
 
 
@@ -115,7 +121,7 @@ def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64
             continue
         block, width = _BLOCK.match(line), _WIDTH.search(line)
         if block is None or width is None:
-            text.fail(number, f"must announce values and their format, got {line.strip()!r}.")
+            text.fail(number, f"must announce values and their format, got {shown(line.strip())}.")
         count = text.count(number, block[1])
         last = number + -(-count // int(width[1]))
         values = text.values(number + 1, count, number, width=int(width[2]), last=last)

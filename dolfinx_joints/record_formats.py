@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from dolfinx_joints.checks import shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_text import (
     Component,
@@ -79,11 +80,11 @@ def at2_record(path: Path) -> str | None:
 def _read_at2(text: RecordText) -> list[Component]:
     unit_line = text.line(3, "the unit, 'UNITS OF G'")
     if not _UNIT_IS_G.search(unit_line):
-        text.fail(3, f"must say 'UNITS OF G', got {unit_line.strip()!r}.")
+        text.fail(3, f"must say 'UNITS OF G', got {shown(unit_line.strip())}.")
     line = text.line(4, "'NPTS= count, DT= step SEC'")
     match = next(filter(None, (pattern.search(line) for pattern in _COUNT_AND_STEP)), None)
     if match is None:
-        text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {line.strip()!r}.")
+        text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
     record, direction = _at2_parts(text.path)
     said = direction_named(text.lines[1].rpartition(",")[2])
@@ -128,7 +129,7 @@ def _read_esm(text: RecordText) -> list[Component]:
             raise RecordError(f"{text.path}: the header of an ESM file must have the key {key}.")
     number, kind = keys["DATA_TYPE"]
     if kind != "ACCELERATION":
-        text.fail(number, f"DATA_TYPE must be ACCELERATION, got {kind!r}.")
+        text.fail(number, f"DATA_TYPE must be ACCELERATION, got {shown(kind)}.")
     dt = text.positive(*keys["SAMPLING_INTERVAL_S"], "SAMPLING_INTERVAL_S")
     count = text.count(*keys["NDATA"], "NDATA")
     number, unit = keys["UNITS"]
@@ -175,7 +176,7 @@ def _read_knet(text: RecordText) -> list[Component]:
     line, scale = _knet(text, "Scale Factor")
     match = _SCALE.fullmatch(scale)
     if match is None:
-        text.fail(line, f"Scale Factor must be as 3920(gal)/6182761, got {scale!r}.")
+        text.fail(line, f"Scale Factor must be as 3920(gal)/6182761, got {shown(scale)}.")
     unit = unit_named(match[2], f"{text.path}, line {line}")
     factor = text.positive(line, match[1], "scale") / text.positive(line, match[3], "scale")
     return [
@@ -204,7 +205,9 @@ def _smc_record(text: RecordText) -> str:
 def _read_smc(text: RecordText) -> list[Component]:
     kind = text.lines[0].strip()
     if kind != "2 CORRECTED ACCELEROGRAM":
-        text.fail(1, f"must say '2 CORRECTED ACCELEROGRAM', as others can be uneven, got {kind!r}.")
+        text.fail(
+            1, f"must say '2 CORRECTED ACCELEROGRAM', as others can be uneven, got {shown(kind)}."
+        )
     text.line(27, "the end of the headers")
     whole = [word for number in range(12, 18) for word in text.words(number, 10)]
     if len(whole) != 48:
@@ -214,7 +217,7 @@ def _read_smc(text: RecordText) -> list[Component]:
     rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
     count = text.count(14, whole[16])
     if not re.fullmatch(r"\d{1,4}", whole[15]):
-        text.fail(13, f"the number of comments must be a whole number, got {whole[15]!r}.")
+        text.fail(13, f"the number of comments must be a whole number, got {shown(whole[15])}.")
     comments = int(whole[15])
     tilt, azimuth = (text.number(13, word, "orientation") for word in whole[12:14])
     sideways = direction_named(f"{azimuth:g}") if tilt == 90.0 else None

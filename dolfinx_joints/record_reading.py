@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_columns import Columns, is_columns, read_columns, states_unit
 from dolfinx_joints.record_cosmos import COSMOS
@@ -64,7 +64,7 @@ def read_components(
     found = known.read(text)
     for each in found:
         if unit is not None and unit_named(unit, "unit") != each.unit:
-            raise RecordError(f"{path} is in {each.unit}, but unit={unit!r} was given.")
+            raise RecordError(f"{path} is in {each.unit}, but unit={shown(unit)} was given.")
         if dt is not None and abs(dt - each.dt) > 1e-6 * each.dt:
             raise RecordError(f"{path} has a time step of {each.dt:.6g} s, but dt={dt} was given.")
     return found
@@ -173,9 +173,9 @@ def _record_of(path: Path, any_columns: bool) -> str | None:
         known = next((each for each in FORMATS if each.matches(text)), None)
         if known is not None:
             return known.record(text)
+        return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
     except RecordError:  # an AT2 file is known by its name too, and refused when it is read
         return at2_record(path) if path.suffix.upper() == ".AT2" else None
-    return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
@@ -189,12 +189,13 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
         direction = direction_named(str(said))
         if direction is None:
             raise RecordError(
-                f"directions must be N, E, S, W, UP, DOWN or azimuths from 0 to 360, got {said!r}."
+                "directions must be N, E, S, W, UP, DOWN or azimuths from 0 to 360, got "
+                f"{shown(said)}."
             )
         if part.direction not in (None, direction):
             raise RecordError(
                 f"{part.path} says that its direction is {_said(part.direction)}, but "
-                f"{said!r} was given."
+                f"{shown(said)} was given."
             )
         directed.append(replace(part, direction=direction))
     return directed
@@ -213,15 +214,15 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     ]
     if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
         raise RecordError(
-            f"A record is a vertical component and two horizontal ones at right angles, {title!r} "
-            f"is {found}; directions= says what the files do not."
+            "A record is a vertical component and two horizontal ones at right angles, "
+            f"{shown(title)} is {found}; directions= says what the files do not."
         )
     ((x, y, azimuth),) = pairs
     for what, values in (("time steps [s]", "dt"), ("units", "unit")):
         different = {getattr(part, values) for part in parts}
         if len(different) != 1:
             listed = ", ".join(sorted(map(str, different)))
-            raise RecordError(f"The components of {title!r} have different {what}, {listed}.")
+            raise RecordError(f"The components of {shown(title)} have different {what}, {listed}.")
     sign = -1.0 if upright[0].direction == "down" else 1.0
     length = min(len(part.acceleration) for part in parts)
     columns = [part.acceleration[:length] for part in (x, y, upright[0])]

@@ -15,11 +15,15 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.records import STANDARD_GRAVITY
 
 MAX_BYTES = 50_000_000
 """Largest file that is read [bytes]; an hour at 200 samples per second takes 12e6."""
+
+STEPS = (1e-6, 100.0)
+"""Shortest and longest time between samples that is believed [s]."""
 
 MAX_PEAK_G = 20.0
 """Largest acceleration that is believed, in units of g; the strongest ever recorded is below 5."""
@@ -120,24 +124,25 @@ class RecordText:
         """A finite number in a line, or a refusal that names ``what``."""
         value = float(text) if _NUMBER.fullmatch(text) else np.nan
         if not np.isfinite(value):
-            self.fail(number, f"{what}{' ' if what else ''}{text!r} is not a finite number.")
+            self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
         return value
 
     def positive(self, number: int, text: str, what: str) -> float:
         """A finite number above zero in a line."""
         value = self.number(number, text, what)
         if value <= 0.0:
-            self.fail(number, f"{what} must be positive, got {text}.")
+            self.fail(number, f"{what} must be positive, got {shown(text, str)}.")
         return value
 
     def count(self, number: int, text: str, what: str = "the number of values") -> int:
         """A number of values, at least 2 and no more than the file can hold."""
         if not re.fullmatch(r"\d+", text):
-            self.fail(number, f"{what} must be a whole number, got {text!r}.")
+            self.fail(number, f"{what} must be a whole number, got {shown(text)}.")
         most = self.size // 2  # a digit and a space each
         if len(text) > 18 or not 2 <= int(text) <= most:
+            got = shown(text, str)
             self.fail(
-                number, f"{what} must be from 2 to {most}, which fit into the file, got {text}."
+                number, f"{what} must be from 2 to {most}, which fit into the file, got {got}."
             )
         return int(text)
 
@@ -202,7 +207,7 @@ def unit_named(text: str, where: str) -> str:
     plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
     if plain not in UNITS:
         raise RecordError(
-            f"{where}: {str(text).strip()!r} is no known unit of acceleration; known are "
+            f"{where}: {shown(str(text).strip())} is no known unit of acceleration; known are "
             f"{', '.join(UNITS)}."
         )
     return plain
@@ -240,7 +245,7 @@ def component(
     record: str,
     header: int,
 ) -> Component:
-    """A component in m/s^2, refused where its unit cannot be true.
+    """A component in m/s^2, refused where its unit or its time step cannot be true.
 
     Args:
         text: the file.
@@ -251,6 +256,11 @@ def component(
         record: name of the record.
         header: how many lines the header has.
     """
+    if not STEPS[0] <= dt <= STEPS[1]:
+        raise RecordError(
+            f"{text.path}: a time step of {dt:.6g} s is none of a ground motion, which has from "
+            f"{STEPS[0]:g} to {STEPS[1]:g} s."
+        )
     acceleration = UNITS[unit] * values
     place = int(np.argmax(np.abs(acceleration)))
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:

@@ -13,7 +13,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import (
+    LARGEST,
+    SMALLEST,
+    check_count,
+    check_number,
+    finite,
+    numbers_of,
+    real,
+    shown,
+)
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.motion_processing import (
     ROUNDING,
@@ -28,6 +37,10 @@ from dolfinx_joints.motion_processing import (
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901): the g in which records are given."""
+
+# A day in steps of 0.01 s.
+MOST_SAMPLES = 1e7
+_MOST_SINES = 3e8  # values of sines in a synthetic motion: some ten seconds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,14 +63,21 @@ class Motion:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        values = np.array(self.acceleration, dtype=np.float64)
+        values = numbers_of(self.acceleration)
+        if values is None:
+            got = shown(self.acceleration)
+            raise RecordError(f"acceleration must be real numbers of shape (n >= 2, 3), got {got}.")
         if values.ndim != 2 or values.shape[0] < 2 or values.shape[1] != 3:
             raise RecordError(f"acceleration must have shape (n >= 2, 3), got {values.shape}.")
-        if not np.isfinite(values).all():
-            row = int(np.argmin(np.isfinite(values).all(axis=1)))
+        if not finite(values):
+            row = int(np.argmin((np.abs(values) <= LARGEST).all(axis=1)))
             raise RecordError(f"acceleration must be finite, got {values[row]} at sample {row}.")
-        if not (np.isfinite(self.dt) and self.dt > 0.0):
-            raise RecordError(f"dt must be a positive number of seconds, got {self.dt}.")
+        if not SMALLEST <= real(self.dt) <= LARGEST:
+            raise RecordError(
+                f"dt must be a positive number of seconds, got {shown(self.dt, str)}."
+            )
+        if not isinstance(self.name, str):
+            raise RecordError(f"name must be a text, got {shown(self.name)}.")
         values.flags.writeable = False
         object.__setattr__(self, "acceleration", values)
 
@@ -86,7 +106,9 @@ class Motion:
         Returns:
             Shape (..., 3), [m/s^2].
         """
-        times, samples = np.asarray(time, dtype=np.float64), self.time
+        times, samples = numbers_of(time), self.time
+        if times is None or np.isnan(times).any():
+            raise RecordError(f"time must be numbers of seconds, got {shown(time)}.")
         columns = [np.interp(times, samples, c, left=0.0, right=0.0) for c in self.acceleration.T]
         return np.stack(columns, axis=-1)
 
@@ -103,9 +125,10 @@ class Motion:
         1976 as it is read (x on azimuth 0, y on 270), 25 degrees puts the largest horizontal peak
         of any angle, 0.395 g, on x'.
         """
-        if not np.isfinite(angle_deg):
-            raise RecordError(f"angle_deg must be a finite number, got {angle_deg}.")
-        c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+        if not abs(real(angle_deg)) <= LARGEST:
+            raise RecordError(f"angle_deg must be a finite number, got {shown(angle_deg, str)}.")
+        angle = np.deg2rad(float(angle_deg))
+        c, s = np.cos(angle), np.sin(angle)
         if angle_deg % 90.0 == 0.0:  # components change places to the last bit
             c, s = np.round(c), np.round(s)
         x, y, z = self.acceleration.T
@@ -123,10 +146,12 @@ class Motion:
         Args:
             dt: new time between samples [s].
         """
-        if not 0.0 < dt <= self.duration:
-            raise RecordError(f"dt must be positive and at most {self.duration:.6g} s, got {dt}.")
+        if not 0.0 < real(dt) <= self.duration:
+            got = shown(dt, str)
+            raise RecordError(f"dt must be positive and at most {self.duration:.6g} s, got {got}.")
         if dt == self.dt:
             return self
+        _check_samples(self.duration, dt)
         count = int(np.floor(self.duration / dt + ROUNDING)) + 1
         values = resample(self.acceleration, self.dt, dt, count)
         return replace(self, acceleration=values, dt=float(dt))
@@ -141,13 +166,13 @@ class Motion:
             start: time of the present motion where to begin [s].
         """
         if not (
-            start >= 0.0
-            and duration > 0.0
-            and start + duration <= self.duration + ROUNDING * self.dt
+            real(start) >= 0.0
+            and real(duration) > 0.0
+            and real(start) + real(duration) <= self.duration + ROUNDING * self.dt
         ):
             raise RecordError(
-                f"The part to keep must lie within 0 to {self.duration:.6g} s, got {start:.6g} to "
-                f"{start + duration:.6g} s."
+                f"The part to keep must lie within 0 to {self.duration:.6g} s, got a duration of "
+                f"{shown(duration, str)} from {shown(start, str)} s on."
             )
         first = int(np.ceil(start / self.dt - ROUNDING))
         last = int(np.floor((start + duration) / self.dt + ROUNDING))
@@ -167,8 +192,8 @@ class Motion:
         Args:
             degree: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
         """
-        if isinstance(degree, bool) or degree not in range(7):
-            raise RecordError(f"degree must be a whole number from 0 to 6, got {degree!r}.")
+        if real(degree) not in range(7):
+            raise RecordError(f"degree must be a whole number from 0 to 6, got {shown(degree)}.")
         if len(self.acceleration) < degree + 3:
             raise RecordError(
                 f"A baseline of degree {degree} needs {degree + 3} samples or more, the motion "
@@ -206,8 +231,9 @@ class Motion:
                 f"A corner of {corners[0]:.6g} Hz is below one period in the {self.duration:.6g} "
                 f"s of the motion, {1.0 / self.duration:.6g} Hz."
             )
-        if isinstance(order, bool) or order not in range(1, 9):
-            raise RecordError(f"order must be a whole number from 1 to 8, got {order!r}.")
+        if real(order) not in range(1, 9):
+            raise RecordError(f"order must be a whole number from 1 to 8, got {shown(order)}.")
+        low, high = (None if corner is None else float(corner) for corner in (low, high))
         values = band_pass(self.acceleration, self.dt, low, high, int(order))
         return replace(self, acceleration=values)
 
@@ -220,8 +246,8 @@ class Motion:
         """
         if (seconds is None) == (fraction is None):
             raise RecordError("Give the taper either in seconds or as a fraction.")
-        ramp = seconds if seconds is not None else (fraction or 0.0) * self.duration
-        if not 0.0 < ramp <= 0.5 * self.duration:
+        ramp = real(fraction) * self.duration if seconds is None else real(seconds)
+        if not SMALLEST <= ramp <= 0.5 * self.duration:
             raise RecordError(
                 f"Each ramp must last more than 0 s and at most half the duration, "
                 f"{0.5 * self.duration:.6g} s, got {ramp:.6g} s."
@@ -232,10 +258,21 @@ class Motion:
 
     def scaled(self, factor: float | Sequence[float]) -> Self:
         """Multiply by one factor, or by one for each component."""
-        factors = np.asarray(factor, dtype=np.float64)
-        if factors.shape not in ((), (3,)) or not np.isfinite(factors).all():
-            raise RecordError(f"factor must be one finite number or three, got {factor}.")
+        factors = numbers_of(factor)
+        if factors is None or factors.shape not in ((), (3,)) or not finite(factors):
+            raise RecordError(
+                f"factor must be one finite number or three, got {shown(factor, str)}."
+            )
         return replace(self, acceleration=factors * self.acceleration)
+
+
+def _check_samples(duration: float, dt: float) -> None:
+    """Refuse more samples than anybody can keep."""
+    if duration / dt > MOST_SAMPLES:
+        raise RecordError(
+            f"A duration of {duration:.6g} s in steps of {dt:.6g} s has {duration / dt:.3g} "
+            f"samples; {MOST_SAMPLES:.0e} are the most."
+        )
 
 
 def synthetic_motion(
@@ -261,26 +298,45 @@ def synthetic_motion(
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
         band: lowest and highest frequency of the sines [Hz].
+
+    Raises:
+        RecordError: a parameter is out of its range.
+        ValueError: ``seed`` is no whole number.
     """
-    low, high = band
-    if not (0.0 < 100.0 * dt <= duration and np.isfinite(duration)):
-        raise RecordError(f"dt must be positive and at most duration / 100, got {dt} s.")
-    if not (1.0 / duration <= low < high <= 0.5 / dt):
+    seed = check_count("seed", seed, 0, "it must be a whole number of at least 0")
+    if not 0.0 < 100.0 * real(dt) <= real(duration) <= LARGEST:
+        raise RecordError(
+            f"dt must be positive and at most duration / 100, got {shown(dt, str)} s in a duration "
+            f"of {shown(duration, str)} s."
+        )
+    _check_samples(duration, dt)
+    edges, peaks = numbers_of(band), numbers_of(peaks_g)
+    rises = edges is not None and edges.shape == (2,)
+    if edges is None or not (rises and 1.0 / duration <= edges[0] < edges[1] <= 0.5 / dt):
         raise RecordError(
             f"band must rise within {1.0 / duration:.4g} Hz (1/duration, {duration:g} s) and "
-            f"{0.5 / dt:.4g} Hz (0.5/dt), got {band}."
+            f"{0.5 / dt:.4g} Hz (0.5/dt), got {shown(band)}."
         )
-    if len(peaks_g) != 3 or not np.all(np.isfinite(peaks_g)) or min(peaks_g) < 0.0:
-        raise RecordError(f"peaks_g must be three numbers of at least 0, got {peaks_g}.")
+    if peaks is None or peaks.shape != (3,) or not finite(peaks) or peaks.min() < 0.0:
+        raise RecordError(f"peaks_g must be three numbers of at least 0, got {shown(peaks_g)}.")
+    low, high = (float(edge) for edge in edges)
     time = np.arange(round(duration / dt) + 1) * dt
     frequency = np.arange(np.ceil(low * duration), np.floor(high * duration) + 1) / duration
     edge = 0.25 * (high - low)
     amplitude = fall(frequency, high - edge, high) * (1.0 - fall(frequency, low, low + edge))
     raw = np.random.PCG64(seed).random_raw((3, frequency.size))
     phase = 2.0 * np.pi * (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
-    waves = np.sin(2.0 * np.pi * time[:, None, None] * frequency + phase) @ amplitude
+    if time.size * frequency.size > _MOST_SINES:
+        raise RecordError(
+            f"{time.size} samples of {frequency.size} sines are more than {_MOST_SINES:.0e} "
+            "values; take a shorter duration, a longer dt or a narrower band."
+        )
+    blocks = np.array_split(time, 1 + time.size * frequency.size // 10_000_000)
+    waves = np.concatenate(
+        [np.sin(2.0 * np.pi * t[:, None, None] * frequency + phase) @ amplitude for t in blocks]
+    )
     share = time / time[-1]
     envelope = (1.0 - fall(share, 0.0, 0.15)) * fall(share, 0.45, 1.0)
     values = without_drift(envelope[:, None] * waves, envelope, dt)
-    values *= STANDARD_GRAVITY * np.asarray(peaks_g) / np.abs(values).max(axis=0)
+    values *= STANDARD_GRAVITY * peaks / np.abs(values).max(axis=0)
     return Motion(acceleration=values, dt=dt, name=f"synthetic motion {seed}")

@@ -29,9 +29,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import check_count, finite, numbers_of, shown
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
-from dolfinx_joints.system import MatrixSystem, as_aij
+from dolfinx_joints.system import MatrixSystem, as_aij, check_system
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -84,14 +85,18 @@ def redistribute(
     Raises:
         ValueError: The system has no joints, or the coordinates do not fit to its dofs.
     """
+    check_system(system)
+    check_count("rings", rings, 1, "one ring or more is needed")
     if system.contact is None:
         raise ValueError("The system has no joints; there is no mass to redistribute.")
-    x = np.asarray(coordinates, dtype=np.float64)
+    x = numbers_of(coordinates)
     dofs = system.mass.getLocalSize()[0]
-    if x.shape != (dofs // system.components, system.components):
+    shape = (dofs // system.components, system.components)
+    if x is None or x.shape != shape or not finite(x):
+        said = shown(coordinates) if x is None else f"an array of shape {x.shape}"
         raise ValueError(
-            f"coordinates has shape {x.shape}; it needs {dofs // system.components} nodes with "
-            f"{system.components} components."
+            f"coordinates is {said}; it needs {dofs // system.components} nodes with "
+            f"{system.components} finite components."
         )
     done = redistributed_mass(
         system.mass, system.stiffness, system.contact.operator, x, system.constrained, rings

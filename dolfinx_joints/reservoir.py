@@ -17,7 +17,7 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_name, check_number, check_vector, shown
 from dolfinx_joints.memory import SHARE, available_bytes
 from dolfinx_joints.parallel import lasting, on_root
 from dolfinx_joints.slabs import (
@@ -103,7 +103,7 @@ class ReservoirMass:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        check_kind_of("group", self.group, isinstance(self.group, str), "the name of a facet group")
+        check_name("group", self.group)
         check_number(f"{self}: level", self.level, lambda _: True, "finite", unit="m")
         allowed = "zero or more and finite"
         check_number(f"{self}: density", self.density, lambda v: v >= 0, allowed, unit="kg/m^3")
@@ -113,10 +113,17 @@ class ReservoirMass:
         check_number(f"{self}: sound_speed", speed, lambda v: v > 0, allowed, unit="m/s")
         if self.length is not None:
             check_number(f"{self}: length", self.length, lambda v: v > 0, allowed, unit="m")
+        if self.upstream is not None:
+            vector = check_vector(f"{self}: upstream", self.upstream, (2, 3))
+            if vector[-1] != 0.0 or not np.linalg.norm(vector) > 0.0:
+                raise ValueError(
+                    f"{self}: upstream is {shown(self.upstream)}; it must be a horizontal vector, "
+                    "its last number zero."
+                )
 
     def __str__(self) -> str:
         """What messages call it."""
-        return f"ReservoirMass on {self.group!r}"
+        return f"ReservoirMass on {shown(self.group)}"
 
     def matrix(self, model: Model) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective).
@@ -173,13 +180,7 @@ class ReservoirMass:
         if self.upstream is None:
             vector = np.append(area[:-1], 0.0)
         else:
-            vector = _numbers(self.upstream)
-            good = vector.shape == area.shape and bool(np.isfinite(vector).all())
-            if not good or vector[-1] != 0.0 or not vector.any():
-                raise ValueError(
-                    f"{self}: upstream is {self.upstream!r}; it must be a horizontal vector of "
-                    f"{len(area)} finite numbers, the last one zero."
-                )
+            vector = check_vector(f"{self}: upstream", self.upstream, (len(area),))
         size = float(np.linalg.norm(vector))
         if self.upstream is None and size <= STEEPEST * float(np.linalg.norm(area)):
             if not area.any():
@@ -342,14 +343,6 @@ def _gram(simplices: Floats) -> Floats:
     """Gram matrices of the edges of lines or triangles (n, corners, dim)."""
     edges = simplices[:, 1:] - simplices[:, :1]
     return np.einsum("nid,njd->nij", edges, edges)
-
-
-def _numbers(value: Any) -> Floats:
-    """A vector, of no length if it is none."""
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.empty(0)
 
 
 def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:

@@ -24,8 +24,6 @@ A simulation writes the contents named in ``declare_histories``, ``declare_energ
 """
 
 import json
-import os
-import time as clock
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -35,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.hdf5_checks import DamageTold, check_contents
+from dolfinx_joints.hdf5_checks import DamageTold, attribute, check_contents, open_growing
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
@@ -56,8 +54,6 @@ JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 # displacement.
 LARGE_ENERGY_ERROR = 0.05
 LARGE_LOCAL_ERROR = 0.05
-
-_GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
 
 Index = int | slice
 
@@ -122,7 +118,7 @@ class Results:
     @property
     def created(self) -> str:
         """When the file was created, ISO 8601, UTC."""
-        return str(self._file.attrs["created"])
+        return str(attribute(self._file, "created"))
 
     @property
     def statics(self) -> list[str]:
@@ -249,11 +245,11 @@ class Results:
 
     def unit(self, *where: str) -> str:
         """Unit of an array given by its name, or of a series given by stream and name."""
-        return str(self._dataset(*where).attrs["unit"])
+        return str(attribute(self._dataset(*where), "unit"))
 
     def description(self, *where: str) -> str:
         """Description of an array given by its name, or of a series by stream and name."""
-        return str(self._dataset(*where).attrs["description"])
+        return str(attribute(self._dataset(*where), "description"))
 
     def _reading(self) -> DamageTold:
         return DamageTold(self.path, ResultsError)
@@ -297,7 +293,7 @@ def describe(path: str | Path) -> str:
         width = max((len(name) for _, name, _ in rows), default=0)
         for group, name, dataset in rows:
             shape = dataset.shape if group == "static" else dataset.shape[1:]
-            unit, text = dataset.attrs["unit"], dataset.attrs["description"]
+            unit, text = attribute(dataset, "unit"), attribute(dataset, "description")
             lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
     return "\n".join(lines)
 
@@ -315,15 +311,7 @@ def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
 def _open(path: Path) -> h5py.File:
     if not path.is_file():
         raise ResultsError(f"There is no results file {path}.")
-    if not h5py.is_hdf5(path):
-        raise ResultsError(f"{path} is not an HDF5 file.")
-    _refuse_truncated(path)
-    try:
-        file = _open_shared(path)
-    except OSError as error:
-        raise ResultsError(
-            f"{path} cannot be read; its run has not started yet or ended before it did ({error})."
-        ) from error
+    file = open_growing(path, ResultsError)
     try:
         with DamageTold(path, ResultsError):
             _check(file, path)
@@ -335,8 +323,8 @@ def _open(path: Path) -> h5py.File:
 
 def _check(file: h5py.File, path: Path) -> None:
     """Refuse what is not a results file, or not one that can be read safely."""
-    found, version = file.attrs.get("format"), file.attrs.get("version")
-    if not isinstance(found, str) or found != FORMAT or not isinstance(version, np.integer):
+    found, version = attribute(file, "format"), attribute(file, "version")
+    if found != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
     if version > VERSION:
         raise ResultsError(
@@ -347,7 +335,7 @@ def _check(file: h5py.File, path: Path) -> None:
         raise ResultsError(f"{path} was left incomplete before its run started.")
     _decode_json(file["metadata"])
     _decode_json(file["summary"])
-    if not isinstance(file.attrs["created"], str) or file["status"].shape != (1,):
+    if not isinstance(attribute(file, "created"), str) or file["status"].shape != (1,):
         raise ValueError("its date or status is not what was written")
     arrays = [file["static"][name] for name in _dataset_names(file["static"])]
     for key, stream in file["streams"].items():
@@ -356,36 +344,8 @@ def _check(file: h5py.File, path: Path) -> None:
             raise ValueError(f"the stream {key!r} has no rows")
         arrays += rows
     for array in arrays:
-        if not all(isinstance(array.attrs[key], str) for key in ("unit", "description")):
+        if not all(isinstance(attribute(array, key), str) for key in ("unit", "description")):
             raise ValueError(f"{array.name!r} has no unit or no description")
-
-
-def _refuse_truncated(path: Path) -> None:
-    """Refuse a file that is shorter than its superblock says.
-
-    HDF5 does so itself, but not in SWMR mode, where reading such a file may never end. A file
-    that a writer has open may be so for the moment in which it grows.
-    """
-    gives_up = clock.monotonic() + _GROWING_SECONDS
-    while True:
-        with path.open("rb") as file:
-            superblock = file.read(36)
-            size = os.fstat(file.fileno()).st_size
-        version, is_open = superblock[8:9], any(superblock[11:12])
-        end = int.from_bytes(superblock[28:36], "little")
-        if len(superblock) == 36 and (version not in (b"\2", b"\3") or size >= end):
-            return
-        if not is_open or clock.monotonic() > gives_up:
-            whole = f" of {end}" if len(superblock) == 36 else ""
-            raise ResultsError(f"{path} is truncated: it has {size}{whole} bytes.")
-        clock.sleep(0.01)
-
-
-def _open_shared(path: Path) -> h5py.File:
-    try:
-        return h5py.File(path, "r", libver="latest", swmr=True)
-    except OSError:  # a file that was not written in SWMR mode
-        return h5py.File(path, "r")
 
 
 def _dataset_names(group: h5py.Group) -> list[str]:

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import OTHER, DamageTold
 from dolfinx_joints.results import Results
 
 _WIDTH = 100
@@ -42,7 +44,7 @@ def overview(path: str | Path) -> str:
     Raises:
         ResultsError: It cannot be read.
     """
-    with Results(path) as results:
+    with Results(path) as results, DamageTold(results.path, ResultsError, OTHER):
         told, summary = results.metadata, results.summary
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _line("run", _facts(told, ("stage", "steps", "dofs", "joint_points", "ranks")))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import set_texts
 from dolfinx_joints.results import listing
 
 _CHUNK_BYTES = 65536
@@ -28,7 +29,7 @@ class Stream:
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
-        self._time.attrs.update(unit="s", description="time of each record")
+        set_texts(self._time, unit="s", description="time of each record")
 
     @property
     def full(self) -> bool:
@@ -42,7 +43,7 @@ class Stream:
         if dtype.kind not in "iuf":
             raise ResultsError(f"The series {name!r} must hold real numbers, got {dtype}.")
         dataset = extendable(self._group, name, shape, dtype)
-        dataset.attrs.update(unit=unit, description=text)
+        set_texts(dataset, unit=unit, description=text)
         self._datasets[name] = dataset
 
     def append(self, time: float, values: Mapping[str, ArrayLike]) -> None:

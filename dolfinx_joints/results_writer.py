@@ -16,8 +16,10 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from dolfinx_joints.checks import check_kind_of, shown
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.file_lock import FileLock
+from dolfinx_joints.hdf5_checks import set_texts
 from dolfinx_joints.results import FORMAT, VERSION, Results, listing
 from dolfinx_joints.results_room import Room
 from dolfinx_joints.results_stream import Stream, create
@@ -95,9 +97,9 @@ class ResultsWriter:
     def _lay_out(self, encoded: NDArray[np.uint8]) -> None:
         """Make what every file has."""
         self._room.reserve(self.path, encoded.nbytes + _SUMMARY_BYTES)
-        self._file.attrs.update(
-            format=FORMAT, version=VERSION, created=datetime.now(UTC).isoformat(timespec="seconds")
-        )
+        self._file.attrs["version"] = VERSION
+        created = datetime.now(UTC).isoformat(timespec="seconds")
+        set_texts(self._file, format=FORMAT, created=created)
         self._file.create_dataset("metadata", data=encoded)
         self._file.create_dataset("status", data=np.array([b"running"], dtype="S16"))
         self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
@@ -153,7 +155,7 @@ class ResultsWriter:
 
     def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
         """Declare what another file does, and take its first rows."""
-        self._file.attrs["created"] = old.created
+        set_texts(self._file, created=old.created)
         for name in old.statics:
             self.static(name, old.static(name), old.unit(name), old.description(name))
         for stream, names in old.streams.items():
@@ -209,7 +211,7 @@ class ResultsWriter:
             raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
         self._room.reserve(self.path, values.nbytes)
         dataset = create(self._file["static"], name, data=values)
-        dataset.attrs.update(unit=unit, description=description)
+        set_texts(dataset, unit=unit, description=description)
 
     def series(
         self,
@@ -351,11 +353,23 @@ def _counted(rows: Mapping[str, int]) -> str:
     return ", ".join(f"{count} records of {name!r}" for name, count in rows.items()) or "nothing"
 
 
+def check_storable(name: str, value: Any) -> None:
+    """Refuse what a file cannot hold as facts of a run.
+
+    Raises:
+        ValueError: It is no mapping.
+        ResultsError: JSON cannot hold it.
+    """
+    check_kind_of(name, value, isinstance(value, Mapping), "values by name")
+    _encode_json(value, name)
+
+
 def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
     try:
         text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
-    except (TypeError, ValueError) as error:
-        raise ResultsError(f"The {what} must be what JSON can hold: {error}.") from error
+    except (TypeError, ValueError, RecursionError) as error:
+        said = shown(error, str)
+        raise ResultsError(f"The {what} must be what JSON can hold: {said}.") from error
     # Names of files on the command line need not be UTF-8.
     return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 
@@ -365,4 +379,4 @@ def _plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} {value!r} is not JSON")
+    raise TypeError(f"{type(value).__name__} {shown(value)} is not JSON")

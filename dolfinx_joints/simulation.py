@@ -16,8 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_count, check_kind_of, check_number
-from dolfinx_joints.dynamic_run import DynamicRun
+from dolfinx_joints.checks import (
+    check_choice,
+    check_count,
+    check_kind_of,
+    finite,
+    numbers_of,
+    offers,
+)
+from dolfinx_joints.dynamic_run import DynamicRun, check_beginning, check_options
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.file_lock import released
 from dolfinx_joints.loads import BaseMotion, Load, check_motion, in_axes
@@ -67,7 +74,9 @@ class Simulation:
         solver: str = "auto",
     ) -> None:
         """Nothing is solved yet."""
-        good = isinstance(monitors, list | tuple) and all(hasattr(m, "record") for m in monitors)
+        check_kind_of("model", model, isinstance(model, Model), "a Model")
+        methods = ("start", "record", "finish")
+        good = isinstance(monitors, list | tuple) and all(offers(m, *methods) for m in monitors)
         check_kind_of("monitors", monitors, good, "a list of monitors")
         options = isinstance(newton, NewtonOptions | None)
         check_kind_of("newton", newton, options, "a NewtonOptions")
@@ -102,8 +111,7 @@ class Simulation:
             JointsError: Water in a joint and its openings do not come to agree.
         """
         check_count("steps", steps, 1, "at least one load step is needed")
-        kinds = ("active", "free")
-        check_kind_of("joints", joints, joints in kinds, "'active' or 'free'")
+        check_choice("joints", joints, ("active", "free"))
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
         free = joints == "free"
@@ -150,10 +158,10 @@ class Simulation:
             ValueError: There is no time, or one is not finite.
             ConvergenceError: A load step did not converge.
         """
-        path = list(times)
-        check_count("The number of times", len(path), 1, "at least one is needed")
-        for time in path:
-            check_number("A time", time, lambda _: True, "finite", unit="s")
+        path = numbers_of(times)
+        good = path is not None and path.ndim == 1 and len(path) > 0 and finite(path)
+        check_kind_of("times", times, path is not None and good, "one or more finite numbers")
+        assert path is not None
         return self._statics([(float(t), 1.0) for t in path], self.model.loads)
 
     def _statics(
@@ -252,15 +260,10 @@ class Simulation:
         """
         check_step(dt)
         check_count("steps", steps, 1, "at least one time step is needed")
-        if velocity is not None and start is not None:
-            raise ValueError("velocity and start are both given; start holds a velocity already.")
-        scheme, control = scheme or EnergyConsistent(), control or StepControl()
-        check_kind_of("scheme", scheme, hasattr(scheme, "advance"), "a time scheme")
-        check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-        good = checkpoint is None or hasattr(checkpoint, "keeper")
-        check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
-        if resume and checkpoint is None:
-            raise ValueError("resume is True, but no checkpoint is given to go on from.")
+        scheme = EnergyConsistent() if scheme is None else scheme
+        control = StepControl() if control is None else control
+        check_options(self.model, loads, scheme, control)
+        check_beginning(self.model, velocity, start, checkpoint, resume)
         if motion is not None:
             check_motion(motion, self.model.gdim)
             motion = in_axes(motion, self.model.gdim)

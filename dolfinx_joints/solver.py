@@ -11,6 +11,7 @@ In changes, nothing is lost to the rounding of large displacements that hardly m
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_count, check_number
+from dolfinx_joints.checks import check_choice, check_count, check_kind_of, check_number
 from dolfinx_joints.contact import Rule, StatusCounts
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws import JointState, Response
@@ -41,6 +42,10 @@ COMPLIANCES = ("auto", "dense", "compressed", "free")
 
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
+
+
+# Half as often, and nothing is left of a correction.
+MOST_CUTS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,10 +84,19 @@ class NewtonOptions:
         wanted = "it must be a whole number of at least"
         check_count("max_iterations", self.max_iterations, 1, f"{wanted} 1")
         for name, known in (("linear", LINEAR), ("compliance", COMPLIANCES)):
-            value = getattr(self, name)
-            if value not in known:
-                raise ValueError(f"{name} is {value!r}; it must be one of {', '.join(known)}.")
-        check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0")
+            check_choice(name, getattr(self, name), known)
+        check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0", most=MOST_CUTS)
+        options = {} if self.linear_options is None else self.linear_options
+        named = isinstance(options, Mapping) and all(map(_is_option, options.items()))
+        check_kind_of("linear_options", options, named, "texts and numbers by name of the option")
+
+
+def _is_option(named: tuple[Any, Any]) -> bool:
+    """Whether PETSc can be told a name and a value."""
+    name, value = named
+    good = isinstance(name, str) and re.fullmatch(r"[a-z]\w*", name, re.ASCII) is not None
+    words = not isinstance(value, str) or (value.isascii() and value.isprintable())
+    return good and words and isinstance(value, str | int | float | None)
 
 
 @dataclass(frozen=True, kw_only=True)

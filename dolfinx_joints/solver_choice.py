@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dolfinx_joints.checks import check_choice
 from dolfinx_joints.contact import Contact, Rule
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.interface import InterfaceSolver
@@ -21,8 +22,7 @@ def check_kind(kind: str) -> None:
     Raises:
         ValueError: It is not one of `KINDS`.
     """
-    if kind not in KINDS:
-        raise ValueError(f"solver is {kind!r}; it must be one of {', '.join(KINDS)}.")
+    check_choice("solver", kind, KINDS)
 
 
 def make_solver(

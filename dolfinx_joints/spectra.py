@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.records import STANDARD_GRAVITY
+from dolfinx_joints.checks import LARGEST, SMALLEST, finite, numbers_of, real, shown
+from dolfinx_joints.records import MOST_SAMPLES, STANDARD_GRAVITY
 
 Floats = NDArray[np.floating[Any]]
 
@@ -55,10 +56,20 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
     Returns:
         The step [s] and the values, those given where the steps are equal already.
     """
-    t, v = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    if t.ndim != 1 or len(t) < 2 or len(v) != len(t):
-        raise ValueError(f"At least 2 records with a time each are needed, got {len(t)}.")
+    t, v = numbers_of(time), numbers_of(values)
+    if t is None or v is None or t.ndim != 1 or v.ndim < 1 or len(t) < 2 or len(v) != len(t):
+        raise ValueError(
+            "At least 2 records with a time each are needed, got times "
+            f"{shown(time, str)} and values {shown(values, str)}."
+        )
     steps = np.diff(t)
+    if not (finite(t) and (steps > 0.0).all()):
+        raise ValueError(f"Times must be finite and rise, got {shown(time, str)}.")
+    if (t[-1] - t[0]) / steps.min() > MOST_SAMPLES:
+        raise ValueError(
+            f"Steps from {steps.min():.3g} to {steps.max():.3g} s make more than "
+            f"{MOST_SAMPLES:.0e} equal ones."
+        )
     count = round((t[-1] - t[0]) / steps.min())
     dt = float((t[-1] - t[0]) / count)
     if np.allclose(steps, dt, rtol=1e-6, atol=0.0):
@@ -85,13 +96,17 @@ def windows(
         shape (windows, samples of a window).
     """
     values = _signal(signal, dt)
-    size = round(window / dt)
-    if not 8 <= size <= len(values):
+    if values.ndim != 1:
+        raise ValueError(f"A signal for windows must have shape (n,), got {values.shape}.")
+    if not 7.5 * dt <= real(window) <= (len(values) + 0.5) * dt:
         raise ValueError(
             f"window must be from 8 samples, {8 * dt:.4g} s, to the whole signal, "
-            f"{len(values) * dt:.4g} s, got {window} s."
+            f"{len(values) * dt:.4g} s, got {shown(window, str)} s."
         )
-    stride = max(1, round((window / 8.0 if hop is None else hop) / dt))
+    if hop is not None and not 0.0 < real(hop) <= LARGEST:
+        raise ValueError(f"hop must be a positive number of seconds, got {shown(hop, str)}.")
+    size = min(max(round(window / dt), 8), len(values))
+    stride = min(max(1, round((window / 8.0 if hop is None else hop) / dt)), len(values))
     parts: Floats = np.lib.stride_tricks.sliding_window_view(values, size)[::stride]
     return (0.5 * (size - 1) + stride * np.arange(len(parts))) * dt, parts
 
@@ -147,7 +162,10 @@ def running_frequency(
         all of shape (windows,); NaN where nothing moves.
     """
     drawn = spectrogram(signal, dt, window, hop=hop)
-    low, high = (2.0 / window, 0.5 / dt) if band is None else band
+    edges = numbers_of((2.0 / window, 0.5 / dt) if band is None else band)
+    if edges is None or edges.shape != (2,):
+        raise ValueError(f"band must be two frequencies, got {shown(band, str)}.")
+    low, high = edges
     inner = slice(1, -1)
     allowed = (drawn.frequencies[inner] >= low) & (drawn.frequencies[inner] <= high)
     if not allowed.any():
@@ -159,7 +177,9 @@ def running_frequency(
     size = parts.shape[1] // 2
     first = _amplitude_at(parts[:, :size], dt, frequency)
     second = _amplitude_at(parts[:, size : 2 * size], dt, frequency)
-    decrement = np.log(first / second) / (2.0 * np.pi * frequency * size * dt)
+    both = (first > 0.0) & (second > 0.0)
+    ratio = np.divide(first, second, out=np.full_like(first, np.nan), where=both)
+    decrement = np.log(ratio) / (2.0 * np.pi * frequency * size * dt)
     return drawn.times, frequency, decrement / np.sqrt(1.0 + decrement**2)
 
 
@@ -287,8 +307,9 @@ def significant_duration(
     Returns:
         Both times [s], linear between samples; their difference is the significant duration.
     """
-    if not 0.0 <= lower < upper <= 1.0:
-        raise ValueError(f"lower and upper must rise within 0 to 1, got {lower} and {upper}.")
+    if not 0.0 <= real(lower) < real(upper) <= 1.0:
+        got = f"{shown(lower, str)} and {shown(upper, str)}"
+        raise ValueError(f"lower and upper must rise within 0 to 1, got {got}.")
     intensity = arias_intensity(acceleration, dt)
     total = intensity.reshape(len(intensity), -1).sum(axis=1)
     if total[-1] == 0.0:
@@ -327,9 +348,10 @@ def _first_reached(shares: Floats, share: float) -> float:
 
 
 def _periods(periods: ArrayLike) -> Floats:
-    natural: Floats = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    if natural.ndim != 1 or not (np.isfinite(natural).all() and (natural > 0.0).all()):
-        raise ValueError(f"periods must be positive numbers of seconds, got {natural}.")
+    numbers = numbers_of(periods)
+    natural: Floats = np.atleast_1d(np.nan if numbers is None else numbers)
+    if natural.ndim != 1 or not ((natural >= SMALLEST) & (natural <= LARGEST)).all():
+        raise ValueError(f"periods must be positive numbers of seconds, got {shown(periods, str)}.")
     return natural
 
 
@@ -337,8 +359,9 @@ def _oscillators(
     acceleration: Floats, dt: float, periods: Floats, damping_ratio: float
 ) -> Iterator[Floats]:
     """Displacements at the second sample, the third, ..., each of shape (p, columns), [m]."""
-    if not 0.0 <= damping_ratio < 1.0:
-        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {damping_ratio}.")
+    if not 0.0 <= real(damping_ratio) < 1.0:
+        got = shown(damping_ratio, str)
+        raise ValueError(f"damping_ratio must be at least 0 and below 1, got {got}.")
     homogeneous, by_load = _recursion(2.0 * np.pi / periods, damping_ratio, dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
     for before, after in pairwise(acceleration):
@@ -366,11 +389,13 @@ def _matrices(entries: list[list[Floats]]) -> Floats:
 
 
 def _signal(signal: ArrayLike, dt: float) -> Floats:
-    values: Floats = np.asarray(signal, dtype=np.float64)
+    values = numbers_of(signal)
+    if values is None:
+        raise ValueError(f"A signal must be real numbers, got {shown(signal)}.")
     if values.ndim < 1 or len(values) < 2:
         raise ValueError(f"A signal must have at least 2 samples, got shape {values.shape}.")
-    if not np.isfinite(values).all():
-        raise ValueError("A signal must be finite, got NaN or infinity.")
-    if not (np.isfinite(dt) and dt > 0.0):
-        raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
+    if not finite(values):
+        raise ValueError(f"A signal must be finite, got NaN, infinity or more than {LARGEST:g}.")
+    if not SMALLEST <= real(dt) <= LARGEST:
+        raise ValueError(f"dt must be a positive number of seconds, got {shown(dt, str)}.")
     return values

@@ -12,7 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.checks import check_count, check_kind_of, check_number
+from dolfinx_joints.checks import (
+    LARGEST,
+    SMALLEST,
+    check_count,
+    check_kind_of,
+    check_number,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.motion_processing import ROUNDING, without_drift
 from dolfinx_joints.records import STANDARD_GRAVITY, Motion
@@ -282,19 +290,20 @@ def _misfit(answers: Floats) -> Floats:
 
 def _target(motion: Motion, target: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
     """Periods and accelerations of a target that a motion can be matched to."""
-    try:
-        periods, wanted = (np.asarray(values, dtype=np.float64) for values in target)
-    except (TypeError, ValueError) as error:
+    pair = isinstance(target, tuple | list | np.ndarray) and len(target) == 2
+    periods, wanted = (numbers_of(values) for values in target) if pair else (None, None)
+    if periods is None or wanted is None:
         raise RecordError(
-            "target must be a pair, periods [s] and as many pseudo-accelerations [m/s^2]."
-        ) from error
+            "target must be a pair, periods [s] and as many pseudo-accelerations [m/s^2], got "
+            f"{shown(target)}."
+        )
     if periods.ndim != 1 or periods.shape != wanted.shape or not 2 <= len(periods) <= _MOST_PERIODS:
         raise RecordError(
             f"target must be periods and as many pseudo-accelerations, 2 to {_MOST_PERIODS} of "
             f"each, got shapes {periods.shape} and {wanted.shape}."
         )
     for name, values in (("Periods", periods), ("Pseudo-accelerations", wanted)):
-        bad = ~(np.isfinite(values) & (values > 0.0))
+        bad = ~((values >= SMALLEST) & (values <= LARGEST))
         if bad.any():
             raise RecordError(
                 f"{name} of a target must be positive, got {values[bad][0]} at place "

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.checks import check_count, check_number
+from dolfinx_joints.checks import check_count, check_flag, check_number
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.solver import StepSolver
@@ -19,6 +19,10 @@ from dolfinx_joints.system import MatrixSystem
 
 # Of the ledger's scale: what rounding and the solver's tolerance may leave in a step.
 LARGEST_IMBALANCE = 1e-10
+
+
+# Of a step: a billionth of it is left.
+MOST_HALVINGS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +50,9 @@ class StepControl:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        check_count("max_halvings", self.max_halvings, 0, "it must be zero or more")
+        wanted = "it must be zero or more"
+        check_count("max_halvings", self.max_halvings, 0, wanted, most=MOST_HALVINGS)
+        check_flag("landing", self.landing)
         if self.tolerance is not None:
             check_number("tolerance", self.tolerance, lambda v: 0 < v < 1, "above 0 and below 1")
 

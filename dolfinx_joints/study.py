@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dolfinx_joints.checks import check_count, check_kind_of
+from dolfinx_joints.checks import check_count, check_flag, check_kind_of, check_path, shown
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study_table import (
     OWN_COLUMNS,
@@ -102,13 +102,16 @@ class Study:
         self, path: str | Path, function: Function, cases: Mapping[str, Mapping[str, Any]]
     ) -> None:
         """Nothing is written yet."""
+        check_path("path", path)
+        check_kind_of("cases", cases, isinstance(cases, Mapping), "parameters by name of a case")
         self.path = Path(path)
         self._module, self._function = _address(function)
         self.cases: dict[str, dict[str, Any]] = {}
         for name, parameters in cases.items():
-            if not isinstance(name, str) or not re.fullmatch(r"\w[\w.=+-]*", name):
+            if not isinstance(name, str) or not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
                 raise ValueError(
-                    f"The case {name!r} must have a name of letters, digits and any of _ . = + -."
+                    f"The case {shown(name)} must have a name of letters, digits and any of "
+                    "_ . = + -, 100 at most."
                 )
             _check_parameters(function, name, parameters)
             self.cases[name] = json.loads(json.dumps(dict(parameters)))
@@ -138,6 +141,9 @@ class Study:
                 a case have changed.
         """
         check_count("workers", workers, 1, "one or more cases may run at once")
+        flags = {"retry_failed": retry_failed, "rerun_changed": rerun_changed, "progress": progress}
+        for name, flag in flags.items():
+            check_flag(name, flag)
         chosen = self._chosen(only)
         if any(int(os.environ.get(name, "1")) > 1 for name in _RANK_COUNTS):
             raise StudyError("A study starts processes of its own: run it without mpirun.")
@@ -168,9 +174,11 @@ class Study:
     def _chosen(self, only: Sequence[str] | None) -> list[str]:
         if only is None:
             return list(self.cases)
-        unknown = [name for name in only if name not in self.cases]
-        if unknown:
-            raise ValueError(f"There is no case {unknown[0]!r}; there are {', '.join(self.cases)}.")
+        check_kind_of("only", only, isinstance(only, list | tuple), "a list of names of cases")
+        for name in only:
+            if not isinstance(name, str) or name not in self.cases:
+                known = ", ".join(self.cases) or "none"
+                raise ValueError(f"There is no case {shown(name)}; there are {known}.")
         return [name for name in self.cases if name in only]
 
     def _waiting(self, chosen: list[str], retry: bool, rerun: bool) -> list[str]:
@@ -312,14 +320,17 @@ def _address(function: Function) -> tuple[str, str]:
         module = "" if spec is None else spec.name
     if not module or "." in name or name == "<lambda>":
         raise ValueError(
-            f"The function {name!r} of a study must be at the top level of a module that can be "
-            "imported: other processes run it."
+            f"The function {shown(name)} of a study must be at the top level of a module that can "
+            "be imported: other processes run it."
         )
     return module, name
 
 
 def _check_parameters(function: Function, case: str, parameters: Mapping[str, Any]) -> None:
     """Refuse what the function does not take or a file cannot hold."""
+    named = isinstance(parameters, Mapping) and all(isinstance(name, str) for name in parameters)
+    what = f"What the case {case!r} is run with"
+    check_kind_of(what, parameters, named, "parameters by name")
     taken = next((name for name in parameters if name in OWN_COLUMNS), None)
     if taken is not None:
         raise ValueError(
@@ -329,11 +340,14 @@ def _check_parameters(function: Function, case: str, parameters: Mapping[str, An
     try:
         inspect.signature(function).bind(Path(), **parameters)
     except TypeError as error:
-        raise ValueError(f"The parameters of the case {case!r} do not fit: {error}.") from None
+        raise ValueError(
+            f"The parameters of the case {case!r} do not fit: {shown(error, str)}."
+        ) from None
     try:
         json.dumps(dict(parameters), allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"A parameter of the case {case!r} cannot be kept: {error}.") from None
+    except (TypeError, ValueError, RecursionError) as error:
+        said = shown(error, str)
+        raise ValueError(f"A parameter of the case {case!r} cannot be kept: {said}.") from None
 
 
 def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:

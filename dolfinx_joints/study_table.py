@@ -9,6 +9,7 @@ whenever the writer was killed.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,7 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.errors import StudyError
-from dolfinx_joints.hdf5_checks import DamageTold, check_contents
+from dolfinx_joints.hdf5_checks import (
+    DamageTold,
+    attribute,
+    check_contents,
+    check_seal,
+    seal,
+    set_texts,
+)
 
 FORMAT = "dolfinx_joints study table"
 TABLE = "table.h5"
@@ -48,10 +56,14 @@ def read_row(path: Path) -> Row | None:
         return None
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise StudyError(f"{path} is not a row of a study: {error}.") from None
     if not isinstance(row, dict) or not {*OWN_COLUMNS, "parameters", "values"} <= row.keys():
         raise StudyError(f"{path} is not a row of a study.")
+    try:
+        gather([row])
+    except (TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
+        raise StudyError(f"{path} is a row of a study that fits no table: {error}.") from None
     return row
 
 
@@ -124,15 +136,18 @@ def _text(entry: Any) -> str:
 
 def write_table(path: Path, table: Table) -> None:
     """Write a table as HDF5, one dataset per column."""
-    fresh = path.with_name(f".{path.name}.{os.getpid()}")
-    with h5py.File(fresh, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["columns"] = json.dumps(list(table))
-        group = file.create_group("columns", track_order=True)
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver="latest") as file:
+        set_texts(file, format=FORMAT)
+        names = json.dumps(list(table)).encode()
+        file.create_dataset("names", data=np.frombuffer(names, dtype=np.uint8))
+        group = file.create_group("columns")
         for name, column in table.items():
-            kind = h5py.string_dtype() if column.dtype == object else column.dtype
-            group.create_dataset(name.replace("/", "|"), data=column, dtype=kind)
-    fresh.replace(path)
+            text = column.dtype == object
+            data = np.array([entry.encode() for entry in column], dtype="S") if text else column
+            group.create_dataset(name.replace("/", "|"), data=data)
+    content = image.getvalue()
+    _replace(path, content + seal(content))
 
 
 def read_table(path: str | Path) -> Table:
@@ -154,19 +169,29 @@ def read_table(path: str | Path) -> Table:
         raise StudyError(f"There is no table {place}; run the study first.")
     if not h5py.is_hdf5(place):
         raise StudyError(f"{place} is not an HDF5 file.")
-    with DamageTold(place, StudyError), h5py.File(place, "r") as file:
-        if file.attrs.get("format") != FORMAT:
-            raise StudyError(f"{place} is not a table of a study.")
-        check_contents(file, place, StudyError, texts=True)
-        table: Table = {}
-        for name in json.loads(file.attrs["columns"]):
-            dataset = file["columns"][name.replace("/", "|")]
-            text = h5py.check_string_dtype(dataset.dtype) is not None
-            values = dataset.asstr()[()] if text else dataset[()]
-            table[name] = np.array(values, dtype=object) if text else values
-        if len({column.shape for column in table.values()}) > 1:
-            raise ValueError("its columns are not of one length")
-        return table
+    with DamageTold(place, StudyError, "is no table of a study, or a damaged one"):
+        check_seal(place)
+        with h5py.File(place, "r") as file:
+            return _columns(file, place)
+
+
+def _columns(file: h5py.File, place: Path) -> Table:
+    """Columns of an open file."""
+    if attribute(file, "format") != FORMAT:
+        raise StudyError(f"{place} is not a table of a study.")
+    check_contents(file, place, StudyError)
+    table: Table = {}
+    for name in json.loads(bytes(file["names"][()]).decode()):
+        where = f"columns/{name.replace('/', '|')}"
+        if where not in file:
+            raise ValueError(f"the column {name!r} is missing")
+        values = file[where][()]
+        if values.dtype.kind == "S":
+            values = np.array([entry.decode() for entry in values], dtype=object)
+        table[name] = values
+    if len({column.shape for column in table.values()}) > 1:
+        raise ValueError("its columns are not of one length")
+    return table
 
 
 def write_csv(table: Table, path: str | Path) -> Path:

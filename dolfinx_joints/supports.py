@@ -13,7 +13,15 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.absorbing import ViscousBoundary
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import (
+    check_choice,
+    check_function,
+    check_kind_of,
+    check_name,
+    check_number,
+    number_at,
+    shown,
+)
 from dolfinx_joints.mesh import JointedMesh
 
 _AXES = {"x": 0, "y": 1, "z": 2}
@@ -25,7 +33,7 @@ def components_of(components: str, gdim: int) -> list[int]:
     wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
     if wrong or not components or len(set(components)) != len(components):
         raise ValueError(
-            f"components is {components!r}; it must name some of {'xyz'[:gdim]!r}, each once."
+            f"components is {shown(components)}; it must name some of {'xyz'[:gdim]!r}, each once."
         )
     return [_AXES[c] for c in components]
 
@@ -37,10 +45,19 @@ class Fixed:
     Attributes:
         group: Name of the facet group.
         components: Letters of the axes held, all of them unless given.
+
+    Raises:
+        ValueError: The group is no name, or a component is unknown.
     """
 
     group: str
     components: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and letters."""
+        check_name("group", self.group)
+        if self.components is not None:
+            components_of(self.components, len(_AXES))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,14 +78,11 @@ class Prescribed:
     value: Callable[[float], float]
 
     def __post_init__(self) -> None:
-        """Check component and value."""
-        if self.component not in _AXES:
-            raise ValueError(f"component is {self.component!r}; it must be 'x', 'y' or 'z'.")
-        if not callable(self.value):
-            raise ValueError(
-                f"value of the motion prescribed on {self.group!r} is {self.value!r}; it must be a "
-                "function of time."
-            )
+        """Check group, component and value."""
+        check_name("group", self.group)
+        check_choice("component", self.component, _AXES)
+        name = f"value of the motion prescribed on {shown(self.group)}"
+        check_function(name, self.value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,10 +105,11 @@ class Spring:
     tangential_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the stiffnesses."""
+        """Check group and stiffnesses."""
+        check_name("group", self.group)
         for name in ("normal_stiffness", "tangential_stiffness"):
             check_number(
-                f"{name} of the springs on {self.group!r}",
+                f"{name} of the springs on {shown(self.group)}",
                 getattr(self, name),
                 lambda v: v >= 0,
                 "zero or more and finite",
@@ -103,12 +118,15 @@ class Spring:
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
         """The bilinear form of the springs."""
+        from dolfinx import fem
+
+        stiffness = self.normal_stiffness, self.tangential_stiffness
+        # As constants, so that no other values of them are compiled anew.
+        of_normal, of_tangential = (fem.Constant(jointed.mesh, float(k)) for k in stiffness)
         n = ufl.FacetNormal(jointed.mesh)
         normal = ufl.inner(u, n) * ufl.inner(v, n)
         tangential = ufl.inner(u, v) - normal
-        return (
-            self.normal_stiffness * normal + self.tangential_stiffness * tangential
-        ) * jointed.ds(self.group)
+        return (of_normal * normal + of_tangential * tangential) * jointed.ds(self.group)
 
 
 Support = Fixed | Prescribed | Spring | ViscousBoundary
@@ -145,7 +163,7 @@ class Constraints:
         for support in supports:
             if not isinstance(support, Support):
                 raise ValueError(
-                    f"{support!r} is no support; supports are Fixed, Prescribed, Spring and "
+                    f"{shown(support)} is no support; supports are Fixed, Prescribed, Spring and "
                     "ViscousBoundary."
                 )
             if isinstance(support, Spring | ViscousBoundary):
@@ -180,8 +198,7 @@ class Constraints:
         """Prescribed displacements of `dofs` at a time [s], shape (n,), [m]."""
         values = np.zeros(len(self.dofs))
         for dofs, support in self._prescribed:
-            value = support.value(time)
-            name = f"The displacement {support.component} prescribed on {support.group!r}"
-            check_number(f"{name} at t = {time:g} s", value, lambda _: True, "finite", unit="m")
+            name = f"The displacement {support.component} prescribed on {shown(support.group)}"
+            value = number_at(name, support.value, time, unit="m")
             values[np.searchsorted(self.dofs, dofs)] = value
         return values

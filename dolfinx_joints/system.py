@@ -13,6 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.checks import (
+    check_function,
+    check_kind_of,
+    check_vector,
+    finite,
+    number_at,
+    numbers_of,
+)
 from dolfinx_joints.contact import Contact
 from dolfinx_joints.damping import Rayleigh
 from dolfinx_joints.joints import GapOperator
@@ -97,10 +105,10 @@ class MatrixSystem:
             areas: Area of each point, shape (p,), [m^2]; 1 unless given.
 
         Raises:
-            ValueError: The shapes do not fit together.
+            ValueError: Something is not finite, or the shapes do not fit together.
         """
-        m, k = np.atleast_2d(np.asarray(mass, float)), np.atleast_2d(np.asarray(stiffness, float))
-        c = np.zeros_like(k) if damping is None else np.atleast_2d(np.asarray(damping, float))
+        m, k = _dense("mass", mass), _dense("stiffness", stiffness)
+        c = np.zeros_like(k) if damping is None else _dense("damping", damping)
         size = len(m)
         if not m.shape == k.shape == c.shape == (size, size):
             raise ValueError(
@@ -109,22 +117,27 @@ class MatrixSystem:
             )
         contact = None
         if gap is not None:
-            b = np.atleast_2d(np.asarray(gap, float))
+            b = _dense("gap", gap)
             if law is None or b.shape[1] != size or b.shape[0] % 3:
                 raise ValueError(
                     f"gap has shape {b.shape}; it needs {size} columns, three rows per joint "
                     "point, and a law."
                 )
             points = len(b) // 3
-            w = np.ones(points) if areas is None else np.asarray(areas, float)
+            w = np.ones(points) if areas is None else check_vector("areas", areas, (points,))
+            check_kind_of("areas", areas, bool((w > 0.0).all()), "positive")
             operator = GapOperator(_matrix(b), w, np.zeros(points, dtype=np.int64), ("joint",))
             contact = Contact(operator, law, {"joint": initial_gap})
+        elif law is not None:
+            raise ValueError("A law is given, but no gap that it is the law of.")
+        if load is not None:
+            check_function("load", load)
         matrix_m = _matrix(m)
         patterns = []
         for i in range(size if load is not None else 0):
             unit = matrix_m.createVecRight()
             unit.setArray(np.eye(size)[i])
-            patterns.append((unit, _component(load, i)))
+            patterns.append((unit, _component(load, i, size)))
         return cls(
             mass=matrix_m,
             stiffness=_matrix(k),
@@ -185,9 +198,6 @@ class MatrixSystem:
     def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
         """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
         factors = scale * self._factors(time)
-        wrong = factors[~np.isfinite(factors)]
-        if len(wrong):
-            raise ValueError(f"The factor of a load is {wrong[0]} at t = {time:g} s.")
         out.set(0.0)
         for factor, vector in zip(factors, self._vectors, strict=True):
             out.axpy(float(factor), vector)
@@ -218,9 +228,14 @@ class MatrixSystem:
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
         """Factors of the patterns at a time, those of the last times kept."""
-        return lru_cache(maxsize=2)(
-            lambda time: np.array([factor(time) for _, factor in self.patterns], dtype=float)
-        )
+        names = [*self.load_names, *["load"] * (len(self.patterns) - len(self.load_names))]
+        patterns = list(zip(names, (factor for _, factor in self.patterns), strict=True))
+
+        def factors(time: float) -> Floats:
+            each = [number_at(f"The factor of {name}", factor, time) for name, factor in patterns]
+            return np.array(each, dtype=np.float64)
+
+        return lru_cache(maxsize=2)(factors)
 
     def prescribed_rates(
         self, time: float, spacing: float
@@ -243,13 +258,39 @@ class MatrixSystem:
         return scale * self.values(time)
 
 
+def check_system(system: Any) -> None:
+    """Refuse what is no system, such as the model that makes one.
+
+    Raises:
+        ValueError: It is none.
+    """
+    good = isinstance(system, MatrixSystem)
+    check_kind_of("system", system, good, "a MatrixSystem, such as model.system()")
+
+
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
     """A copy in PETSc's general format, which knows more than products (collective)."""
     return matrix.convert("aij", PETSc.Mat())
 
 
-def _component(load: Any, i: int) -> Callable[[float], float]:
-    return lambda time: float(np.atleast_1d(load(time))[i])
+def _component(load: Any, i: int, size: int) -> Callable[[float], float]:
+    def component(time: float) -> float:
+        forces = np.atleast_1d(load(time))
+        return float(check_vector(f"load({time:g})", forces, (size,))[i])
+
+    return component
+
+
+def _dense(name: str, values: Any) -> Floats:
+    """Finite numbers as a matrix.
+
+    Raises:
+        ValueError: They are none.
+    """
+    numbers = numbers_of(values)
+    good = numbers is not None and numbers.size > 0 and numbers.ndim <= 2 and finite(numbers)
+    check_kind_of(name, values, good, "a matrix of finite numbers")
+    return np.atleast_2d(np.asarray(numbers, dtype=np.float64))
 
 
 def _matrix(dense: Floats) -> PETSc.Mat:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.errors import ResultsError
+from dolfinx_joints.hdf5_checks import OTHER, DamageTold
 from dolfinx_joints.measures import COMPONENTS, JOINT_MEASURES, joint_measures
 from dolfinx_joints.resultants import (
     RESULTANT_MEASURES,
@@ -75,6 +76,8 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
     there = [str(path) for path in paths.values() if path.exists()]
+    if folder.exists() and not folder.is_dir():
+        raise ResultsError(f"{folder} is a file; the tables need a folder.")
     if there and not overwrite:
         raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
     try:
@@ -89,6 +92,12 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 def tables_of(results: Results) -> dict[str, Table]:
     """The tables of `write_csv` by name, those for which the file holds something."""
     streams = {name for name in results.streams if results.rows(name)}
+    with DamageTold(results.path, ResultsError, OTHER):
+        return _tables(results, streams)
+
+
+def _tables(results: Results, streams: set[str]) -> dict[str, Table]:
+    """The tables of what a file has recorded in these streams."""
     found = {}
     if "histories" in streams:
         found["histories"] = _histories(results)

@@ -23,7 +23,7 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_each, check_kind_of, check_number
 from dolfinx_joints.parallel import raised_together
 from dolfinx_joints.thermal import Temperature
 
@@ -169,6 +169,7 @@ def seasonal_temperatures(
     """
     check_number("diffusivity", diffusivity, lambda v: v > 0, "positive", unit="m^2/s")
     _check_day("day", day)
+    Temperature(value=0.0, reference=reference, expansion=expansion)  # refused before the work
     values = _face_values(jointed, faces, day)
     mean = _solve(jointed, values[:, :1], None)
     swing = _solve(jointed, values[:, 1:], diffusivity)
@@ -228,17 +229,11 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
     name = f"The temperature of {group!r}"
     if isinstance(face, AnnualWave | ReservoirTemperature):
         return np.column_stack(face.parts(points, day))
+    check_kind_of(name, face, not isinstance(face, type), "a number, a function or a wave")
     if not callable(face):
         check_number(name, face, lambda _: True, "finite")
-    mean = np.asarray(face(points) if callable(face) else face)
-    if mean.dtype.kind not in "if" or mean.shape not in ((), (len(points),)):
-        raise ValueError(
-            f"{name} has shape {mean.shape}; for {len(points)} points it must be a number or have "
-            f"shape ({len(points)},)."
-        )
-    if not np.all(np.isfinite(mean)):
-        raise ValueError(f"{name} is not finite at some of its points.")
-    return np.column_stack([mean * np.ones(len(points)), np.zeros((len(points), 2))])
+    mean = check_each(name, face(points) if callable(face) else face, len(points))
+    return np.column_stack([mean, np.zeros((len(points), 2))])
 
 
 def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> Any:
@@ -255,7 +250,8 @@ def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> An
     components = given.shape[1]
     space = _space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
-    form = (diffusivity or 1.0) * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+    kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
+    form = kappa * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
     if diffusivity is not None:
         form += FREQUENCY * (t[1] * q[0] - t[0] * q[1]) * ufl.dx
     matrix = fem_petsc.assemble_matrix(fem.form(form))

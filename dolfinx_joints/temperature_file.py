@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 
 # What a file may have, so that another kind of file is refused before it fills the memory.
 LARGEST_FILE = 500_000_000  # bytes
+LARGEST_NUMBER = 1e9  # of coordinates [m] and temperatures, where squares lose no point
 
 
 def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Floats]:
@@ -55,7 +56,10 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        fields = [field.strip() for field in next(csv.reader([line]))]
+        try:
+            fields = [field.strip() for field in next(csv.reader([line]))]
+        except csv.Error as error:
+            raise TemperatureError(f"{path}, line {number}: {error}.") from None
         if not started:
             started = True
             if fields != columns:
@@ -89,14 +93,18 @@ def _row(path: Path, number: int, fields: list[str], columns: list[str]) -> list
         )
     values = []
     for name, text in zip(columns, fields, strict=True):
-        try:
-            values.append(float(text))
+        try:  # Python itself reads 1_0 and digits of any script
+            value = float(text if text.isascii() and "_" not in text else "")
         except ValueError:
             raise TemperatureError(
                 f"{path}, line {number}: {name} is {text[:40]!r}; it must be a number."
             ) from None
-        if not np.isfinite(values[-1]):
-            raise TemperatureError(f"{path}, line {number}: {name} is {text}; it must be finite.")
+        if not abs(value) <= LARGEST_NUMBER:
+            raise TemperatureError(
+                f"{path}, line {number}: {name} is {text[:40]}; it must be finite, and "
+                f"{LARGEST_NUMBER:g} at most."
+            )
+        values.append(value)
     return values
 
 

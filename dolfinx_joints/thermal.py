@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import check_function, check_name, check_number, real, shown
 from dolfinx_joints.elasticity import Elastic
 from dolfinx_joints.loads import Load, TimeFactor, always
 from dolfinx_joints.mesh import JointedMesh
@@ -56,7 +56,9 @@ class Temperature:
         if not isinstance(self.reference, Mapping):
             check_number("Temperature: reference", self.reference, lambda _: True, "finite")
         for group, value in _by_group(self.reference).items():
-            check_number(f"Temperature: reference of {group!r}", value, lambda _: True, "finite")
+            check_name("Temperature: a group of reference", group, "a cell group")
+            name = f"Temperature: reference of {shown(group)}"
+            check_number(name, value, lambda _: True, "finite")
         check_number(
             "Temperature: expansion",
             self.expansion,
@@ -64,8 +66,9 @@ class Temperature:
             "zero or more and finite",
             unit="1/K",
         )
-        named = self.cells is None or isinstance(self.cells, str)
-        check_kind_of("Temperature: cells", self.cells, named, "the name of a cell group")
+        if self.cells is not None:
+            check_name("Temperature: cells", self.cells, "a cell group")
+        check_function("Temperature: factor", self.factor)
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch a free body as the temperature does (collective)."""
@@ -78,15 +81,18 @@ class Temperature:
 
     def blocked_stress(self, model: Model) -> Any:
         """Pressure that it makes in a body held still (UFL), [Pa]."""
+        from dolfinx import fem
+
+        expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
         change = self._field(model) - self._reference(model)
-        return model.body.blocked_stress(self.expansion * change)
+        return model.body.blocked_stress(expansion * change)
 
     def _reference(self, model: Model) -> Any:
-        """T_0 as a number, or as a function of degree 0."""
+        """T_0 as a constant, or as a function of degree 0."""
         from dolfinx import fem
 
         if not isinstance(self.reference, Mapping):
-            return self.reference
+            return fem.Constant(model.jointed.mesh, float(self.reference))
         jointed = model.jointed
         space = fem.functionspace(jointed.mesh, ("DG", 0))
         field, count = fem.Function(space), np.zeros(len(space.dofmap.list), dtype=np.int64)
@@ -112,11 +118,12 @@ class Temperature:
         mesh, value = model.jointed.mesh, self.value
         if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
             value = value(ufl.SpatialCoordinate(mesh))
-        if isinstance(value, Real):
+        if not isinstance(value, Expr) and math.isfinite(real(value)):
+            check_number("Temperature: value", value, lambda _: True, "finite")
             return fem.Constant(mesh, float(value))
         if not (isinstance(value, Expr) and value.ufl_shape == ()):
             raise ValueError(
-                f"Temperature: value is {str(value)[:80]}; it must be a number or a scalar UFL "
+                f"Temperature: value is {shown(value, str)}; it must be a number or a scalar UFL "
                 "expression."
             )
         if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):

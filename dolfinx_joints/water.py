@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number
-from dolfinx_joints.loads import TimeFactor, always
+from dolfinx_joints.checks import check_each, check_name, check_number
+from dolfinx_joints.loads import TimeFactor, always, check_on_group, on_group
 from dolfinx_joints.parallel import lasting, raised_together
 from dolfinx_joints.records import STANDARD_GRAVITY
 
@@ -117,7 +117,7 @@ class WestergaardMass:
         """Check the numbers."""
         _check(self, "density")
         if self.depth is not None and not callable(self.depth):
-            name = f"{_name(self)}: depth"
+            name = f"{on_group(self)}: depth"
             check_number(name, self.depth, lambda v: v > 0, "positive and finite", unit="m")
 
     def matrix(self, model: Model) -> PETSc.Mat:
@@ -155,13 +155,8 @@ class WestergaardMass:
         if not callable(self.depth):
             return self.level - lowest if self.depth is None else self.depth
         flat = positions.reshape(-1, positions.shape[-1])
-        deep = np.asarray(self.depth(flat), dtype=np.float64)
-        if deep.shape != (len(flat),) or not (np.isfinite(deep) & (deep >= 0.0)).all():
-            raise ValueError(
-                f"{_name(self)}: depth gave an array of shape {deep.shape} for {len(flat)} points, "
-                f"smallest value {deep.min(initial=np.inf):g} m; it must give one finite depth of "
-                "zero or more for each."
-            )
+        name = f"{on_group(self)}: depth"
+        deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
         return deep.reshape(positions.shape[:-1])
 
 
@@ -191,12 +186,12 @@ def _faces(model: Model, group: str, level: float) -> WettedFacets:
 
 def _check(load: Any, *positive: str) -> None:
     """Refuse a level that is no number, and what must not be negative and is."""
-    check_kind_of("group", load.group, isinstance(load.group, str), "the name of a facet group")
-    check_number(f"{_name(load)}: level", load.level, lambda _: True, "finite", unit="m")
+    if hasattr(load, "factor"):
+        check_on_group(load)
+    check_name("group", load.group)
+    check_number(f"{on_group(load)}: level", load.level, lambda _: True, "finite", unit="m")
     for name in positive:
         value = getattr(load, name)
-        check_number(f"{_name(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite")
-
-
-def _name(load: Any) -> str:
-    return f"{type(load).__name__} on {load.group!r}"
+        check_number(
+            f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite"
+        )

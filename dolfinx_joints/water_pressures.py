@@ -47,5 +47,5 @@ class WaterPressures:
             total += float(factor(time)) * pressure
         for part in self._parts:
             assert codes is not None
-            total += float(part.load.factor(time)) * part.pressure(codes)
+            total += part.factor(time) * part.pressure(codes)
         return total

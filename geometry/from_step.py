@@ -12,6 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from itertools import combinations
 from pathlib import Path
 
@@ -106,6 +107,12 @@ def from_step(
 _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
 _FARTHEST = 1e9
+# Texts and comments; entities; lists without lists inside, or several entities in one.
+_ASIDE = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.S)
+_ENTITY = re.compile(r"\s*#([1-9]\d{0,8})\s*=(.*)", re.S)
+_ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:E[+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
+_LIST = re.compile(rf"(?:[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
+_REFERENCE = re.compile(r"#(\d+)")
 
 
 def _check_file(step: Path) -> None:
@@ -141,6 +148,46 @@ def _check_content(step: Path) -> None:
             )
     if points and not _LENGTH.search(text):
         raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
+    _check_entities(step, text)
+
+
+def _check_entities(step: Path, text: str) -> None:
+    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring."""
+    _, begin, rest = _ASIDE.sub(lambda found: "$" if found[0][0] == "'" else " ", text).partition(
+        "DATA;"
+    )
+    data, end, _ = rest.partition("ENDSEC;")
+    if not (begin and end):
+        raise ValueError(f"{step} has no section 'DATA;' that ends with 'ENDSEC;'.")
+    *entities, last = data.split(";")
+    entities += [last] if last.strip() else []
+    refers: dict[str, list[str]] = {}
+    for entity in entities:
+        found = _ENTITY.fullmatch(entity)
+        if found is None or found[1] in refers or not _is_value(found[2]):
+            shown = " ".join(entity.split())[:60]
+            raise ValueError(
+                f"{step} has {shown!r}, which is no entity '#number = NAME(...)' with a number of "
+                "its own."
+            )
+        refers[found[1]] = _REFERENCE.findall(found[2])
+    lost = {number for numbers in refers.values() for number in numbers} - refers.keys()
+    if lost:
+        raise ValueError(f"{step} refers to #{min(lost)}, which it does not hold.")
+    try:
+        TopologicalSorter(refers).prepare()
+    except CycleError as error:
+        raise ValueError(
+            f"{step} has an entity #{error.args[1][0]} that refers to itself."
+        ) from None
+
+
+def _is_value(text: str) -> bool:
+    """Whether a text is NAME(...), or several of them in brackets, with lists in them."""
+    before = ""
+    while text != before:
+        before, text = text, _LIST.sub("$", text)
+    return text.strip() == "$"
 
 
 def _import(step: Path) -> dict[int, str]:

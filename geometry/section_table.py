@@ -196,11 +196,14 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
         raise ValueError(
             f"{file} is not a text file: its byte {error.start + 1} is no UTF-8."
         ) from None
-    rows = [
-        (number, [word.strip() for word in next(csv.reader([line]))])
-        for number, line in enumerate(lines, start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    try:
+        rows = [
+            (number, [word.strip() for word in next(csv.reader([line]))])
+            for number, line in enumerate(lines, start=1)
+            if line.strip() and not line.lstrip().startswith("#")
+        ]
+    except csv.Error as error:
+        raise ValueError(f"{file} is no table of comma-separated values: {error}.") from None
     if not rows:
         raise ValueError(f"{file} is empty.")
     names = rows[0][1]
@@ -217,11 +220,11 @@ def _numbers(words: list[str], names: list[str], where: str) -> list[float]:
     values = []
     for name, word in zip(names, words, strict=True):
         try:
-            value = float(word) if "_" not in word else np.nan
+            value = float(word) if word.isascii() and "_" not in word else np.nan
         except ValueError:
             value = np.nan
         if not np.isfinite(value):
-            raise ValueError(f"{where}: {name} is {word!r}, which is not a finite number.")
+            raise ValueError(f"{where}: {name} is {word[:40]!r}, which is not a finite number.")
         values.append(value)
     return values
 
@@ -231,7 +234,9 @@ def _check_names(names: list[str], where: str) -> None:
     known = ", ".join(_REQUIRED + _OPTIONAL)
     for name in names:
         if name not in _REQUIRED + _OPTIONAL:
-            raise ValueError(f"{where}: {name!r} is no column of a table of sections: {known}.")
+            raise ValueError(
+                f"{where}: {name[:40]!r} is no column of a table of sections: {known}."
+            )
         if names.count(name) > 1:
             raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
     for name in _REQUIRED:

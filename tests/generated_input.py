@@ -54,7 +54,7 @@ def answer(
 ) -> Any:
     """What a door makes of one input, or None where it refuses it; counted under its name.
 
-    A refusal is raised by a line of the package, not of a library below it, and is one sentence.
+    A refusal is one sentence, raised by a ``raise`` of the package, not by a library below it.
 
     Args:
         door: name of the door, for the counts.
@@ -68,16 +68,25 @@ def answer(
     refused, made = "", None
     try:
         made = call()
-    except refusals as error:
-        refused = f"{type(error).__name__}: {error}"
-        raised_in = traceback.extract_tb(error.__traceback__)[-1].filename
-        assert raised_in.startswith(OWN_FOLDERS), f"{door}: {refused} is from {raised_in}"
-        assert str(error).strip() and "\n" not in str(error), f"{door}: {refused!r}"
-        assert len(str(error)) <= LONGEST_SENTENCE, f"{door}: {refused}"
+    except refusals as refusal:
+        refused = _sentence(door, refusal)
     counts[door]["refused" if refused else "taken"] += 1
     if comm is not None and comm.size > 1:
         assert len(set(comm.allgather(refused))) == 1, f"{door}: ranks differ, here {refused!r}"
     return made
+
+
+def _sentence(door: str, refusal: Exception) -> str:
+    """What a door has said, which must be a sentence of the package's own."""
+    refused, text = f"{type(refusal).__name__}: {refusal}", str(refusal)
+    last = traceback.extract_tb(refusal.__traceback__)[-1]
+    assert last.filename.startswith(OWN_FOLDERS), f"{door}: {refused} is from {last.filename}"
+    # What C code raises, that of int() or NumPy, is raised by the line that calls it.
+    assert (last.line or "").startswith("raise "), f"{door}: {refused} is from {last.line!r}"
+    assert text.strip(), f"{door}: {refused!r}"
+    assert "\n" not in text, f"{door}: {refused!r}"
+    assert len(text) <= LONGEST_SENTENCE, f"{door}: {refused}"
+    return refused
 
 
 def report() -> list[str]:

@@ -365,7 +365,7 @@ def test_refusals(wall):
         run.grout()
     with pytest.raises(JointsError, match="no static state to save yet"):
         run.save_static("nothing")
-    with pytest.raises(ValueError, match="joints is 'open'; it must be 'active' or 'free'"):
+    with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, free"):
         run.statics(joints="open")
     with pytest.raises(ValueError, match="loads is .*; it must be a list of loads"):
         run.statics(loads=weight)

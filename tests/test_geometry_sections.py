@@ -287,6 +287,18 @@ BAD_TABLES = {
         "FILE: at elevation 10.125 m the left abutment stands still or turns back",
     ),
     "semicolons": (HEADER.replace(",", ";"), "FILE, line 1: 'elevation;extrados_radius;"),
+    "a field without end": (
+        HEADER + "0,50,4,40," + "6" * 131_073 + "\n",
+        "FILE is no table of comma-separated values: field larger than field limit (131072).",
+    ),
+    "digits of another script": (
+        HEADER + "0,٥٠,4,40,60\n",
+        "FILE, line 2: extrados_radius is '٥٠', which is not a finite number.",
+    ),
+    "a long name": (
+        "elevation," + "a" * 2000 + "\n",
+        f"FILE, line 1: '{'a' * 40}' is no column of a table of sections: elevation, ",
+    ),
     "huge": ("#" * 1_000_001, "FILE has 1000001 bytes, but a table of sections has at most "),
 }
 

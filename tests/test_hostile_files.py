@@ -16,6 +16,7 @@ from dolfinx_joints import Results, ResultsError
 from dolfinx_joints.checkpoint_file import read_checkpoint, write_checkpoint
 from dolfinx_joints.cli import main
 from dolfinx_joints.errors import CheckpointError, StudyError
+from dolfinx_joints.hdf5_checks import DIGEST_BYTES
 from dolfinx_joints.results import describe
 from dolfinx_joints.results_writer import ResultsWriter
 from dolfinx_joints.study_table import read_table, write_table
@@ -33,6 +34,17 @@ def results_file(path):
     return "static/mesh/nodes"
 
 
+def modes_file(path):
+    with ResultsWriter(path, {"stage": "modes", "modes": 2}) as writer:
+        writer.static("mesh/nodes", np.zeros((4, 3)), "m", "nodes")
+        writer.static("modes/frequency", np.array([1.0, 2.0]), "Hz", "frequencies")
+        writer.static("modes/shape", np.ones((2, 4, 3)), "kg^-1/2", "shapes")
+        writer.static("modes/participation", np.ones((2, 3)), "kg^1/2", "factors")
+        writer.start()
+        writer.finish("complete", {})
+    return "static/modes/shape"
+
+
 def checkpoint(path):
     write_checkpoint(path, {"memory": {"step": 3}, "state": {"u": np.ones(5)}})
     return "arrays/state/u"
@@ -43,8 +55,21 @@ def table(path):
     return "columns/x"
 
 
+@contextlib.contextmanager
+def changing(path):
+    """A file to be changed; one with a checksum has that of what it holds afterwards."""
+    content = path.read_bytes()
+    with_seal = content[-DIGEST_BYTES:] == hashlib.sha256(content[:-DIGEST_BYTES]).digest()
+    if with_seal:
+        path.write_bytes(content[:-DIGEST_BYTES])
+    with h5py.File(path, "r+") as file:
+        yield file
+    if with_seal:
+        sealed(path)
+
+
 def sealed(path):
-    """Give a changed checkpoint the checksum it would have if it had been written so."""
+    """Give a changed file the checksum it would have if it had been written so."""
     content = path.read_bytes()
     path.write_bytes(content + hashlib.sha256(content).digest())
 
@@ -133,13 +158,9 @@ def test_what_leads_out_of_a_file_is_refused(door, change, tmp_path):
         file["x"] = np.arange(4.0)
     path = tmp_path / "given.h5"
     name = write(path)
-    if door == "checkpoint":
-        path.write_bytes(path.read_bytes()[:-32])
-    with h5py.File(path, "r+") as file:
+    with changing(path) as file:
         del file[name]
         change(file, name, tmp_path)
-    if door == "checkpoint":
-        sealed(path)
     with pytest.raises(error, match=rf"given\.h5 is refused: .*{SENTENCES[change]}.*\.$"):
         read(path)
 
@@ -233,10 +254,10 @@ def test_random_bytes_in_a_checkpoint_do_no_harm(seed, tmp_path):
 def test_a_table_with_columns_of_two_lengths_is_damaged(tmp_path):
     path = tmp_path / "study.h5"
     table(path)
-    with h5py.File(path, "r+") as file:
+    with changing(path) as file:
         del file["columns/x"]
         file["columns/x"] = np.zeros(3)
-    with pytest.raises(StudyError, match="is damaged: its columns are not of one length"):
+    with pytest.raises(StudyError, match="damaged one: its columns are not of one length"):
         read_table(path)
 
 
@@ -258,3 +279,46 @@ def test_a_report_on_a_file_of_other_shapes_is_one_sentence(tmp_path, capsys):
     assert "r.html cannot be made of what the files hold: " in told
     assert told.count("\n") == 1
     assert not (tmp_path / "r.html").exists()
+
+
+def left_open(path):
+    """A results file as a killed run leaves it: HDF5 believes that it is being written."""
+    with ResultsWriter(path, {"title": "wall"}) as writer:
+        writer.static("mesh/nodes", np.zeros((2, 3)), "m", "nodes")
+        writer.start()
+        writer.to_disk()
+        return path.read_bytes()
+
+
+def test_a_damaged_file_of_a_killed_run_is_read_to_an_end(tmp_path):
+    # HDF5 by itself would try 100 times, each after twice the time: longer than anybody waits.
+    path = tmp_path / "given.h5"
+    content = bytearray(left_open(path))
+    path.write_bytes(content)
+    with Results(path) as results:
+        assert results.status == "running"
+    content[content.index(b"OHDR", content.index(b"OHDR") + 1) + 8] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ResultsError, match=r"given\.h5 (is damaged|cannot be read)"):
+        Results(path)
+
+
+@pytest.mark.parametrize("door", ["results", "checkpoint"])
+def test_texts_without_a_checksum_are_refused(door, tmp_path):
+    # HDF5 keeps texts of variable length in a heap, and reads one whose size is 0 for ever.
+    write, read, error = DOORS[door]
+    path = tmp_path / "given.h5"
+    write(path)
+    with changing(path) as file:
+        file.attrs["format"] = file.attrs["format"].decode()
+    with pytest.raises(error, match="the attribute 'format' is no text of fixed length and no"):
+        read(path)
+
+
+def test_hdf5_of_an_older_kind_is_refused(tmp_path):
+    # Its metadata have no checksums; one wrong byte can let HDF5 read for ever.
+    path = tmp_path / "given.h5"
+    with h5py.File(path, "w", libver="earliest") as file:
+        file.attrs["format"] = np.bytes_("dolfinx_joints results")
+    with pytest.raises(ResultsError, match="HDF5 but not a file of this program.*version 0"):
+        Results(path)

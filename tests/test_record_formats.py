@@ -312,10 +312,25 @@ def test_what_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
         (smc().replace("-32768         2", "-32768        -2"), "line 13: the number of comments"),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
+        (cosmos().replace("(8F10.5)", "(0F10.5)"), "line 46: must announce values and"),
+        (cosmos().replace("(10I8)", "(10I0)"), "line 14: must say how many header values follow"),
+        (smc().replace("1.0000000E+02", "1.000000E-320"), ": a time step of inf s is none of a"),
+        (knet().replace("100Hz", "1e-9Hz").replace(" 0.37", " 37e9"), "a time step of 1e+09 s is"),
+        (esm().replace("0.010000", "1" * 400), "line 7: SAMPLING_INTERVAL_S '111"),
+        (at2(unit="1" * 400), "line 3: must say 'UNITS OF G', got 'ACCELERATION TIME SERIES"),
+        (columns().replace("time N", "1 " * 400), ": columns must be 'time' once at most and"),
     ],
 )
 def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:
-    assert message in refusal(write(tmp_path, content))
+    said = refusal(write(tmp_path, content))
+    assert message in said
+    assert len(said) < 300  # of a file no more is repeated than a reader wants
+
+
+def test_a_broken_file_does_not_hide_the_others(tmp_path: Path) -> None:
+    write(tmp_path, knet(), "good.NS")
+    write(tmp_path, columns().replace("# columns", "# unit: gal\n# columns"), "twice.txt")
+    assert record_names(tmp_path) == ["ABC001_20000101_102000"]
 
 
 def three(directory: Path, name: str) -> list[Path]:

@@ -201,3 +201,17 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
 def test_wrong_synthetic_motions_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(RecordError, match=message):
         synthetic_motion(**options)
+
+
+def test_a_synthetic_motion_of_too_many_sines_is_refused() -> None:
+    # 10^6 samples of 95000 sines would take 800 GB and hours.
+    with pytest.raises(
+        RecordError, match="samples of 95001 sines are more than 3e.08 values; take"
+    ):
+        synthetic_motion(duration=10_000.0, dt=0.01, band=(0.5, 10.0))
+
+
+def test_a_whole_number_turns_as_the_same_number_does() -> None:
+    motion = synthetic_motion(duration=1.0, band=(2.0, 10.0))
+    turned, expected = motion.rotated(10**30), motion.rotated(1e30)
+    np.testing.assert_array_equal(turned.acceleration, expected.acceleration)

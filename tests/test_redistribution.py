@@ -263,7 +263,7 @@ def test_bar_by_hand(rings, near):
 
 def test_refusals():
     system, mass, x = bar(4)
-    with pytest.raises(ValueError, match="coordinates has shape"):
+    with pytest.raises(ValueError, match="coordinates is an array of shape"):
         redistribute(system, x[:-1])
     with pytest.raises(ValueError, match="has no joints"):
         redistribute(MatrixSystem.from_arrays(mass=mass, stiffness=mass), x)

@@ -20,7 +20,13 @@ pytest.importorskip("h5py")
 
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.study import Study, read_table, write_csv
-from dolfinx_joints.study_table import LONGEST_TEXT
+from dolfinx_joints.study_table import (
+    LONGEST_TEXT,
+    OWN_COLUMNS,
+    read_row,
+    write_row,
+    write_table,
+)
 
 TIMES = ("wall_s", "peak_mb")
 
@@ -266,3 +272,31 @@ def test_csv(tmp_path):
     assert lines[0] == "case,status,reason,wall_s,peak_mb,x,label,square,third,said"
     assert lines[1].startswith("a,complete,,")
     assert lines[1].endswith(f',1.0,"p,q",1.0,{1 / 3!r},"p,q"')
+
+
+@pytest.mark.parametrize(
+    "change",
+    [("1.5", "1" * 400), ('"values": {', '"values": [{"a": 1}], "more": {'), ("{", "[" * 5000)],
+    ids=["a number without end", "no mapping", "deep"],
+)
+def test_a_row_that_fits_no_table_is_refused(tmp_path, change):
+    path = tmp_path / "row.json"
+    row = dict(zip(OWN_COLUMNS, ("a", "complete", "", 1.5, 20.0), strict=True))
+    write_row(path, row | {"parameters": {"x": 1}, "values": {"y": 2.5}})
+    assert read_row(path)["values"] == {"y": 2.5}
+    path.write_text(path.read_text().replace(*change, 1))
+    with pytest.raises(StudyError, match=r"row\.json is ") as failure:
+        read_row(path)
+    assert "\n" not in str(failure.value)
+
+
+def test_a_table_that_has_changed_is_refused(tmp_path):
+    # One bit of a number, which HDF5 itself would not notice.
+    path = tmp_path / "table.h5"
+    write_table(path, {"x": np.array([1.0, 2.0]), "said": np.array(["a", "é"], dtype=object)})
+    assert read_table(path)["said"].tolist() == ["a", "é"]
+    content = bytearray(path.read_bytes())
+    content[content.index(np.float64(2.0).tobytes())] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(StudyError, match="its checksum is not that of what it holds"):
+        read_table(path)

@@ -18,7 +18,7 @@ from dolfinx_joints.results import ENERGY_TERMS
 from dolfinx_joints.results_layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results_overview import overview
 from dolfinx_joints.results_writer import ResultsWriter
-from dolfinx_joints.tables import write_csv
+from dolfinx_joints.tables import tables_of, write_csv
 
 STEPS, EVERY = 7, 3
 RANDOM = np.random.default_rng(7)
@@ -178,6 +178,17 @@ def test_a_folder_that_cannot_be_made(tmp_path):
         write_csv(results, tmp_path / "file" / "in")
 
 
+def test_a_folder_that_is_a_file(tmp_path):
+    place = tmp_path / "tables.csv"
+    place.write_text("mine")
+    with (
+        Results(write_run(tmp_path / "r.h5")) as results,
+        pytest.raises(ResultsError, match=r"tables\.csv is a file; the tables need a folder\.$"),
+    ):
+        write_csv(results, place, overwrite=True)
+    assert place.read_text() == "mine"
+
+
 def test_a_file_without_records_has_no_tables(tmp_path):
     with ResultsWriter(tmp_path / "r.h5", {}) as writer:
         declare_histories(writer, [[0.0, 0.0, 1.0]])
@@ -253,6 +264,23 @@ def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     assert "FrictionNoTension, 45 degrees" in shown
     assert cli.main(["info", str(path), "--all"]) == 0
     assert "joints/joint_12/traction" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("told", [{"point_names": 1}, {"manifest": {"joint_laws": {"a": []}}}])
+@pytest.mark.parametrize("summary", [{"seconds": {"steps": "long"}}, {"seconds": 3}])
+def test_overview_and_tables_of_what_no_run_writes(tmp_path, told, summary):
+    path = tmp_path / "r.h5"
+    with ResultsWriter(path, told) as writer:
+        writer.static("histories/points", np.zeros((1, 3)), "m", "points")
+        writer.series("histories", "displacement", (), "m", "one number, not one per point")
+        writer.start()
+        writer.append("histories", 0.0, {"displacement": 0.0})
+        writer.finish("complete", summary)
+    with pytest.raises(ResultsError, match="holds something else than a run writes: ") as failure:
+        overview(path)
+    assert "\n" not in str(failure.value)
+    with Results(path) as results, pytest.raises(ResultsError, match="something else than a run"):
+        tables_of(results)
 
 
 def test_overview_of_a_run_that_failed(tmp_path):

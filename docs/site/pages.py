@@ -17,7 +17,14 @@ from dolfinx_joints import _HOME
 PROJECT = Path(__file__).resolve().parents[2]
 # In the order of the menu.
 MENU = {
-    "Use": ["docs/guide.md", "demos", "docs/api.md", "docs/modules.md", "docs/bad_files.md"],
+    "Use": [
+        "docs/guide.md",
+        "demos",
+        "docs/api.md",
+        "docs/modules.md",
+        "docs/bad_files.md",
+        "docs/bad_parameters.md",
+    ],
     "Background": ["docs/theory.md", "docs/time_integration.md", "docs/conventions.md"],
     "Evidence": ["docs/benchmarks.md", "docs/studies.md", "docs/mutants.md"],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "CHANGELOG.md"],

@@ -362,7 +362,7 @@ def test_refusals(wall):
     with pytest.raises(ValueError, match="depth is 0 m; it must be positive"):
         WestergaardMass(group="x_min", level=1.0, depth=0)
     for wrong in (lambda x: 1.0, lambda x: np.full(len(x), -1.0), lambda x: x[:, 0] * np.nan):
-        with pytest.raises(ValueError, match="it must give one finite depth of zero or more"):
+        with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
             WestergaardMass(group="x_min", level=5.0, depth=wrong).matrix(wall)
     with pytest.raises(ValueError, match="An added mass is .*; it must be a WestergaardMass"):
         model_of(wall.jointed, added_mass=[Gravity()])

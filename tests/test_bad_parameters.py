@@ -1,0 +1,33 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bad parameters of every kind at every door: type and form of the refusal, and their page."""
+
+from pathlib import Path
+
+import pytest
+from bad_input import Door
+from bad_parameters import DOORS, page, refusal
+
+
+@pytest.mark.parametrize("door", DOORS, ids=[door.title for door in DOORS])
+def test_refused_in_one_sentence_of_the_packages_own(door: Door) -> None:
+    for row in door.rows:
+        kind, sentence = refusal(row)
+        assert kind is not None, f"{row.given} is taken without a word"
+        assert issubclass(kind, door.error), (row.given, kind, sentence)
+        assert sentence.endswith("."), (row.given, sentence)
+        assert not sentence.endswith(".."), (row.given, sentence)
+        assert sentence.isprintable(), (row.given, sentence)
+        assert len(sentence) < 300, (row.given, sentence)
+
+
+def test_no_row_stands_twice() -> None:
+    assert len({door.title for door in DOORS}) == len(DOORS)
+    for door in DOORS:
+        given = [row.given for row in door.rows]
+        assert len(set(given)) == len(given), door.title
+
+
+def test_the_page_says_what_the_doors_say() -> None:
+    written = Path(__file__).parents[1] / "docs" / "bad_parameters.md"
+    assert written.read_text(encoding="utf-8") == page()

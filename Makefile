@@ -17,6 +17,7 @@ MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and 
 DEMO_ARGS ?=
 PAPER_ARGS ?=
 STUDY_ARGS ?=
+MUTANTS_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
 DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
@@ -37,6 +38,8 @@ COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
 COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
+MUTANTS_TOOL := mutants-1
+MUTANTS_NEEDS := --no-deps 'cosmic-ray==8.7.*' 'parso==0.8.*' 'attrs==26.*' 'stevedore==5.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
 MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
 BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh
@@ -56,7 +59,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-0.11 verify fuzz coverage bench lint dist docs clean
+.PHONY: help demo paper studies test test-0.11 verify fuzz coverage mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -116,6 +119,10 @@ coverage: ## Lines and branches of the package that the tests but the slow ones 
 	$(COVERED) $(MPIRUN) -n 2 $(MPI_PYTEST) tests
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage combine -q build/coverage
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage report --fail-under=95
+
+mutants: ## Put small faults into laws, joints, schemes and solvers; do the tests notice?
+	@$(call install_tool,$(MUTANTS_TOOL),$(MUTANTS_NEEDS))
+	$(call with_tool,$(MUTANTS_TOOL)) tests/mutants.py $(MUTANTS_ARGS)
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

@@ -149,6 +149,23 @@ def test_a_singular_system_gives_what_can_be_had():
     assert np.linalg.norm(b - matrix @ x) <= np.linalg.norm(b)
 
 
+@pytest.mark.parametrize("factor", [1e-150, 1e-20, 1e20, 1e150])
+def test_scales_with_the_matrix(factor):
+    # Compliances may be of any size: the solution is that of the matrix itself over the factor.
+    matrix, b = near_identity(), vector()
+    x, products = gmres(Counted(matrix), b, tolerance=1e-8, most=SIZE)
+    scaled, again = gmres(Counted(factor * matrix), b, tolerance=1e-8, most=SIZE)
+    np.testing.assert_allclose(factor * scaled, x, rtol=0, atol=1e-13 * abs(x).max())
+    assert again == products
+
+
+def test_what_a_matrix_makes_zero_cannot_be_had():
+    # A b = 0: one product tells that, and x = 0 is as good as any multiple of b.
+    x, products = gmres(Counted(np.diag([0.0, 1.0, 1.0])), np.eye(3)[0], tolerance=1e-12, most=3)
+    np.testing.assert_array_equal(x, np.zeros(3))
+    assert products == 1
+
+
 def test_a_nilpotent_matrix_does_not_break_it_down():
     # A shift: no progress until the last product, which then solves (a cycle of n).
     size = 8

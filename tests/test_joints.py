@@ -41,6 +41,7 @@ from dolfinx_joints import (
 from dolfinx_joints._compat import create_mesh
 from dolfinx_joints.cells import CellShape
 from dolfinx_joints.contact import Contact
+from dolfinx_joints.jointpoints import joint_points
 from dolfinx_joints.joints import JointOperator, JointTangent
 from dolfinx_joints.laws import JointState, Status
 from dolfinx_joints.msh import _permutation, load_msh
@@ -499,6 +500,9 @@ def test_fewer_cells_than_ranks(comm):
     assert jointed.mesh.topology.index_map(2).size_global == 2
     assert len(jointed.pairs.joint) == 1
     assert jointed.mesh.geometry.index_map().size_global == 8
+    operator = JointOperator(jointed, fem.functionspace(jointed.mesh, ("Lagrange", 1, (2,))))
+    assert total(comm, operator.areas.sum()) == pytest.approx(1.0, rel=1e-14)  # the edge
+    assert not operator.initial_gap.any()
 
 
 @pytest.mark.parametrize(
@@ -711,3 +715,10 @@ def test_failed_solve_names_the_cause(blocks_file, read):
     )
     with pytest.raises(JointsError):
         Simulation(model).statics()
+
+
+def test_a_mesh_without_joints_has_no_points(two_rectangles_file, read):
+    jointed = read(two_rectangles_file(cell="quad"), joints=[])
+    layout = joint_points(jointed.pairs, jointed.shape, 1, "auto")
+    for values in (layout.areas, layout.points, layout.sizes, layout.joint, layout.number):
+        assert len(values) == 0

@@ -342,6 +342,12 @@ def test_no_points():
     assert LAW.stored_energy(answer.state).shape == (0,)
 
 
+def test_a_state_at_rest_has_the_variables_asked_for():
+    # Checkpoints keep states with as many internal variables as their laws have.
+    assert rest(4).internal.shape == (4, 0)
+    assert JointState.at_rest(np.zeros((4, 3)), variables=3).internal.shape == (4, 3)
+
+
 # A joint without compliance, on the compliance of the structure.
 
 OWN = np.array([[2e-11, 1e-11]])  # c_n, c_s [m/Pa]
@@ -376,6 +382,15 @@ def test_rigid_joint_by_hand():
     np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
     np.testing.assert_array_equal(answer.state.gap, [[1e-6, 3e-6, 0.0]])
     assert answer.status.tolist() == [Status.OPEN]
+
+
+def test_a_rigid_point_held_on_both_sides_carries_nothing():
+    # Neither the joint nor the structure gives way: no traction follows from its gap.
+    state = JointState.at_rest(np.zeros((1, 3)), variables=3)
+    answer = rigid().local_solve(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
+    np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
+    np.testing.assert_array_equal(answer.tangent, np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(answer.dissipation, [0.0])
 
 
 def test_rigid_joint_is_the_limit_of_stiff_ones():

@@ -156,6 +156,14 @@ def test_memory_that_does_not_suffice_is_said(comm, monkeypatch):
     solver.destroy()
 
 
+def test_a_failure_without_words_gives_petscs_reason(comm, monkeypatch):
+    monkeypatch.setattr(DirectSolver, "_factor", lambda self: 6)  # neither memory nor a pivot
+    solver = DirectSolver(box(comm), symmetric=True, options={"pc_factor_mat_solver_type": "petsc"})
+    with pytest.raises(JointsError, match=r"^The matrix could not be .*; PETSc's reason is 6\.$"):
+        solver.solve_block(np.zeros((1, 1)))
+    solver.destroy()
+
+
 def test_options_do_not_leak(comm):
     matrix = chain(comm)
     before = PETSc.Options().getAll()
@@ -299,6 +307,22 @@ def test_an_iteration_that_fails_says_so(comm):
     with pytest.raises(JointsError, match="iterative linear solver gave up"):
         solver.solve_block(columns(matrix, 1))
     solver.destroy()
+
+
+def test_what_rounding_of_a_product_leaves_is_accepted(comm):
+    # Entries of 1e9: the direct solution's residual is some 1e9 times 1e-16 of x, far above 1e-16
+    # of x itself; that of a solution wrong in the sixth digit is not rounding.
+    matrix = chain(comm)
+    matrix.scale(1e9)
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    b.setArray(columns(matrix, 1)[:, 0])
+    solver, direct = IterativeSolver(matrix), DirectSolver(matrix, symmetric=True)
+    direct.solve(b, x)
+    assert solver._as_rounding_lets(b, x)
+    x.scale(1.0 + 1e-6)
+    assert not solver._as_rounding_lets(b, x)
+    solver.destroy()
+    direct.destroy()
 
 
 def test_auto_goes_by_memory(wall, monkeypatch):

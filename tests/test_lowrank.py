@@ -72,6 +72,23 @@ def test_clusters_are_a_partition(leaf):
         assert len(set(joint[order[cluster.start : cluster.stop]])) == 1
 
 
+def test_clusters_are_cut_across_their_longest_edge():
+    # 2 x 8 x 3 points 1 apart: first across y, 7 long; then 2 x 4 x 3 across y again, 3 long; then
+    # 2 x 2 x 3 across z, 2 long, where the middle of 12 sorted points is within a layer.
+    grid = np.stack(np.meshgrid(range(2), range(8), range(3), indexing="ij"), axis=-1)
+    points = grid.reshape(-1, 3).astype(float)
+    _, (tree,) = clusters(points, 6)
+    lower, upper = tree.halves
+    assert (lower.high[1], upper.low[1]) == (3.0, 4.0)
+    for half in tree.halves:
+        first, second = half.halves
+        assert second.low[1] - first.high[1] == 1.0
+        for quarter in half.halves:
+            down, up = quarter.halves
+            assert (down.high[2], up.low[2]) == (1.0, 1.0)
+            np.testing.assert_array_equal(down.low[:2], up.low[:2])
+
+
 def test_points_in_one_place_are_cut_all_the_same():
     order, (tree,) = clusters(np.zeros((10, 3)), 3)
     assert sorted(order) == list(range(10))
@@ -139,6 +156,22 @@ def test_no_memory_for_what_is_zero():
     small = compressed(matrix, points, joint=joint, tolerance=0.0, leaf=64)
     assert small.nbytes == matrix.nbytes * 5 // 9
     np.testing.assert_allclose(small.rows(np.arange(len(matrix))), matrix, rtol=1e-13, atol=0)
+
+
+def test_blocks_are_as_small_as_they_can_be():
+    # Two clusters of 4 points far from each other, coupled by one product of vectors: two dense
+    # blocks of 12 x 12, and between them, once for both mirror images, two factors of 12.
+    x = np.array([0.0, 1.0, 2.0, 3.0, 100.0, 101.0, 102.0, 103.0])
+    points = np.column_stack([x, np.zeros((8, 2))])
+    near = np.eye(12) + 0.02 * np.ones((12, 12))
+    matrix = np.block([[near, 0.01 * np.ones((12, 12))], [0.01 * np.ones((12, 12)), near]])
+    small = compressed(matrix, points, leaf=4)
+    assert small.nbytes == 8 * (2 * 12 * 12 + 2 * 12)
+    assert scaled_error(matrix, small) <= 1e-12
+    rough = small.rougher(1e-4)
+    # The dense blocks, of the identity and one more product, stay what they are.
+    assert rough.nbytes == 4 * (2 * 12 * 12 + 2 * 12)
+    assert scaled_error(matrix, rough) <= 1e-4
 
 
 def test_mirrored_blocks_are_symmetric():

@@ -118,6 +118,13 @@ def test_by_hand(name):
     assert answer.status[0] == case.status
 
 
+def test_a_gap_of_zero_is_closed_and_stiff():
+    # Pressed in by g from there the mean traction of the step is k_n g / 2; shear needs pressure.
+    answer = one_step((0, 0, 0), (0, 0, 0))
+    np.testing.assert_allclose(answer.tangent, [np.diag([0.5 * K_N, 0.0, 0.0])], rtol=1e-14)
+    assert answer.status[0] == Status.STICK
+
+
 def test_keys_hold_at_any_opening():
     # Half of the step in contact, and keys that carry the mean of 0.1 and 0.5 um all the time.
     law = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)

@@ -67,6 +67,17 @@ def test_tension_breaks_the_bond_for_good():
     assert [a.state.internal[0, 0] for a in answers] == [1.0] * 4
 
 
+def test_without_shear_stiffness_nothing_rides_up():
+    # No shear, so no slip of friction that could dilate: a point 0.1 um open carries nothing,
+    # however far it has gone sideways.
+    joint = law(shear_stiffness=0.0, cohesion=0.0, tensile_strength=0.0, dilatancy_angle_deg=20.0)
+    answers = follow(joint, UM * np.array([[-1.0, 0.5, 0.0], [0.1, 2.0, 0.0]]))
+    np.testing.assert_allclose(answers[0].traction, [[-MPA, 0, 0]], rtol=1e-12)
+    np.testing.assert_array_equal(answers[1].traction, np.zeros((1, 3)))
+    assert [a.status[0] for a in answers] == [STICK, OPEN]
+    assert answers[1].state.internal[0, 1] == 0.0
+
+
 def test_shear_breaks_the_bond_for_good():
     # Under 1 MPa it holds 0.8 MPa (0.4 um); 0.41 um breaks it: 0.5 MPa, then unloads elastically.
     path = UM * np.array([[-1, 0.4, 0], [-1, 0.41, 0], [-1, 0.36, 0], [-1, 0.8, 0]])

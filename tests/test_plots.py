@@ -302,3 +302,22 @@ def test_importing_plots_loads_no_matplotlib() -> None:
     code = "import sys, dolfinx_joints.plots; print([m for m in sys.modules if 'matplotlib' in m])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_line_up_a_joint_between_inclined_sides_meets_its_column() -> None:
+    # Two rows of two facets between x = y and x = 4, each row cut half-way, with a point each: at
+    # a tenth and four tenths of the width at any height the line is in the left column.
+    def across(share: float, y: float) -> tuple[float, float]:
+        return (y + share * (4.0 - y), y)
+
+    plane = joint_surface.JointSurface.__new__(joint_surface.JointSurface)
+    plane.facets = np.array(
+        [
+            [across(a, y), across(a + 0.5, y), across(a + 0.5, y + 1.0), across(a, y + 1.0)]
+            for y in (1.0, 0.0)
+            for a in (0.0, 0.5)
+        ]
+    )
+    plane.points, plane._facet_of_point = plane.facets.mean(axis=1), np.arange(4)
+    for share, expected in ((0.1, [2, 0]), (0.4, [2, 0]), (0.6, [3, 1]), (0.9, [3, 1])):
+        assert plane.points_along(share).tolist() == expected

@@ -85,6 +85,51 @@ def test_order_of_newmark(beta, gamma, order):
     np.testing.assert_allclose(rates, order, atol=0.15)
 
 
+@pytest.mark.parametrize(
+    "scheme", [EnergyConsistent(), Newmark(), Newmark(beta=0.3, gamma=0.5), Newmark(beta=0.1)]
+)
+def test_local_error_is_that_of_the_second_step(scheme):
+    # Against the motion u cos wt + v/w sin wt from where the step starts. Of the third order in
+    # dt, and the next order is a hundredth of it at w dt = 0.02.
+    dt = 0.02 / OMEGA
+    system = MatrixSystem.from_arrays(mass=3.0, stiffness=3 * OMEGA**2)
+    solver = make_solver(system, None, "auto", scheme.rule)
+    start = initial_state(solver, velocity=vector(system, 1.0))
+    first, _ = scheme.advance(solver, start, dt)
+    second, report = scheme.advance(solver, first, dt)
+    u, v = first.displacement.array[0], first.velocity.array[0]
+    exact = u * np.cos(OMEGA * dt) + v / OMEGA * np.sin(OMEGA * dt)
+    assert report.local_error == pytest.approx(abs(second.displacement.array[0] - exact), rel=0.05)
+
+
+def test_velocity_without_mass_is_the_mean_of_the_step():
+    # Two springs in a row, a mass at the end of the first and none at that of the second.
+    dt = 0.1
+    system = MatrixSystem.from_arrays(
+        mass=np.diag([1.0, 0.0]), stiffness=[[3.0, -1.0], [-1.0, 1.0]], load=lambda t: [0.0, t]
+    )
+    before, after = march(system, dt, 2, scheme=EnergyConsistent(), v0=[1.0, 0.0])[1:]
+    mean = (after.displacement.array - before.displacement.array) / dt
+    assert after.velocity.array[1] == pytest.approx(mean[1], rel=1e-14)
+    # With mass it is the mean of those at start and end.
+    assert 0.5 * (before.velocity.array + after.velocity.array)[0] == pytest.approx(mean[0])
+
+
+def test_a_start_on_a_moving_support():
+    # 3 t + 2 t^2 prescribed at the foot of a spring of 5 N/m with 2 kg on it and a dashpot of
+    # 0.5 N s/m beside it: at the start 3 m/s and 4 m/s^2 at the foot, 0.5 3 / 2 m/s^2 at the mass.
+    spring = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    system = dataclasses.replace(
+        MatrixSystem.from_arrays(mass=2.0 * np.eye(2), stiffness=5 * spring, damping=0.5 * spring),
+        constrained=np.array([0]),
+        values=lambda t: np.array([3.0 * t + 2.0 * t**2]),
+    )
+    state = initial_state(make_solver(system))
+    np.testing.assert_array_equal(state.displacement.array, [0.0, 0.0])
+    np.testing.assert_allclose(state.velocity.array, [3.0, 0.0], rtol=1e-9)
+    np.testing.assert_allclose(state.acceleration.array, [4.0, 0.75], rtol=1e-6)
+
+
 def test_forced_vibration():
     # Undamped, F = F0 sin(W t) from rest: u = F0/k / (1 - r^2) (sin W t - r sin w t), r = W/w.
     w, drive = OMEGA, 0.7 * OMEGA
@@ -177,6 +222,21 @@ REFUSED = [
 def test_parameters_refused(options, text):
     with pytest.raises(ValueError, match=re.escape(text)):
         Newmark(**options)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "options", "text"),
+    [
+        (HilberHughesTaylor, {"alpha": -0.01}, "alpha is -0.01; it must be at least 0 and at most"),
+        (HilberHughesTaylor, {"alpha": 0.34}, "alpha is 0.34; it must be at least 0 and at most"),
+        (GeneralizedAlpha, {"spectral_radius": -0.01}, "spectral_radius is -0.01; it must be at"),
+        (GeneralizedAlpha, {"spectral_radius": 1.01}, "spectral_radius is 1.01; it must be at"),
+    ],
+)
+def test_damping_out_of_range_is_refused(scheme, options, text):
+    # Beyond 1/3 HHT is no longer of use: Hughes, The Finite Element Method (1987), 9.3.
+    with pytest.raises(ValueError, match=re.escape(text)):
+        scheme(**options)
 
 
 def test_other_refusals():

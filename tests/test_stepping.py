@@ -24,7 +24,7 @@ from dolfinx_joints.energy import EnergyLedger
 from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solver_choice import make_solver
 from dolfinx_joints.states import DynamicState, initial_state
-from dolfinx_joints.stepping import Stepper, check_step, located
+from dolfinx_joints.stepping import StepCounts, Stepper, check_step, located
 
 
 class Reluctant:
@@ -198,6 +198,21 @@ def test_the_shortest_step_is_taken_as_it_is():
     _, counts, _ = bounce(dt, 1, StepControl(max_halvings=2, tolerance=1e-12, landing=True))
     assert counts.accepted <= 4 * round(OSCILLATOR.period / dt)
     assert counts.inaccurate > 0
+
+
+def test_a_point_that_stays_at_zero_has_not_landed():
+    # Nothing moves: the gap is zero, closed, before and after.
+    law = FrictionNoTension(normal_stiffness=1e8, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[-1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    work = stepper(EnergyConsistent(), system, StepControl(landing=True), v0=0.0)
+    take(work, 0.1)
+    assert work[0].counts == StepCounts(accepted=1)
+
+
+def test_tries_in_vain_are_of_four_kinds():
+    counts = StepCounts(accepted=50, landed=9, failed=1, unbalanced=2, inaccurate=3, crossed=4)
+    assert counts.rejected == 1 + 2 + 3 + 4
 
 
 @pytest.mark.parametrize(

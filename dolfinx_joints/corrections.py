@@ -122,10 +122,11 @@ class Corrections:
         if second >= first:
             return None
         if self._tied is None:
-            cost = 2.3 * size**3 / OPERATIONS_PER_ENTRY
-            if self._missed <= cost:  # a run that goes on may have missed that much already
+            cost = 2.3 * size**3
+            # A run that goes on may have missed that much already.
+            if self._missed * OPERATIONS_PER_ENTRY <= cost:
                 self._missed += first - second
-            if self._missed > cost:
+            if self._missed * OPERATIONS_PER_ENTRY > cost:
                 whole = self._split.whole()
                 if whole is not None:
                     self._tied = _tied(whole, self._stuck.ravel(), self._comm)

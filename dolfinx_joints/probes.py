@@ -59,7 +59,9 @@ def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
         ValueError: They are something else.
     """
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
-    check_kind_of("points", points, named and len(points) > 0, "coordinates by name of a point")
+    check_kind_of(
+        "points", points, named and len(points) > 0, "coordinates by name of one or more points"
+    )
     places = (check_vector(f"The point {shown(n)}", p, (2, 3)) for n, p in points.items())
     return {n: tuple(float(x) for x in place) for n, place in zip(points, places, strict=True)}
 

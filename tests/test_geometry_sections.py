@@ -297,7 +297,7 @@ BAD_TABLES = {
     ),
     "a long name": (
         "elevation," + "a" * 2000 + "\n",
-        f"FILE, line 1: '{'a' * 40}' is no column of a table of sections: elevation, ",
+        f"FILE, line 1: '{'a' * 39}...{'a' * 36}' is no column of a table of sections: elevation, ",
     ),
     "huge": ("#" * 1_000_001, "FILE has 1000001 bytes, but a table of sections has at most "),
 }

@@ -345,7 +345,9 @@ def test_intervals_are_checked(new_path):
             kind()
     with pytest.raises(ValueError, match="every is 2.5; states are written every 1 or more steps"):
         ResultsMonitor("x.h5", points=POINTS, every=2.5)
-    with pytest.raises(ValueError, match="points is empty; at least one monitor point is needed"):
+    with pytest.raises(
+        ValueError, match="points is {}; it must be coordinates by name of one or more"
+    ):
         ResultsMonitor("x.h5", points={})
 
 

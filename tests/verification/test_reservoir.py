@@ -307,10 +307,11 @@ def test_bad_input(comm, monkeypatch):
     refused("frequency is -1 Hz; it must be zero or more", frequency=-1)
     refused("sound_speed is 0 m/s; it must be positive", sound_speed=0)
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
-    for wrong in ("x", (1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0), (np.nan, 0.0)):
-        refused(
-            "upstream is .*; it must be a horizontal vector of 2 finite numbers", upstream=wrong
-        )
+    for wrong in ("x", (np.nan, 0.0), (1.0,)):
+        refused("upstream is .*; it must be 2 or 3 finite numbers", upstream=wrong)
+    for wrong in ((1.0, 1.0), (0.0, 0.0)):
+        refused("upstream is .*; it must be a horizontal vector", upstream=wrong)
+    refused("upstream is .*; it must be 2 finite numbers", upstream=(1.0, 0.0, 0.0))
     refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
     with pytest.raises(MeshError, match="no facet group 'down'"):
         ReservoirMass(group="down", level=5.0).matrix(model)

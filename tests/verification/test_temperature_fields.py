@@ -264,7 +264,7 @@ def test_refusals(wall):
         ),
         (
             {"y_min": lambda x: x[:, 0] * math.nan},
-            "of 'y_min' gave an array of shape .* from nan to nan; for .* one finite number for each",
+            "of 'y_min' gave an array of shape .* from nan to nan; for .* one finite number",
         ),
         ({"x_min": 4.0}, "A block has no face with a given temperature; joints let no heat"),
     ):

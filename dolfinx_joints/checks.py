@@ -175,6 +175,8 @@ def number_at(name: str, function: Callable[[float], Any], time: float, *, unit:
         ValueError: It gives something else.
     """
     value = function(time)
+    if isinstance(value, float) and abs(value) <= LARGEST:  # of each load in each step
+        return float(value)
     number = numbers_of(value)
     if number is None or number.shape != () or not finite(number):
         given = shown(value) if number is None else f"{shown(value, str)} {unit}".rstrip()

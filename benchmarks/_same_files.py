@@ -52,7 +52,8 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{above}{name}/")
         else:
-            yield above + name, value
+            numbers = isinstance(value, list) and all(isinstance(one, float) for one in value)
+            yield above + name, np.array(value) if numbers else value
 
 
 def scales(whole: Mapping[str, Any]) -> dict[str, float]:

@@ -59,7 +59,8 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any]]:
 def scales(whole: Mapping[str, Any]) -> dict[str, float]:
     """Largest entry of each array and number of a finished run, to judge rounding by.
 
-    Energies are differences of large parts and share theirs; what a summary tells are shares.
+    Energies are differences of large parts and share theirs, as forces that rounding leaves do;
+    what a summary tells are shares, as residuals are.
     """
     found: Counter[str] = Counter()
     for name, value in whole.items():
@@ -67,7 +68,7 @@ def scales(whole: Mapping[str, Any]) -> dict[str, float]:
             size = float(np.nanmax(np.abs(value), initial=0.0))
             found[_kind(name)] = max(found[_kind(name)], size)
     return {
-        name: max(1.0, found[_kind(name)]) if name.startswith("summary/") else found[_kind(name)]
+        name: max(found[_kind(name)], 1.0 if _is_share(name) else 0.0)
         for name, value in whole.items()
         if _is_real(value)
     }
@@ -102,6 +103,12 @@ def _is_real(value: Any) -> bool:
     return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
 
 
+def _is_share(name: str) -> bool:
+    return name.startswith("summary/") or name.endswith("/residual")
+
+
 def _kind(name: str) -> str:
     """Names whose values share a scale."""
-    return "energy" if "energy/" in name and not name.endswith("time") else name
+    if "energy/" in name and not name.endswith("time"):
+        return "energy"
+    return name.replace("state/remainder", "state/elastic_force")

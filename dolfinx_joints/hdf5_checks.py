@@ -167,7 +167,10 @@ def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
         return bytes(item.attrs[name]).decode()
     if isinstance(kind, h5py.h5t.TypeIntegerID) and not wrong:
         return int(item.attrs[name])
-    raise ValueError(f"the attribute {name!r} is no text of fixed length and no whole number")
+    raise ValueError(
+        f"the attribute {name!r} is no text of fixed length and no whole number; files of earlier "
+        "versions must be written anew"
+    )
 
 
 def seal(content: bytes | memoryview) -> bytes:

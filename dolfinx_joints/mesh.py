@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints, find_facets
-from dolfinx_joints.checks import check_path, shown
+from dolfinx_joints.checks import check_count, check_kind_of, check_path, shown
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh, load_msh
 from dolfinx_joints.orientation import facet_normals
@@ -176,9 +176,15 @@ def split_mesh(
 
     Raises:
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
+        ValueError: Joints or groups are no tags by name.
     """
     from dolfinx_joints.gathering import gather_mesh
 
+    for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups or {})):
+        named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
+        check_kind_of(what, given, named, "a tag by name")
+        for name, tag in given.items():
+            check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
     both = sorted(set(joints) & set(groups))
     shared = sorted(set(joints.values()) & set(groups.values()))
     if both or shared:

@@ -66,7 +66,7 @@ def load_msh(path: Path) -> RawMesh:
 
     if not path.is_file():
         raise MeshError(f"Mesh file {str(path)!r} does not exist.")
-    _check_head(path)
+    check_head(path)
     started = not gmsh.isInitialized()
     if started:
         gmsh.initialize(interruptible=False)
@@ -103,10 +103,13 @@ def _nodes_per_cell(kind: int) -> int:
     return int(gmsh.model.mesh.getElementProperties(kind)[3])
 
 
-def _check_head(path: Path) -> None:
+def check_head(path: Path) -> None:
     """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh.
 
     Gmsh takes a file for a mesh by its first word, a section of comments included.
+
+    Raises:
+        MeshError: The file is not marked as a mesh, or has options beside it.
     """
     with path.open("rb") as file:
         head = file.read(64)

@@ -96,6 +96,25 @@ class _Section:
             self.fail("announces more than the file can hold")
         return self.take(rows * columns, kind).reshape(rows, columns)
 
+    def records(self, count: int, kind: list[Any]) -> Any:
+        """The next records of a binary section."""
+        size = count * np.dtype(kind).itemsize
+        if count < 0 or self._place + size > len(self._data):
+            self.fail("ends before what it announces")
+        self._place += size
+        return np.frombuffer(self._data, kind, count, self._place - size)
+
+    def alike(self, most: int, width: int, column: int, values: tuple[int, ...]) -> int:
+        """How many of the next rows hold some values from a column on."""
+        if self._numbers is None:
+            count = min(most * width, (len(self._data) - self._place) // 4)
+            ahead: Any = np.frombuffer(self._data, "<i4", count, self._place)
+        else:
+            ahead = self._numbers[self._place : self._place + most * width]
+        rows = ahead[: len(ahead) // width * width].reshape(-1, width)
+        other = (rows[:, column : column + len(values)] != values).any(axis=1)
+        return int(other.argmax()) if other.any() else len(rows)
+
     def end(self) -> int:
         """Where the file goes on after the section."""
         if self._numbers is not None and self._place != len(self._numbers):
@@ -142,6 +161,10 @@ class Contents:
             shown = self._data[place : place + 30].decode("latin-1")
             raise MeshError(f"{self._source} has {shown!r} where a section must begin.")
         name, start = mark[1].decode(), mark.end()
+        if name in ("ParametricNodes", "PartitionedEntities"):
+            self._refuse(
+                f"has a section ${name}; write it without parameters of nodes and unpartitioned"
+            )
         if name not in ("MeshFormat", *READ):
             end = self._data.find(f"$End{name}".encode(), start)
             if end < 0:
@@ -257,20 +280,20 @@ class Contents:
     def _nodes_22(self, start: int) -> int:
         section = self._open_22("Nodes", start)
         (total,) = section.whole(1)
-        section_rows = section.table(total, 4, "f8") if not self._binary else None
-        if section_rows is None:
-            rows = [(section.whole(1)[0], section.take(3, "f8")) for _ in range(total)]
-            self._nodes = np.array([tag for tag, _ in rows], dtype=np.int64)
+        if self._binary:
+            self._nodes = section.records(total, [("tag", "<i4"), ("x", "<f8", 3)])["tag"]
         else:
-            if not (section_rows[:, 0] % 1 == 0).all():
+            rows = section.table(total, 4, "f8")
+            if not (rows[:, 0] % 1 == 0).all():
                 section.fail("holds a number where a whole one is needed")
-            self._nodes = section_rows[:, 0].astype(np.int64)
+            self._nodes = rows[:, 0]
+        self._nodes = self._nodes.astype(np.int64)
         self._check_tags(section, self._nodes, total, 1, _MOST_TAGS, exact=False)
         return section.end()
 
     def _elements_22(self, start: int) -> int:
         section = self._open_22("Elements", start)
-        (total,), found, tags, nodes = section.whole(1), 0, [], []
+        (total,), found, tags, nodes, window = section.whole(1), 0, [], [], 16
         while found < total:
             if self._binary:
                 kind, many, more = section.whole(3)
@@ -280,10 +303,24 @@ class Contents:
             if many < 1 or found + many > total or not 2 <= more <= 1000:
                 section.fail("has a cell whose number of tags or of cells cannot be")
             count = self._count_of(section, kind)
-            rows = section.table(many, self._binary + more + count, "i4")
-            tags.append(rows[:, 0] if self._binary else np.array([tag]))
-            nodes.append(rows[:, self._binary + more :].ravel())
-            if not ((rows[:, self._binary : self._binary + more] >= 0).all()):
+            width = self._binary + more + count
+            rows = section.table(many, width, "i4")
+            if not self._binary:
+                rows = np.insert(rows, 0, tag, axis=1)
+            if many == 1:  # Gmsh writes a head for each cell: those that follow and are like it
+                head = (kind, 1, more) if self._binary else (kind, more)
+                most = min(total - found - 1, window)
+                like = section.alike(most, 3 + width, 0 if self._binary else 1, head)
+                more_rows = section.table(like, 3 + width, "i4")
+                if self._binary:
+                    rows = np.vstack([rows, more_rows[:, 3:]])
+                else:
+                    rows = np.vstack([rows, np.delete(more_rows, (1, 2), axis=1)])
+                many += like
+                window = 2 * many + 16
+            tags.append(rows[:, 0])
+            nodes.append(rows[:, 1 + more :].ravel())
+            if not (rows[:, 1 : 1 + more] >= 0).all():
                 section.fail("has a cell with a negative tag")
             found += many
         self._check_known(section, np.concatenate([self._nodes[:0], *nodes]))

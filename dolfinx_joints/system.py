@@ -132,12 +132,17 @@ class MatrixSystem:
             raise ValueError("A law is given, but no gap that it is the law of.")
         if load is not None:
             check_function("load", load)
+
+        @lru_cache(maxsize=1)
+        def forces(time: float) -> NDArray[np.float64]:
+            return check_vector(f"load({time:g})", np.atleast_1d(load(time)), (size,))
+
         matrix_m = _matrix(m)
         patterns = []
         for i in range(size if load is not None else 0):
             unit = matrix_m.createVecRight()
             unit.setArray(np.eye(size)[i])
-            patterns.append((unit, _component(load, i, size)))
+            patterns.append((unit, lambda time, i=i: float(forces(time)[i])))
         return cls(
             mass=matrix_m,
             stiffness=_matrix(k),
@@ -271,14 +276,6 @@ def check_system(system: Any) -> None:
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
     """A copy in PETSc's general format, which knows more than products (collective)."""
     return matrix.convert("aij", PETSc.Mat())
-
-
-def _component(load: Any, i: int, size: int) -> Callable[[float], float]:
-    def component(time: float) -> float:
-        forces = np.atleast_1d(load(time))
-        return float(check_vector(f"load({time:g})", forces, (size,))[i])
-
-    return component
 
 
 def _dense(name: str, values: Any) -> Floats:

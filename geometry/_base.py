@@ -16,6 +16,7 @@ import gmsh
 import numpy as np
 
 from dolfinx_joints.command_line import Parser
+from dolfinx_joints.msh import check_head
 from geometry._checks import flag, input_path, mesh_path
 from geometry._extrude import BoolArray, FloatArray, SolidMesh
 
@@ -251,6 +252,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
     file = input_path("path", path)
     if file.suffix != ".msh" or not file.is_file():
         raise ValueError(f"There is no mesh file {str(file)!r}.")
+    check_head(file)
     with gmsh_session():
         try:
             gmsh.merge(str(file))

@@ -11,6 +11,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dolfinx_joints.checks import real, shown
 
 CELLS = ("hex", "tet")
@@ -82,7 +84,7 @@ def whole(what: str, value: Any, least: int, most: int = MAX_CELLS) -> int:
 
 def flag(what: str, value: Any) -> None:
     """Raise ValueError unless the value is True or False."""
-    if not isinstance(value, bool):
+    if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{what} is {shown(value)}, but it must be True or False.")
 
 
@@ -92,6 +94,8 @@ def triple(what: str, value: Any) -> tuple[int, int, int]:
     Raises:
         ValueError: if it is anything else.
     """
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, str | bytes) or not isinstance(value, Sequence) or len(value) != 3:
         raise ValueError(f"{what} is {shown(value)}, but it must be three whole numbers.")
     one, two, three = (whole(f"each of {what}", n, 1) for n in value)

@@ -16,10 +16,10 @@ _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
 # Texts and comments; entities; lists without lists inside, or several entities in one.
 _ASIDE = re.compile(r"'(?:[^']|'')*'|/\*.*?\*/", re.S)
-_ENTITY = re.compile(r"\s*#([1-9]\d{0,8})\s*=(.*)", re.S)
-_ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:E[+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
-_LIST = re.compile(rf"(?:[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
-_REFERENCE = re.compile(r"#(\d+)")
+_ENTITY = re.compile(r"\s*#0*([1-9]\d{0,8})\s*=(.*)", re.S)
+_ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:[Ee][+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
+_LIST = re.compile(rf"(?:!?[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
+_REFERENCE = re.compile(r"#0*(\d+)")
 
 
 def check_step_file(step: Path) -> None:

@@ -335,6 +335,7 @@ def page() -> str:
                 said = refusal(Path(folder), door, bad)[1].replace(f"{folder}/", "")
                 said = re.sub(r"(Gmsh cannot read 'FILE\.\w+': ).*", r"\1...", said)
                 said = re.sub(r"'Unable to .*", "...", said)
+                said = re.sub(r"it has \d+ of \d+ bytes", "it has N of M bytes", said)
                 lines.append(f"| {kind} | {bad.what} | `{said}` |")
     return "\n".join(lines) + "\n"
 

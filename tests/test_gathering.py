@@ -130,3 +130,19 @@ def test_facets_that_stay_closed_are_told(square, comm):
     told = [str(w.message) for w in caught if "stay closed" in str(w.message)]
     expected = ["Joint 'a': 1 facets have all their vertices on the joint's front inside the body"]
     assert [text[: len(expected[0])] for text in told] == (expected if comm.rank == 0 else [])
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"joints": ["a"]}, r"joints is \['a'\]; it must be a tag by name\."),
+        ({"joints": None}, r"joints is None; it must be a tag by name\."),
+        ({"groups": {3: 5}}, r"groups is \{3: 5\}; it must be a tag by name\."),
+        ({"groups": {"a": [5]}}, r"The tag of 'a' is \[5\]; it must be a whole number\."),
+        ({"joints": {"a": "5"}}, r"The tag of 'a' is '5'; it must be a whole number\."),
+    ],
+)
+def test_what_is_no_tag_by_name_is_refused(square, given, sentence):
+    mesh, edges, _ = square
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        split_mesh(mesh, edges, **{"joints": {}, "groups": {}, **given})

@@ -620,3 +620,12 @@ def test_script_refuses_in_one_sentence(tmp_path, capsys):
         script.main(["--cell", "prism", "--out", str(tmp_path / "w.msh")])
     assert stop.value.code == 2
     assert capsys.readouterr().err.endswith("cell is 'prism', but it must be 'hex' or 'tet'.\n")
+
+
+def test_a_file_that_is_no_mesh_is_not_run(tmp_path):
+    # Gmsh runs as a script of its own what is not marked as a mesh.
+    ran, script = tmp_path / "ran", tmp_path / "script.msh"
+    script.write_text(f'SystemCall "touch {ran}";\n')
+    with pytest.raises(MeshError, match="is no Gmsh mesh file: it does not begin with"):
+        _base.describe(script)
+    assert not ran.exists()

@@ -244,3 +244,58 @@ def test_joints_are_a_list_of_names(tmp_path):
     path = write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE])
     with pytest.raises(dj.MeshError, match="joints is 'edge'; it must be a list of names"):
         dj.read_msh(path, MPI.COMM_SELF, joints="edge")
+
+
+def old_files(folder, *, binary):
+    """The same tetrahedra in Gmsh's formats 2.2 and 4.1, a volume and a face of them named."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    paths = []
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], name="body")
+        gmsh.model.addPhysicalGroup(2, [1], name="side")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
+        gmsh.model.mesh.generate(3)
+        for version in (2.2, 4.1):
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            paths.append(folder / f"v{version:g}.msh")
+            gmsh.write(str(paths[-1]))
+    finally:
+        gmsh.clear()
+        gmsh.finalize()
+    return paths
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_both_formats_hold_the_same(tmp_path, binary):
+    old, new = (load_msh(path) for path in old_files(tmp_path, binary=binary))
+    assert len(old.cells) == len(new.cells) > 100
+    volume = lambda raw: np.abs(np.linalg.det(np.diff(raw.x[raw.cells], axis=1))).sum() / 6  # noqa: E731
+    assert volume(old) == pytest.approx(volume(new), rel=1e-12)
+    assert volume(new) == pytest.approx(1.0, rel=1e-12)
+    assert len(old.facet_groups["side"]) == len(new.facet_groups["side"])
+
+
+def test_a_cell_that_is_not_like_those_before_it_is_looked_at(tmp_path):
+    path, _ = old_files(tmp_path, binary=0)
+    head, cells = path.read_text().split("$Elements\n")
+    lines = cells.splitlines()
+    for last, sentence in (
+        (f"{lines[-2].split()[0]} 4 2 1 1 1 2 3 99999", "a cell with the node 99999, which is"),
+        (f"{lines[-2].split()[0]} 4 2 -1 1 1 2 3 4", "has a cell with a negative tag"),
+    ):
+        bad = tmp_path / "bad.msh"
+        bad.write_text(head + "$Elements\n" + "\n".join([*lines[:-2], last, lines[-1]]) + "\n")
+        with pytest.raises(dj.MeshError, match=sentence):
+            load_msh(bad)
+
+
+def test_parameters_of_nodes_are_told(tmp_path):
+    _, path = old_files(tmp_path, binary=0)
+    bad = tmp_path / "bad.msh"
+    bad.write_text(path.read_text().replace("Nodes\n", "ParametricNodes\n"))
+    with pytest.raises(dj.MeshError, match=r"section \$ParametricNodes; write it without"):
+        load_msh(bad)

@@ -130,25 +130,13 @@ class MatrixSystem:
             contact = Contact(operator, law, {"joint": initial_gap})
         elif law is not None:
             raise ValueError("A law is given, but no gap that it is the law of.")
-        if load is not None:
-            check_function("load", load)
-
-        @lru_cache(maxsize=1)
-        def forces(time: float) -> NDArray[np.float64]:
-            return check_vector(f"load({time:g})", np.atleast_1d(load(time)), (size,))
-
         matrix_m = _matrix(m)
-        patterns = []
-        for i in range(size if load is not None else 0):
-            unit = matrix_m.createVecRight()
-            unit.setArray(np.eye(size)[i])
-            patterns.append((unit, lambda time, i=i: float(forces(time)[i])))
         return cls(
             mass=matrix_m,
             stiffness=_matrix(k),
             dashpots=None if damping is None else _matrix(c),
             contact=contact,
-            patterns=patterns,
+            patterns=[] if load is None else _components(load, matrix_m),
         )
 
     @cached_property
@@ -276,6 +264,25 @@ def check_system(system: Any) -> None:
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
     """A copy in PETSc's general format, which knows more than products (collective)."""
     return matrix.convert("aij", PETSc.Mat())
+
+
+def _components(
+    load: Callable[[float], ArrayLike], mass: PETSc.Mat
+) -> list[tuple[PETSc.Vec, Callable[[float], float]]]:
+    """A function of time for each entry of a load, with the unit vector that it multiplies."""
+    check_function("load", load)
+    size = mass.getSize()[0]
+
+    @lru_cache(maxsize=1)
+    def forces(time: float) -> Floats:
+        return check_vector(f"load({time:g})", np.atleast_1d(load(time)), (size,))
+
+    def component(i: int) -> tuple[PETSc.Vec, Callable[[float], float]]:
+        unit = mass.createVecRight()
+        unit.setArray(np.eye(size)[i])
+        return unit, lambda time: float(forces(time)[i])
+
+    return [component(i) for i in range(size)]
 
 
 def _dense(name: str, values: Any) -> Floats:

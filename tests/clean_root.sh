@@ -89,7 +89,7 @@ new_root() {
         cp /usr/local/share/ca-certificates/*.crt "$root/usr/local/share/ca-certificates/"
         chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1
     fi
-    mkdir "$root/root/user"
+    mkdir -p "$root/home/user"
     git clone -q --bare "$repository" "$root/srv/dolfinx_joints.git"
 }
 
@@ -105,7 +105,7 @@ mount --rbind /sys sys
 mount -t proc proc proc
 pivot_root . .
 umount -l .
-cd /root/user
+cd /home/user
 exec bash -c "$2"
 '
 
@@ -115,7 +115,7 @@ run_inside() {
         if [[ -n ${!name-} ]]; then proxies+=("$name=${!name}"); fi
     done
     env -i "${proxies[@]}" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
-        HOME=/root/user LANG=C.UTF-8 REPOSITORY=/srv/dolfinx_joints.git \
+        HOME=/home/user LANG=C.UTF-8 REPOSITORY=/srv/dolfinx_joints.git \
         unshare --mount --propagation private --pid --fork --kill-child --ipc --uts \
         bash -c "$inside" bash "$root" "$(script_of "$@")"
 }
@@ -146,9 +146,9 @@ try_wheel() {
     git clone -q "$repository" "$folder"
     make -s -C "$folder" dist
     new_root trixie python3-dolfinx-real python3-gmsh libegl1 python3-pip python3-venv
-    cp -r -- "$folder/dist" "$root/root/user/dist"
-    mkdir "$root/root/user/elsewhere"
-    cp -r -- "$folder/demos/00_first_steps.py" "$folder/geometry" "$root/root/user/elsewhere"
+    cp -r -- "$folder/dist" "$root/home/user/dist"
+    mkdir "$root/home/user/elsewhere"
+    cp -r -- "$folder/demos/00_first_steps.py" "$folder/geometry" "$root/home/user/elsewhere"
     run_inside \
         'python3 -m venv --system-site-packages venv && . venv/bin/activate' \
         "$(from_readme 'python3 -m pip install dist/dolfinx_joints-*.whl')" \

@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import json
 import os
 import statistics
+import subprocess
 import sys
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
@@ -283,3 +285,19 @@ def _facts(outcome: Outcome) -> dict[str, Any]:
         "ledger": outcome.imbalance,
         "energy_error": outcome.energy_error,
     }
+
+
+def run_alone(program: str, *arguments: str) -> dict[str, Any]:
+    """The only row of a benchmark that runs in a process of its own, so that memory is its own.
+
+    Raises:
+        SystemExit: It failed.
+    """
+    command = [sys.executable, "-m", f"benchmarks.{program}", *arguments, "--json"]
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=root)
+    lines = done.stdout.rstrip("\n").split("\n")
+    if not lines[-1].startswith("["):
+        raise SystemExit(f"{program}: the run {' '.join(arguments)} failed.")
+    found: dict[str, Any] = json.loads(lines[-1])[0]
+    return found

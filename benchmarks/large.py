@@ -17,7 +17,6 @@ import argparse
 import json
 import os
 import resource
-import subprocess
 import sys
 import time as clock
 from pathlib import Path
@@ -33,6 +32,7 @@ from benchmarks._measure import (
     load_average,
     petsc_seconds,
     progress,
+    run_alone,
 )
 from benchmarks._scenes import TIME_STEP, wall
 from dolfinx_joints.linear import LINEAR
@@ -83,17 +83,12 @@ def measure(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any
 
 def run(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.large", "--kinds", kind, "--mesh", str(mesh)]
-    command += ["--divisions", *map(str, options.divisions), "--joints", str(options.joints)]
-    command += ["--steps", str(options.steps), "--linear", options.linear, "--json"]
-    command += ["--memory", str(options.memory)]
-    root = Path(__file__).resolve().parents[1]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=root)
-    lines = done.stdout.rstrip("\n").split("\n")
-    if not lines[-1].startswith("["):
-        raise SystemExit(f"large: the run {kind!r} failed.")
-    found: dict[str, Any] = json.loads(lines[-1])[0]
-    return found
+    return run_alone(
+        "large",
+        *("--kinds", kind, "--mesh", str(mesh), "--divisions", *map(str, options.divisions)),
+        *("--joints", str(options.joints), "--steps", str(options.steps)),
+        *("--linear", options.linear, "--memory", str(options.memory)),
+    )
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import time as clock
 from pathlib import Path
@@ -21,7 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import dolfinx_joints as dj
-from benchmarks._measure import load_average
+from benchmarks._measure import load_average, run_alone
 from benchmarks._scenes import TIME_STEP, wall
 from dolfinx_joints.stages import Record
 
@@ -120,15 +119,7 @@ def measure(writing: str, steps: int) -> dict[str, Any]:
 
 def run(writing: str, steps: int) -> dict[str, Any]:
     """A run in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.long_run", "--writing", writing, "--json"]
-    command += ["--steps", str(steps)]
-    root = Path(__file__).resolve().parents[1]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=root)
-    lines = done.stdout.rstrip("\n").split("\n")
-    if not lines[-1].startswith("["):
-        raise SystemExit(f"long_run: the run that writes {writing} failed.")
-    found: dict[str, Any] = json.loads(lines[-1])[0]
-    return found
+    return run_alone("long_run", "--writing", writing, "--steps", str(steps))
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:

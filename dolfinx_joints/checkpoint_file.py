@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.checks import check_file
 from dolfinx_joints.errors import CheckpointError
 from dolfinx_joints.hdf5_checks import (
     DamageTold,
@@ -79,8 +80,7 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
         CheckpointError: There is no such file, it is damaged, not a checkpoint or of a newer
             version.
     """
-    if not path.is_file():
-        raise CheckpointError(f"There is no checkpoint {path}.")
+    check_file(path, f"There is no checkpoint {path}.", CheckpointError)
     with DamageTold(path, CheckpointError, "is no checkpoint, or a damaged one"):
         check_seal(path)
         with h5py.File(path, "r") as file:

@@ -10,12 +10,15 @@ import os
 import re
 from collections.abc import Callable, Collection
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+
+_LONGEST_NAME = 255  # of a file or folder [bytes]
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
@@ -144,9 +147,34 @@ def check_path(name: str, value: Any) -> None:
     Raises:
         ValueError: The value is refused.
     """
+    check_kind_of(name, value, is_path(value), "the path of a file")
+
+
+def is_path(value: Any) -> bool:
+    """Whether a value can name a file."""
     text = os.fspath(value) if isinstance(value, os.PathLike) else value
-    good = isinstance(text, str) and text.strip() != "" and text.isprintable()
-    check_kind_of(name, value, good, "the path of a file")
+    if not isinstance(text, str) or not text.strip() or not text.isprintable():
+        return False
+    return all(len(name.encode()) <= _LONGEST_NAME for name in text.split(os.sep))
+
+
+def check_file(path: Path, missing: str, error: type[Exception] = ValueError) -> None:
+    """Refuse what is no file, or one that cannot be read.
+
+    Args:
+        path: The file.
+        missing: What is said where there is none.
+        error: What is raised.
+    """
+    try:
+        there = path.is_file()
+        if there:
+            with path.open("rb") as file:
+                file.read(1)
+    except OSError as failure:
+        raise error(f"{path} cannot be read: {failure.strerror}.") from None
+    if not there:
+        raise error(missing)
 
 
 def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.float64]:

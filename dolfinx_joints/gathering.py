@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints
+from dolfinx_joints.checks import check_kind_of
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh import RawMesh
 from dolfinx_joints.parallel import raised_together
@@ -59,12 +60,14 @@ def gather_mesh(
     return _assemble(shape, cells, points, facets, values, groups, cell_groups)
 
 
-def _check_tags(mesh: dolfinx.mesh.Mesh, tags: Any, dim: int, name: str) -> None:
+def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, name: str) -> None:
     """Refuse tags of other entities or of another mesh (collective)."""
+    from dolfinx.mesh import MeshTags
+
     with raised_together(mesh.comm):
-        found = getattr(tags, "dim", None)
-        if found != dim:
-            raise MeshError(f"{name} holds tags of dimension {found}; {dim} is needed.")
+        check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
+        if tags.dim != dim:
+            raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
         mesh.topology.create_entities(dim)
         index_map = mesh.topology.index_map(dim)
         if tags.indices.max(initial=-1) >= index_map.size_local + index_map.num_ghosts:

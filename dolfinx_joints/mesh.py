@@ -176,10 +176,13 @@ def split_mesh(
 
     Raises:
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
-        ValueError: Joints or groups are no tags by name.
+        ValueError: Mesh or tags are not DOLFINx's, or joints or groups are no tags by name.
     """
+    from dolfinx.mesh import Mesh
+
     from dolfinx_joints.gathering import gather_mesh
 
+    check_kind_of("mesh", mesh, isinstance(mesh, Mesh), "a DOLFINx mesh")
     for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups or {})):
         named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
         check_kind_of(what, given, named, "a tag by name")

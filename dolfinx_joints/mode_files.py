@@ -15,7 +15,7 @@ from dolfinx_joints.modal import Modes
 from dolfinx_joints.model import Model
 from dolfinx_joints.parallel import on_root
 from dolfinx_joints.probes import NodeGather, boundary_facets
-from dolfinx_joints.results_writer import ResultsWriter
+from dolfinx_joints.results_writer import ResultsWriter, check_storable
 
 
 def write_modes(
@@ -40,11 +40,12 @@ def write_modes(
 
     Raises:
         ResultsError: The file exists, or cannot be written.
-        ValueError: The modes are not of this model.
+        ValueError: The modes are not of this model, or the metadata cannot be stored.
     """
     check_path("path", path)
     check_kind_of("modes", modes, isinstance(modes, Modes), "what modes(model) gives")
     check_kind_of("model", model, isinstance(model, Model), "a Model")
+    check_storable("metadata", {} if metadata is None else metadata)
     check_flag("overwrite", overwrite)
     unknowns = {shape.getSize() for shape in modes.shapes}
     if unknowns != {model.num_dofs}:

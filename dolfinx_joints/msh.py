@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import _compat
 from dolfinx_joints.cells import CellShape, Floats, Ints
+from dolfinx_joints.checks import check_file
 from dolfinx_joints.errors import MeshError
 from dolfinx_joints.msh_checks import Contents
 
@@ -64,8 +65,7 @@ def load_msh(path: Path) -> RawMesh:
             f"Gmsh cannot be loaded: {error}; install that library, or your system's Gmsh."
         ) from None
 
-    if not path.is_file():
-        raise MeshError(f"Mesh file {str(path)!r} does not exist.")
+    check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
     check_head(path)
     started = not gmsh.isInitialized()
     if started:

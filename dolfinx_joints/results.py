@@ -33,7 +33,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import LARGEST, check_path, real, shown
+from dolfinx_joints.checks import LARGEST, check_file, check_path, real, shown
 from dolfinx_joints.errors import ResultsError
 from dolfinx_joints.hdf5_checks import DamageTold, attribute, check_contents, open_growing
 
@@ -341,8 +341,7 @@ def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
 
 
 def _open(path: Path) -> h5py.File:
-    if not path.is_file():
-        raise ResultsError(f"There is no results file {path}.")
+    check_file(path, f"There is no results file {path}.", ResultsError)
     file = open_growing(path, ResultsError)
     try:
         with DamageTold(path, ResultsError):

@@ -95,7 +95,7 @@ def windows(
         Middles of the windows from the first sample on, shape (windows,), [s], and the samples,
         shape (windows, samples of a window).
     """
-    values = _signal(signal, dt)
+    values, dt = _signal(signal, dt)
     if values.ndim != 1:
         raise ValueError(f"A signal for windows must have shape (n,), got {values.shape}.")
     if not 7.5 * dt <= real(window) <= (len(values) + 0.5) * dt:
@@ -197,7 +197,7 @@ def fourier_amplitude(signal: ArrayLike, dt: float) -> tuple[Floats, Floats]:
         The frequencies 0, 1/(n dt), ... up to Nyquist's [Hz], shape (n // 2 + 1,), and the
         amplitudes, shape (n // 2 + 1, ...), in the unit of the signal times s.
     """
-    values = _signal(signal, dt)
+    values, dt = _signal(signal, dt)
     frequencies: Floats = np.fft.rfftfreq(len(values), dt)
     return frequencies, dt * np.abs(np.fft.rfft(values, axis=0))
 
@@ -242,7 +242,7 @@ def response_spectrum(
     Raises:
         ValueError: a period or the damping ratio is out of range.
     """
-    values, natural = _signal(acceleration, dt), _periods(periods)
+    (values, dt), natural = _signal(acceleration, dt), _periods(periods)
     flat = values.reshape(len(values), -1)
     largest = np.zeros((len(natural), flat.shape[1]))
     for displacement in _oscillators(flat, dt, natural, damping_ratio):
@@ -269,7 +269,7 @@ def response_history(
     Raises:
         ValueError: a period or the damping ratio is out of range.
     """
-    values, natural = _signal(acceleration, dt), _periods(periods)
+    (values, dt), natural = _signal(acceleration, dt), _periods(periods)
     flat = values.reshape(len(values), -1)
     history: Floats = np.zeros((len(flat), len(natural), flat.shape[1]))
     for row, displacement in enumerate(_oscillators(flat, dt, natural, damping_ratio), start=1):
@@ -287,7 +287,8 @@ def arias_intensity(acceleration: ArrayLike, dt: float) -> Floats:
     Returns:
         Shape (n, ...), [m/s]; zero at the first sample, the intensity of the motion at the last.
     """
-    square = _signal(acceleration, dt) ** 2
+    values, dt = _signal(acceleration, dt)
+    square = values**2
     cumulative = np.zeros_like(square)
     np.cumsum(0.5 * dt * (square[1:] + square[:-1]), axis=0, out=cumulative[1:])
     return np.pi / (2.0 * STANDARD_GRAVITY) * cumulative
@@ -362,7 +363,7 @@ def _oscillators(
     if not 0.0 <= real(damping_ratio) < 1.0:
         got = shown(damping_ratio, str)
         raise ValueError(f"damping_ratio must be at least 0 and below 1, got {got}.")
-    homogeneous, by_load = _recursion(2.0 * np.pi / periods, damping_ratio, dt)
+    homogeneous, by_load = _recursion(2.0 * np.pi / periods, float(damping_ratio), dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
     for before, after in pairwise(acceleration):
         state = homogeneous @ state + by_load @ np.stack([before, after])
@@ -388,7 +389,7 @@ def _matrices(entries: list[list[Floats]]) -> Floats:
     return np.moveaxis(np.array(entries), -1, 0)
 
 
-def _signal(signal: ArrayLike, dt: float) -> Floats:
+def _signal(signal: ArrayLike, dt: float) -> tuple[Floats, float]:
     values = numbers_of(signal)
     if values is None:
         raise ValueError(f"A signal must be real numbers, got {shown(signal)}.")
@@ -398,4 +399,4 @@ def _signal(signal: ArrayLike, dt: float) -> Floats:
         raise ValueError(f"A signal must be finite, got NaN, infinity or more than {LARGEST:g}.")
     if not SMALLEST <= real(dt) <= LARGEST:
         raise ValueError(f"dt must be a positive number of seconds, got {shown(dt, str)}.")
-    return values
+    return values, float(dt)

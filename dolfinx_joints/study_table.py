@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_path
+from dolfinx_joints.checks import check_file, check_kind_of, check_path
 from dolfinx_joints.errors import StudyError
 from dolfinx_joints.hdf5_checks import (
     DamageTold,
@@ -181,8 +181,7 @@ def read_table(path: str | Path) -> Table:
     check_path("path", path)
     place = Path(path)
     place = place / TABLE if place.is_dir() else place
-    if not place.is_file():
-        raise StudyError(f"There is no table {place}; run the study first.")
+    check_file(place, f"There is no table {place}; run the study first.", StudyError)
     if not h5py.is_hdf5(place):
         raise StudyError(f"{place} is not an HDF5 file.")
     with DamageTold(place, StudyError, "is no table of a study, or a damaged one"):

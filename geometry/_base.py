@@ -15,6 +15,7 @@ from typing import Any
 import gmsh
 import numpy as np
 
+from dolfinx_joints.checks import check_file
 from dolfinx_joints.command_line import Parser
 from dolfinx_joints.msh import check_head
 from geometry._checks import flag, input_path, mesh_path
@@ -250,8 +251,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
         ValueError: if there is no such file, or it holds no solids.
     """
     file = input_path("path", path)
-    if file.suffix != ".msh" or not file.is_file():
-        raise ValueError(f"There is no mesh file {str(file)!r}.")
+    check_file(file, f"There is no mesh file {str(file)!r}.")
     check_head(file)
     with gmsh_session():
         try:

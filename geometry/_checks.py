@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.checks import real, shown
+from dolfinx_joints.checks import is_path, real, shown
 
 CELLS = ("hex", "tet")
 ORDERS = (1, 2)
@@ -147,15 +146,11 @@ def mesh_path(out: Any) -> Path:
     Raises:
         ValueError: if it is no path, does not end in ".msh", its folder is missing, or it is one.
     """
-    try:
-        path = Path(out)
-    except TypeError:
-        raise ValueError(f"out is {shown(out)}, but it must be the path of a file.") from None
-    text = shown(str(out))
+    if not is_path(out):
+        raise ValueError(f"out is {shown(out)}, but it must be the path of a file.")
+    path, text = Path(out), shown(str(out))
     if path.suffix != ".msh":
         raise ValueError(f"out is {text}, but its name must end in '.msh'.")
-    if not str(path).isprintable():
-        raise ValueError(f"out is {text}, but its name must be of printable characters.")
     if not path.parent.is_dir():
         raise ValueError(f"out is {text}, but the folder {str(path.parent)!r} is missing.")
     if path.is_dir():
@@ -169,6 +164,6 @@ def input_path(what: str, path: Any) -> Path:
     Raises:
         ValueError: if it is no path.
     """
-    if not isinstance(path, str | os.PathLike):
+    if not is_path(path):
         raise ValueError(f"{what} is {shown(path)}, but it must be the path of a file.")
     return Path(path)

@@ -8,6 +8,7 @@ import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+from dolfinx_joints.checks import check_file
 from geometry._step_options import FARTHEST
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
@@ -24,8 +25,7 @@ _REFERENCE = re.compile(r"#0*(\d+)")
 
 def check_step_file(step: Path) -> None:
     """Raise ValueError unless the file looks like a whole STEP file."""
-    if not step.is_file():
-        raise ValueError(f"The STEP file {str(step)!r} does not exist.")
+    check_file(step, f"The STEP file {str(step)!r} does not exist.")
     with step.open("rb") as file:
         head = file.read(200).lstrip()
         file.seek(max(0, step.stat().st_size - 200))

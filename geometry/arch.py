@@ -117,6 +117,8 @@ class ArchDam(CircularArches):
                 f"crest_half_chord is {self.crest_half_chord!r}, but it must be above "
                 f"base_half_chord ({self.base_half_chord!r})."
             )
+        for field in fields(self):
+            object.__setattr__(self, field.name, float(getattr(self, field.name)))
         zeta = np.linspace(0, 1, 51)[:, None]
         thickness = self.thickness(zeta, np.linspace(0, 1, 21))
         wrong = ~((thickness > 0) & (thickness < self.radius(zeta))).all(axis=1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from dolfinx_joints.checks import shown
+from dolfinx_joints.checks import check_file, shown
 from geometry._checks import LONGEST, SHORTEST, input_path
 from geometry._extrude import BoolArray, FloatArray
 from geometry.arch import CircularArches, Sector
@@ -190,8 +190,7 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
         ValueError: if the file is not such a table; the message says where.
     """
     file = input_path("table", path)
-    if not file.is_file():
-        raise ValueError(f"The table of sections {str(file)!r} does not exist.")
+    check_file(file, f"The table of sections {str(file)!r} does not exist.")
     if (size := file.stat().st_size) > _MAX_BYTES:
         raise ValueError(
             f"{file} has {size} bytes, but a table of sections has at most {_MAX_BYTES}."

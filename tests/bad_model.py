@@ -41,6 +41,7 @@ def names() -> dict[str, Any]:
     tags = np.repeat(list(found), [len(each) for each in found.values()]).astype(np.int32)
     order = np.argsort(facets)
     tagged = meshtags(mesh, 1, facets[order], tags[order])
+    tagged_cells = meshtags(mesh, 2, np.array([0], np.int32), np.array([4], np.int32))
     groups = {"base": 1, "top": 3}
     jointed = dj.split_mesh(mesh, tagged, joints={"joint_1": 2}, groups=groups)
     whole = dj.split_mesh(mesh, tagged, joints={}, groups=groups)
@@ -55,6 +56,7 @@ def names() -> dict[str, Any]:
         **{"dj": dj, "math": math, "np": np, "Own": Own, "whole": whole},
         **{"jointed": jointed, "rock": rock, "law": law, "model": model, "run": run},
         **{"new": dj.Simulation(model), "other": fresh, "unknown": fresh.mass.createVecRight()},
+        **{"mesh": mesh, "tagged": tagged, "cells": tagged_cells},
         **{"held": held, "system": model.system(), "modes": dj.modes(model.system(), 1)},
         "simulated": simulated,
         "grain": dj.Orthotropic(

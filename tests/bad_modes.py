@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from bad_input import NO_FUNCTION, NO_NUMBER, Door, door, without
+from bad_input import NO_FLAG, NO_FUNCTION, NO_NUMBER, Door, door, without
 from bad_model import AT_LEAST_ONE, AT_POINTS, POSITIVE, names
 
 FACES = {
@@ -22,7 +22,37 @@ FACES = {
 }
 
 
+NAMED = {
+    "nothing": "None",
+    "list": "['base']",
+    "number as a name": "{1: 2}",
+    "text as a tag": "{'a': '2'}",
+    "not whole": "{'a': 2.5}",
+    "negative": "{'a': -2}",
+    "truth value": "{'a': True}",
+}
+NO_TAGS = {"text": "'facets'", "mesh": "mesh"}
+
+
 DOORS: tuple[Door, ...] = (
+    door(
+        "dj.split_mesh",
+        {"mesh": "mesh", "facet_tags": "tagged", "joints": "{'j': 2}", "groups": "{'base': 1}"},
+        {
+            "mesh": {"nothing": "None", "text": "'dam.msh'", "split already": "jointed"},
+            "facet_tags": {**NO_TAGS, "nothing": "None", "of cells": "cells"},
+            "joints": {**NAMED, "on no facet": "{'a': 9}", "on the boundary": "{'top': 3}"},
+            "groups": {**NAMED, "on no facet": "{'a': 9}"},
+            "cell_tags": {**NO_TAGS, "of facets": "tagged"},
+            "cell_groups": {**without(NAMED, "nothing"), "on no cell": "{'a': 9}"},
+        },
+        names,
+        together={
+            "a name twice": "joints={'base': 2}",
+            "a tag twice": "joints={'j': 1}",
+            "a tag of two joints": "joints={'i': 2, 'j': 2}",
+        },
+    ),
     door(
         "dj.modes",
         {"system": "system", "count": "1"},
@@ -38,6 +68,18 @@ DOORS: tuple[Door, ...] = (
         {
             "system": {"nothing": "None", "model": "model"},
             "modes": {"nothing": "None", "list": "modes.shapes", "number": "3"},
+        },
+        names,
+    ),
+    door(
+        "dj.write_modes",
+        {"modes": "modes", "model": "model", "path": "'modes.h5'"},
+        {
+            "modes": {"nothing": "None", "system": "system"},
+            "model": {"nothing": "None", "of other unknowns": "other"},
+            "path": {"number": "7", "nothing": "None", "empty": "''", "no folder": "'no/m.h5'"},
+            "metadata": {"number": "0", "list": "['a']", "cannot be stored": "{'a': law}"},
+            "overwrite": NO_FLAG,
         },
         names,
     ),

@@ -12,6 +12,7 @@ import numpy as np
 from bad_input import NO_CHOICE, NO_COUNT, NO_FLAG, NO_NUMBER, Door, door, without
 
 import dolfinx_joints as dj
+from dolfinx_joints import spectra
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.spectra import response_spectrum
 from dolfinx_joints.spectrum_matching import match_spectrum
@@ -30,6 +31,7 @@ def names() -> dict[str, Any]:
     """What the rows refer to."""
     here: dict[str, Any] = {"dj": dj, "math": math, "np": np, "case": case, "Study": Study}
     here["motion"] = dj.Motion(acceleration=np.eye(3)[np.arange(100) % 3], dt=0.01)
+    here |= {"spectra": spectra, "signal": np.sin(np.arange(100.0))}
     here |= {"match_spectrum": match_spectrum, "response_spectrum": response_spectrum}
     return here
 
@@ -56,6 +58,15 @@ MOTION = {
     "of no size": "[(0, 0, 0), (0, 1e300, 0)]",
     "complex": "np.full((2, 3), 1j)",
     "unlike rows": "[(0, 0, 0), (0, 0)]",
+}
+BAND = {
+    "text": "'low'",
+    "number": "5.0",
+    "too short": "(5.0,)",
+    "not a number": "(math.nan, 9.0)",
+    "complex": "(1.0, 1j)",
+    "falling": "(9.0, 1.0)",
+    "beyond all frequencies": "(60.0, 90.0)",
 }
 STEP = without(NO_NUMBER, negative="-0.01", zero="0.0")
 TARGET = "([0.1, 0.2], [3.0, 2.0])"
@@ -303,5 +314,24 @@ DOORS: tuple[Door, ...] = (
             "damping_ratio": without(NO_NUMBER, negative="-0.1", too_large="1.0"),
         },
         names,
+    ),
+    *(
+        door(
+            f"spectra.{name}",
+            {"signal": "signal", "dt": "0.01", "window": "0.5", "hop": "None", **more},
+            {
+                "signal": {**without(MOTION, "wrong shape"), "several columns": "np.ones((99, 3))"},
+                "dt": STEP,
+                "window": without(STEP, too_short="0.05", too_long="2.0"),
+                "hop": without(STEP, "nothing"),
+                **{each: BAND for each in more},
+            },
+            names,
+        )
+        for name, more in (
+            ("windows", {}),
+            ("spectrogram", {}),
+            ("running_frequency", {"band": "None"}),
+        )
     ),
 )

@@ -34,6 +34,19 @@ def test_refused_in_one_sentence_of_the_readers_own(tmp_path: Path, door: Door, 
     assert len(sentence.replace(str(tmp_path), "")) < 300
 
 
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs /proc")
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
+def test_a_file_that_cannot_be_read(tmp_path: Path, door: Door) -> None:
+    # Reading the memory of a process at address 0 fails, also for those who may read every file.
+    path = tmp_path / f"FILE{door.suffix}"
+    path.symlink_to("/proc/self/mem")
+    with pytest.raises(door.error) as refused:
+        door.read(path)
+    assert str(path) in str(refused.value)
+    assert "cannot be read" in str(refused.value)
+    assert str(refused.value).endswith("Input/output error.")
+
+
 def test_the_page_says_what_the_readers_say() -> None:
     written = Path(__file__).parents[1] / "docs" / "bad_files.md"
     assert written.read_text(encoding="utf-8") == page()

@@ -53,6 +53,12 @@ def model(blocks: Any) -> dj.Model:
     return body(blocks)
 
 
+@pytest.fixture(scope="module")
+def found_modes(model: dj.Model) -> dj.Modes:
+    """A mode of the blocks."""
+    return dj.modes(model.system(), 1)
+
+
 class Odd:
     """A monitor, scheme or checkpoint whose methods give nothing."""
 
@@ -141,6 +147,35 @@ def test_modes(model: dj.Model, comm: Any, data: Any, other: Any) -> None:
     answer("modal_damping", passed_on(lambda: dj.modal_damping(system, junk)), REFUSALS, comm)
     forces = passed_on(lambda: dj.JointForces(model if other is None else other))
     answer("JointForces", forces, REFUSALS, comm)
+
+
+@shared(costly(), 3)
+@given(
+    given=arguments(
+        {"modes": st.just(None), "model": st.just(None)},
+        {
+            "metadata": st.none() | st.dictionaries(st.text(max_size=3), JUNK, max_size=2),
+            "overwrite": st.booleans(),
+        },
+    ),
+    path=st.just("") | st.sampled_from(["/proc/modes.h5", "/no/modes.h5", "/"]),
+)
+def test_write_modes(
+    model: dj.Model,
+    found_modes: dj.Modes,
+    comm: Any,
+    new_path: Callable[[str], Path],
+    given: dict[str, Any],
+    path: str,
+) -> None:
+    whole = {"modes": found_modes, "model": model}
+    given |= {name: of for name, of in whole.items() if given[name] is None}
+    place = Path(path) if path else new_path("modes.h5")
+    answer("write_modes", passed_on(lambda: dj.write_modes(**given, path=place)), REFUSALS, comm)
+    comm.barrier()
+    if comm.rank == 0 and place.is_file():
+        assert dj.Results(place).status == "complete"
+        place.unlink()
 
 
 @shared(costly(), 3)

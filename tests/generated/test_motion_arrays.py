@@ -13,7 +13,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from generated_input import answer, cheap
+import pytest
+from generated_input import answer, cheap, one_of_many
 from hypothesis import given, note
 from hypothesis import strategies as st
 from mutations import SEEDS, mostly
@@ -104,9 +105,9 @@ SPECTRA: dict[str, Callable[..., Any]] = {
 }
 
 
-@cheap()
+@pytest.mark.parametrize("name", SPECTRA)
+@one_of_many()
 @given(
-    name=st.sampled_from(sorted(SPECTRA)),
     seed=mostly((None,), SEEDS),
     dt=mostly((0.02,), NUMBERS),
     one=mostly((0.5, 1.0), NUMBERS),
@@ -114,7 +115,7 @@ SPECTRA: dict[str, Callable[..., Any]] = {
 )
 def test_spectra(name: str, seed: int | None, dt: Any, one: Any, two: Any) -> None:
     array = WAVE if seed is None else changed_array(seed, WAVE)
-    finite(answer("spectra", lambda: SPECTRA[name](array, dt, one, two)))
+    finite(answer(f"spectra, {name}", lambda: SPECTRA[name](array, dt, one, two)))
 
 
 TARGET = np.array([[0.21, 0.3, 0.49], [4.0, 6.0, 5.0]])

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from dolfinx_joints import linear, memory
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.krylov import IterativeSolver
-from dolfinx_joints.linear import STATIC, DirectSolver, Effective, EffectiveMatrix
+from dolfinx_joints.linear import STATIC, Cache, DirectSolver, Effective, EffectiveMatrix
 from dolfinx_joints.system import MatrixSystem
 
 pytestmark = pytest.mark.mpi
@@ -374,3 +374,20 @@ def test_unknown_linear_solvers_are_refused(wall):
         EffectiveMatrix(wall, STEP, linear="magic")
     with pytest.raises(ValueError, match="needs symmetric matrices"):
         EffectiveMatrix(replace(wall, symmetric=False), STEP, linear="iterative")
+
+
+def test_what_was_not_used_for_longest_is_pushed_out():
+    class Made:
+        def __init__(self, key: str) -> None:
+            self.key, self.gone = key, False
+
+        def destroy(self) -> None:
+            self.gone = True
+
+    kept = Cache(Made, size=2)
+    first, second = kept("a"), kept("b")
+    assert kept("a") is first
+    third = kept("c")
+    assert [thing.gone for thing in (first, second, third)] == [False, True, False]
+    assert kept.items() == [("a", first), ("c", third)]
+    assert kept("b") is not second

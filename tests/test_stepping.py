@@ -134,7 +134,10 @@ def test_missing_energy_is_a_failed_solve():
     work = stepper(Leaky(lambda time: 0.03))
     assert len(take(work, 0.1)) == 4
     assert work[0].counts.unbalanced == 3  # 0.1 s, 0.05 s, and 0.05 s again at half time
-    with pytest.raises(JointsError, match="The energy lines of the step to t = 0.05 s do not add"):
+    # 1e-8 of the momentum is as much of the kinetic energy, momentum times velocity, which a
+    # twentieth of a second after the start is nearly all there is.
+    said = "step to t = 0.05 s do not add up: 1.0e-08 of the largest energy is missing, 1e-10 is"
+    with pytest.raises(JointsError, match=said):
         take(stepper(Leaky(lambda time: 0.0), control=StepControl(max_halvings=1)), 0.1)
 
 
@@ -158,13 +161,13 @@ OSCILLATOR = ImpactOscillator(
 )
 
 
-def bounce(dt, periods, control):
+def bounce(dt, periods, control, scheme=None):
     """A mass that strikes a stop again and again: largest displacement error, counts, ledger."""
     law = FrictionNoTension(normal_stiffness=1e8, shear_stiffness=0.0, friction_angle_deg=0.0)
     system = MatrixSystem.from_arrays(
         mass=100.0, stiffness=1e4, gap=[[-1.0], [0.0], [0.0]], law=law, initial_gap=0.03
     )
-    steps, ledger, state = stepper(EnergyConsistent(), system, control)
+    steps, ledger, state = stepper(scheme or EnergyConsistent(), system, control)
     error = 0.0
     for _ in range(round(periods * OSCILLATOR.period / dt)):
         pieces = take((steps, ledger, state), dt)
@@ -193,11 +196,13 @@ def test_landing_and_tolerance_make_an_impact_accurate():
 
 
 def test_the_shortest_step_is_taken_as_it_is():
-    """However small the tolerance, and at contact too: no endless halving."""
-    dt = OSCILLATOR.free_period / 50
-    _, counts, _ = bounce(dt, 1, StepControl(max_halvings=2, tolerance=1e-12, landing=True))
+    """However small the tolerance, and at contact too: no endless halving. Every try is counted."""
+    dt, tried = OSCILLATOR.free_period / 50, Reluctant(lambda time: np.inf)
+    control = StepControl(max_halvings=2, tolerance=1e-12, landing=True)
+    _, counts, _ = bounce(dt, 1, control, tried)
     assert counts.accepted <= 4 * round(OSCILLATOR.period / dt)
     assert counts.inaccurate > 0
+    assert counts.accepted + counts.inaccurate + counts.crossed == len(tried.taken)
 
 
 def test_a_point_that_stays_at_zero_has_not_landed():

@@ -87,7 +87,8 @@ new_root() {
     cp /etc/resolv.conf "$root/etc/"
     if [[ " ${packages[*]} " == *' ca-certificates '* ]]; then
         cp /usr/local/share/ca-certificates/*.crt "$root/usr/local/share/ca-certificates/"
-        chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1
+        chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1 ||
+            { tail -n 20 "$work/build.log"; die "$suite does not take the certificates."; }
     fi
     mkdir -p "$root/home/user"
     git clone -q --bare "$repository" "$root/srv/dolfinx_joints.git"

@@ -367,6 +367,20 @@ def test_initial_state_balances(kind):
     np.testing.assert_allclose(state.joints.traction[0], [-1e3, 0, 0], rtol=1e-12)
 
 
+def test_initial_acceleration_of_a_held_body():
+    # Held dofs stay, and pass nothing on through the mass that they share with the others.
+    rng = np.random.default_rng(4)
+    m, k, _ = random_system(seed=4)
+    system = dataclasses.replace(
+        MatrixSystem.from_arrays(mass=m, stiffness=k), constrained=np.array([1, 2])
+    )
+    free, u = [0, 3], np.where([1, 0, 0, 1], rng.normal(size=4), 0.0)
+    state = initial_state(make_solver(system), displacement=vector(system, u))
+    a = state.acceleration.array
+    np.testing.assert_array_equal(a[[1, 2]], 0.0)
+    np.testing.assert_allclose(m[np.ix_(free, free)] @ a[free], -(k @ u)[free], rtol=1e-10)
+
+
 def test_initial_state_of_a_singular_mass():
     system = MatrixSystem.from_arrays(
         mass=np.diag([1.0, 0.0]), stiffness=np.eye(2), load=lambda t: [0.0, 1.0]

@@ -87,7 +87,7 @@ new_root() {
     cp /etc/resolv.conf "$root/etc/"
     if [[ " ${packages[*]} " == *' ca-certificates '* ]]; then
         cp /usr/local/share/ca-certificates/*.crt "$root/usr/local/share/ca-certificates/"
-        chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1 ||
+        env -u TMPDIR chroot "$root" update-ca-certificates >>"$work/build.log" 2>&1 ||
             { tail -n 20 "$work/build.log"; die "$suite does not take the certificates."; }
     fi
     mkdir -p "$root/home/user"

@@ -41,7 +41,7 @@ from dolfinx_joints import (
 from dolfinx_joints._compat import create_mesh
 from dolfinx_joints.cells import CellShape
 from dolfinx_joints.contact import Contact
-from dolfinx_joints.jointpoints import joint_points
+from dolfinx_joints.jointpoints import _frames, joint_points
 from dolfinx_joints.joints import JointOperator, JointTangent
 from dolfinx_joints.laws import JointState, Status
 from dolfinx_joints.msh import _permutation, load_msh
@@ -229,6 +229,28 @@ def test_points_and_frames(jointed, rule, comm):
     # On a plane joint all frames are one.
     first = comm.bcast(frames[0] if comm.rank == 0 else None, root=0)
     assert largest(comm, frames - first) <= 1e-13
+
+
+X, Y, Z = np.eye(3)
+
+
+@pytest.mark.parametrize(
+    ("normals", "along", "up"),
+    [
+        # docs/conventions.md: s2 steepest upwards, s1 = s2 x n horizontal; in a level joint s1 is
+        # along x, in one that is level here and upright across x there, along y.
+        ([X], [Y], [Z]),
+        ([Y], [-X], [Z]),
+        ([[0.8, 0.0, 0.6]], [Y], [[-0.6, 0.0, 0.8]]),
+        ([Z], [X], [Y]),
+        ([Z, X], [Y, Y], [-X, Z]),
+        ([[0.6, 0.0, 0.8], Z], [[0.8, 0.0, -0.6], X], [Y, Y]),
+    ],
+)
+def test_axes_of_joints(normals, along, up):
+    frames = _frames(np.array(normals), plane=False)
+    expected = np.stack([np.array(normals), np.array(along), np.array(up)], axis=1)
+    np.testing.assert_allclose(frames, expected, atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -182,14 +182,18 @@ def test_patches_tile_the_joint(results: Results) -> None:
 
 
 def test_a_triangle_is_split_like_its_reference() -> None:
-    shape = joint_surface._Bilinear(np.array([[[1.0, 1.0], [4.0, 2.0], [2.0, 5.0]]]))
+    corners = np.array([[1.0, 1.0], [4.0, 2.0], [2.0, 5.0]])
+    shape = joint_surface._Bilinear(corners[None])
+    np.testing.assert_allclose(shape(shape.reference, np.zeros(3, dtype=int)), corners)
     local = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
     facet = np.zeros(3, dtype=int)
     np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-14)
 
 
 def test_a_skew_quadrilateral_is_inverted() -> None:
-    shape = joint_surface._Bilinear(np.array([[[0.0, 0.0], [4.0, 0.0], [3.0, 2.0], [1.0, 3.0]]]))
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [3.0, 2.0], [1.0, 3.0]])
+    shape = joint_surface._Bilinear(corners[None])
+    np.testing.assert_allclose(shape(shape.reference, np.zeros(4, dtype=int)), corners)
     local = np.array([[0.0, 0.0], [0.2, 0.8], [1.0, 1.0], [0.9, 0.1]])
     facet = np.zeros(4, dtype=int)
     np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-12)

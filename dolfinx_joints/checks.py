@@ -57,7 +57,8 @@ def check_number(
 
     Args:
         name: What the value is.
-        value: The value; a truth value is no number.
+        value: The value; a truth value is no number, and a fraction or a whole number of more than
+            63 bits not of a kind that arrays hold.
         valid: Whether a finite number is in the range.
         allowed: The range in words.
         unit: Unit of the value.
@@ -73,6 +74,10 @@ def check_number(
         given = f"{shown(value, str)} {unit}".rstrip()
         size = f"between {SMALLEST:g} and {LARGEST:g} in size"
         raise ValueError(f"{name} is {given}; it must be {'zero or ' if valid(0.0) else ''}{size}.")
+    if not isinstance(value, float | np.number) and not (
+        type(value) is int and abs(number) < 2.0**63
+    ):
+        raise ValueError(f"{name} is {shown(value, str)}; write it as a float, {number!r}.")
 
 
 def real(value: Any) -> float:

@@ -49,10 +49,9 @@ class Orthotropic:
     def __post_init__(self) -> None:
         """Check the parameters."""
         for name in ("young", "poisson", "shear"):
-            values = getattr(self, name)
-            row = isinstance(values, np.ndarray) and values.ndim == 1
-            three = (row or isinstance(values, Sequence)) and len(values) == 3
-            check_kind_of(f"Orthotropic: {name}", values, three, "three numbers")
+            numbers = numbers_of(getattr(self, name))
+            three = numbers is not None and numbers.shape == (3,)
+            check_kind_of(f"Orthotropic: {name}", getattr(self, name), three, "three numbers")
         for name, values in (("young", self.young), ("shear", self.shear)):
             for value in values:
                 check_number(

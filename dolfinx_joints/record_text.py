@@ -261,7 +261,8 @@ def component(
             f"{text.path}: a time step of {dt:.6g} s is none of a ground motion, which has from "
             f"{STEPS[0]:g} to {STEPS[1]:g} s."
         )
-    acceleration = UNITS[unit] * values
+    with np.errstate(over="ignore"):
+        acceleration = UNITS[unit] * values
     place = int(np.argmax(np.abs(acceleration)))
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:
         raise RecordError(

@@ -2,11 +2,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bad parameters of every kind at every door: type and form of the refusal, and their page."""
 
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bad_input import Door
 from bad_parameters import DOORS, page, refusal
+
+from dolfinx_joints import KeyedJoint
 
 
 @pytest.mark.parametrize("door", DOORS, ids=[door.title for door in DOORS])
@@ -31,3 +36,11 @@ def test_no_row_stands_twice() -> None:
 def test_the_page_says_what_the_doors_say() -> None:
     written = Path(__file__).parents[1] / "docs" / "bad_parameters.md"
     assert written.read_text(encoding="utf-8") == page()
+
+
+@pytest.mark.parametrize("value", [Fraction(10**10, 3), 2**63, Decimal("1e9")])
+def test_numbers_that_arrays_do_not_hold(value: Any) -> None:
+    # They would make arrays of Python objects, which few functions of NumPy take.
+    with pytest.raises(ValueError, match=r"^normal_stiffness is .*; (write it as a|it must be)"):
+        KeyedJoint(normal_stiffness=value, shear_stiffness=0.0)
+    KeyedJoint(normal_stiffness=float(value), shear_stiffness=0)

@@ -57,8 +57,8 @@ def check_number(
 
     Args:
         name: What the value is.
-        value: The value; a truth value is no number, and a fraction or a whole number of more than
-            63 bits not of a kind that arrays hold.
+        value: The value, a float or an int that fits into 64 bits. With numbers of other kinds
+            NumPy computes in Python objects, in single precision, or wraps around.
         valid: Whether a finite number is in the range.
         allowed: The range in words.
         unit: Unit of the value.
@@ -74,9 +74,7 @@ def check_number(
         given = f"{shown(value, str)} {unit}".rstrip()
         size = f"between {SMALLEST:g} and {LARGEST:g} in size"
         raise ValueError(f"{name} is {given}; it must be {'zero or ' if valid(0.0) else ''}{size}.")
-    if not isinstance(value, float | np.number) and not (
-        type(value) is int and abs(number) < 2.0**63
-    ):
+    if not isinstance(value, float) and not (type(value) is int and abs(number) < 2.0**63):
         raise ValueError(f"{name} is {shown(value, str)}; write it as a float, {number!r}.")
 
 

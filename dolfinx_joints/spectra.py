@@ -126,7 +126,7 @@ def spectrogram(
         hop: time between windows [s], an eighth of one unless given.
     """
     middles, parts = windows(signal, dt, window, hop)
-    size = parts.shape[1]
+    size, dt = parts.shape[1], float(dt)
     weights = np.hanning(size + 1)[:-1]  # periodic: sines of whole periods do not leak into it
     centred = parts - (parts @ weights / weights.sum())[:, None]
     amplitude = 2.0 * np.abs(np.fft.rfft(weights * centred, 8 * size, axis=1)) / weights.sum()
@@ -162,6 +162,7 @@ def running_frequency(
         all of shape (windows,); NaN where nothing moves.
     """
     drawn = spectrogram(signal, dt, window, hop=hop)
+    dt, window = float(dt), float(window)
     edges = numbers_of((2.0 / window, 0.5 / dt) if band is None else band)
     if edges is None or edges.shape != (2,):
         raise ValueError(f"band must be two frequencies, got {shown(band, str)}.")

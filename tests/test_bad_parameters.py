@@ -7,6 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from bad_input import Door
 from bad_parameters import DOORS, page, refusal
@@ -38,9 +39,12 @@ def test_the_page_says_what_the_doors_say() -> None:
     assert written.read_text(encoding="utf-8") == page()
 
 
-@pytest.mark.parametrize("value", [Fraction(10**10, 3), 2**63, Decimal("1e9")])
-def test_numbers_that_arrays_do_not_hold(value: Any) -> None:
-    # They would make arrays of Python objects, which few functions of NumPy take.
+OTHERS = [Fraction(10**10, 3), 2**63, Decimal("1e9"), np.float32(1e9), np.int64(1e11), np.int8(3)]
+
+
+@pytest.mark.parametrize("value", OTHERS, ids=lambda value: type(value).__name__)
+def test_numbers_that_are_no_floats(value: Any) -> None:
+    # In arrays they would be Python objects, compute in single precision, or wrap around.
     with pytest.raises(ValueError, match=r"^normal_stiffness is .*; (write it as a|it must be)"):
         KeyedJoint(normal_stiffness=value, shear_stiffness=0.0)
     KeyedJoint(normal_stiffness=float(value), shear_stiffness=0)

@@ -101,7 +101,9 @@ SPECTRA: dict[str, Callable[..., Any]] = {
         a, dt, 0.5, band=(one, two)
     )[0],
     "windows": lambda a, dt, one, two: spectra.windows(a, dt, one, two),
-    "equally_spaced": lambda a, dt, one, two: spectra.equally_spaced([0, 0.1, one, two], a),
+    "equally_spaced": lambda a, dt, one, two: spectra.equally_spaced(
+        [0, 0.1, one, two], a[:4] if a is WAVE else a
+    ),
 }
 
 

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -21,6 +24,12 @@ _ENTITY = re.compile(r"\s*#0*([1-9]\d{0,8})\s*=(.*)", re.S)
 _ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:[Ee][+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
 _LIST = re.compile(rf"(?:!?[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
 _REFERENCE = re.compile(r"#0*(\d+)")
+_TRIAL = """import sys, gmsh
+gmsh.initialize(readConfigFiles=False, interruptible=False)
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.model.occ.importShapes(sys.argv[1])
+gmsh.model.occ.synchronize()
+"""
 
 
 def check_step_file(step: Path) -> None:
@@ -37,6 +46,24 @@ def check_step_file(step: Path) -> None:
     if not tail.endswith(_END):
         raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
     _check_content(step)
+    _try_reading(step)
+
+
+def _try_reading(step: Path) -> None:
+    """Raise ValueError where Open CASCADE crashes: it would take this process with it."""
+    # Under mpirun a library of the other process must not take itself for a rank.
+    world = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", _TRIAL, str(step)],
+        env=world,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    if done.returncode < 0:  # what it refuses in words is told when it is read here
+        raise ValueError(
+            f"{step} cannot be read: Open CASCADE crashes at it (signal {-done.returncode})."
+        )
 
 
 def _check_content(step: Path) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """STEP files of several solids: groups, joints where they touch, and what is refused."""
 
+import contextlib
 import re
 
 import gmsh
@@ -11,7 +12,7 @@ from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints._compat import geometry_nodes
-from geometry import _base
+from geometry import _base, _step_file
 from geometry import from_step as script
 from geometry.from_step import from_step
 
@@ -201,6 +202,21 @@ def test_texts_and_comments_may_hold_anything(tmp_path, step):
         .replace("('','automotive_design'", "('it''s #7; (','automotive_design'")
     )
     assert from_step(tmp_path / "p.msh", path, size=5).is_file()
+
+
+def test_where_open_cascade_crashes_this_process_does_not(tmp_path, step, monkeypatch):
+    # An entity without a type, at which version 7.8 crashes; others may tell of it.
+    before, found, after = step.read_text().rpartition("= DIRECTION('',(0.,0.,1.))")
+    assert found
+    path = tmp_path / "bad.step"
+    path.write_text(f"{before}=('',(0.,0.,1.)){after}")
+    with contextlib.suppress(ValueError, RuntimeError):
+        from_step(tmp_path / "p.msh", path, size=5)
+    monkeypatch.setattr(_step_file, "_TRIAL", "import os; os.kill(os.getpid(), 11)")
+    with pytest.raises(
+        ValueError, match=r"bad\.step cannot be read: .* crashes at it \(signal 11\)"
+    ):
+        from_step(tmp_path / "p.msh", path, size=5)
 
 
 def test_a_file_that_is_cut_is_refused(tmp_path, step):

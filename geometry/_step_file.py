@@ -11,7 +11,7 @@ import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from dolfinx_joints.checks import check_file
+from dolfinx_joints.checks import check_file, shown
 from geometry._step_options import FARTHEST
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
@@ -77,7 +77,7 @@ def _check_content(step: Path) -> None:
             good = False
         if not good:
             raise ValueError(
-                f"{step} has a point at ({found[1].strip()[:60]}); coordinates must be numbers "
+                f"{step} has a point at ({shown(found[1].strip(), str)}); coordinates must be numbers "
                 f"below {FARTHEST:g}."
             )
     if points and not _LENGTH.search(text):

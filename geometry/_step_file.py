@@ -77,8 +77,8 @@ def _check_content(step: Path) -> None:
             good = False
         if not good:
             raise ValueError(
-                f"{step} has a point at ({shown(found[1].strip(), str)}); coordinates must be numbers "
-                f"below {FARTHEST:g}."
+                f"{step} has a point at ({shown(found[1].strip(), str)}); coordinates must be "
+                f"numbers below {FARTHEST:g}."
             )
     if points and not _LENGTH.search(text):
         raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
@@ -99,10 +99,9 @@ def _check_entities(step: Path, text: str) -> None:
     for entity in entities:
         found = _ENTITY.fullmatch(entity)
         if found is None or found[1] in refers or not _is_value(found[2]):
-            shown = " ".join(entity.split())[:60]
             raise ValueError(
-                f"{step} has {shown!r}, which is no entity '#number = NAME(...)' with a number of "
-                "its own."
+                f"{step} has {shown(entity, str)!r}, which is no entity '#number = NAME(...)' with "
+                "a number of its own."
             )
         refers[found[1]] = _REFERENCE.findall(found[2])
     lost = {number for numbers in refers.values() for number in numbers} - refers.keys()

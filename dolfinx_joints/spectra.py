@@ -62,9 +62,9 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
             "At least 2 records with a time each are needed, got times "
             f"{shown(time, str)} and values {shown(values, str)}."
         )
-    steps = np.diff(t)
-    if not (finite(t) and (steps > 0.0).all()):
+    if not (finite(t) and (np.diff(t) > 0.0).all()):
         raise ValueError(f"Times must be finite and rise, got {shown(time, str)}.")
+    steps = np.diff(t)
     if (t[-1] - t[0]) / steps.min() > MOST_SAMPLES:
         raise ValueError(
             f"Steps from {steps.min():.3g} to {steps.max():.3g} s make more than "

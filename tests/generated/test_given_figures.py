@@ -197,15 +197,22 @@ def test_figures_saved(folder: Path, options: dict[str, Any]) -> None:
 
 @costly()
 @given(
-    files=st.lists(st.sampled_from(("RUN", "none.h5", "text.h5", "")), max_size=2) | JUNK,
-    out=st.sampled_from(("r.html", "r.htm", "r.txt", "", "no/r.html", "/proc/r.html")) | JUNK,
-    with_3d=st.just(False) | JUNK.filter(lambda value: value is not True),
+    options=arguments(
+        {
+            "results": st.just(["RUN"])
+            | st.lists(st.sampled_from(("RUN", "none.h5", "text.h5", "")), max_size=2),
+            "out": st.sampled_from(("r.html", "r.htm", "r.txt", "", "no/r.html", "/proc/r.html")),
+            "with_3d": st.just(False),
+        },
+        junk=JUNK.filter(lambda value: value is not True),
+    )
 )
-def test_reports(folder: Path, results: Results, files: Any, out: Any, with_3d: Any) -> None:
+def test_reports(folder: Path, results: Results, options: dict[str, Any]) -> None:
     (folder / "text.h5").write_text("no HDF5")
+    files = options.pop("results")
     if isinstance(files, list):
         files = [results.path if name == "RUN" else name for name in files]
-    call = one_sentence(passed_on(lambda: report.write(files, out, with_3d=with_3d)), REFUSALS)
+    call = one_sentence(passed_on(lambda: report.write(files, **options)), REFUSALS)
     made = answer("report.write", call, REFUSALS)
     left = {path.name for path in folder.rglob("*") if path.is_file()} - {"text.h5"}
     assert made is not None or left == set(), left

@@ -288,17 +288,17 @@ def _heard(said: list[str]) -> Iterator[None]:
 
 
 def warn_of(outcome: Outcome) -> None:
-    """Say what makes a run doubtful."""
+    """Say what makes a run doubtful, at the line where the user's program asks for it."""
     if outcome.energy_error > LARGE_ENERGY_ERROR:
         warnings.warn(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
             "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
             "smaller step.",
-            stacklevel=3,
+            stacklevel=5,
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:
         warnings.warn(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one.",
-            stacklevel=3,
+            stacklevel=5,
         )

@@ -655,8 +655,9 @@ def test_warnings_of_a_run_are_kept(wall, tmp_path):
     # Steps as long as half the periods of the shaking: each errs by more than 5 %.
     run = Simulation(wall(), monitors=[ResultsMonitor(tmp_path / "run.h5", points=POINTS)])
     run.statics()
-    with pytest.warns(UserWarning, match="A single step errs"):
+    with pytest.warns(UserWarning, match="A single step errs") as said:
         run.dynamics(dt=0.15, steps=3, motion=shaking)
+    assert said.list[-1].filename == __file__  # the line that asks for the run
     with Results(tmp_path / "run.h5") as results:
         assert any("A single step errs" in text for text in results.summary["warnings"])
 

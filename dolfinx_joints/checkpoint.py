@@ -8,6 +8,7 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -79,7 +80,7 @@ class Checkpoints:
     @property
     def found(self) -> bool:
         """Whether there is a checkpoint to go on from."""
-        return self.path.exists()
+        return os.path.exists(self.path)
 
     def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
         """Refuse early what would be lost or could not be taken up again (collective).

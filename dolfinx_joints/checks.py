@@ -9,6 +9,7 @@ import operator
 import os
 import re
 from collections.abc import Callable, Collection
+from dataclasses import fields
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
-_LONGEST_NAME = 255  # of a file or folder [bytes]
+# Line ends, other control characters and halves of characters: no name that a message could show.
+_NO_NAME = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+_LONGEST_NAME, _LONGEST_PATH = 255, 4095  # of a file or folder, of a whole path [bytes]
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
@@ -57,8 +60,7 @@ def check_number(
 
     Args:
         name: What the value is.
-        value: The value, a float or an int that fits into 64 bits. With numbers of other kinds
-            NumPy computes in Python objects, in single precision, or wraps around.
+        value: The value, a float or an int of 64 bits; see `as_float`.
         valid: Whether a finite number is in the range.
         allowed: The range in words.
         unit: Unit of the value.
@@ -74,8 +76,10 @@ def check_number(
         given = f"{shown(value, str)} {unit}".rstrip()
         size = f"between {SMALLEST:g} and {LARGEST:g} in size"
         raise ValueError(f"{name} is {given}; it must be {'zero or ' if valid(0.0) else ''}{size}.")
-    if not isinstance(value, float) and not (type(value) is int and abs(number) < 2.0**63):
-        raise ValueError(f"{name} is {shown(value, str)}; write it as a float, {number!r}.")
+    if as_float(value) is not value:
+        kind = f"{type(value).__module__}.{type(value).__name__}".removeprefix("builtins.")
+        given = shown(value, str)
+        raise ValueError(f"{name} is {given} of type {kind}; it must be a float, {number!r}.")
 
 
 def real(value: Any) -> float:
@@ -88,6 +92,23 @@ def real(value: Any) -> float:
         return math.inf
     except Exception:  # of a class of the user's own
         return math.nan
+
+
+def as_float(value: Any) -> Any:
+    """A number that is neither a float nor an int of 64 bits as a float, anything else as it is.
+
+    NumPy computes with those in Python objects, in single precision, or wraps around.
+    """
+    plain = isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
+    number = real(value)
+    return value if plain or not math.isfinite(number) else number
+
+
+def hold_floats(of: Any) -> None:
+    """Turn numbers of other kinds in a frozen dataclass into floats, but for those that count."""
+    for field in fields(of):
+        if not re.search(r"\bint\b", str(field.type)):
+            object.__setattr__(of, field.name, as_float(getattr(of, field.name)))
 
 
 def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
@@ -156,9 +177,11 @@ def check_path(name: str, value: Any) -> None:
 def is_path(value: Any) -> bool:
     """Whether a value can name a file."""
     text = os.fspath(value) if isinstance(value, os.PathLike) else value
-    if not isinstance(text, str) or not text.strip() or not text.isprintable():
+    if not isinstance(text, str) or not text.strip() or _NO_NAME.search(text):
         return False
-    return all(len(name.encode()) <= _LONGEST_NAME for name in text.split(os.sep))
+    size = len(text.encode())
+    names = text.split(os.sep)
+    return size <= _LONGEST_PATH and all(len(n.encode()) <= _LONGEST_NAME for n in names)
 
 
 def check_file(path: Path, missing: str, error: type[Exception] = ValueError) -> None:

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_joints.checks import check_kind_of, check_number
+from dolfinx_joints.checks import as_float, check_kind_of, check_number, hold_floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +30,7 @@ class Rayleigh:
 
     def __post_init__(self) -> None:
         """Check the factors."""
+        hold_floats(self)
         for name in ("mass_factor", "stiffness_factor"):
             check_number(name, getattr(self, name), lambda v: v >= 0, "zero or more and finite")
 
@@ -39,16 +40,18 @@ class Rayleigh:
         Raises:
             ValueError: The frequency is not positive.
         """
+        frequency = as_float(frequency)
         check_number("The frequency", frequency, lambda v: v > 0, "positive and finite", unit="Hz")
         omega = 2.0 * math.pi * frequency
         return self.mass_factor / (2.0 * omega) + self.stiffness_factor * omega / 2.0
 
 
-def _checked(ratio: float, *frequencies: float) -> list[float]:
+def _checked(ratio: float, frequency: float) -> tuple[float, float]:
+    """The ratio, and the angular frequency of a frequency [Hz], [rad/s]."""
+    ratio, frequency = as_float(ratio), as_float(frequency)
     check_number("The damping ratio", ratio, lambda v: 0 <= v < 1, "at least 0 and below 1")
-    for value in frequencies:
-        check_number("The frequency", value, lambda v: v > 0, "positive and finite", unit="Hz")
-    return [2.0 * math.pi * frequency for frequency in frequencies]
+    check_number("The frequency", frequency, lambda v: v > 0, "positive and finite", unit="Hz")
+    return ratio, 2.0 * math.pi * frequency
 
 
 def stiffness_proportional(*, ratio: float, frequency: float) -> Rayleigh:
@@ -57,8 +60,8 @@ def stiffness_proportional(*, ratio: float, frequency: float) -> Rayleigh:
     Raises:
         ValueError: The ratio or the frequency is out of its range.
     """
-    (omega,) = _checked(ratio, frequency)
-    return Rayleigh(stiffness_factor=2.0 * ratio / omega)
+    zeta, omega = _checked(ratio, frequency)
+    return Rayleigh(stiffness_factor=2.0 * zeta / omega)
 
 
 def mass_proportional(*, ratio: float, frequency: float) -> Rayleigh:
@@ -67,8 +70,8 @@ def mass_proportional(*, ratio: float, frequency: float) -> Rayleigh:
     Raises:
         ValueError: The ratio or the frequency is out of its range.
     """
-    (omega,) = _checked(ratio, frequency)
-    return Rayleigh(mass_factor=2.0 * ratio * omega)
+    zeta, omega = _checked(ratio, frequency)
+    return Rayleigh(mass_factor=2.0 * zeta * omega)
 
 
 def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, float]) -> Rayleigh:
@@ -83,7 +86,8 @@ def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, fl
             ratios differ so much that a or b would be negative.
     """
     ratios, given = _pair(ratio, "ratio"), _pair(frequencies, "frequencies")
-    one, two = (_checked(r, f)[0] for r, f in zip(ratios, given, strict=True))
+    (first, one), (second, two) = (_checked(r, f) for r, f in zip(ratios, given, strict=True))
+    ratios = (first, second)
     if one == two:
         raise ValueError(f"Both frequencies are {given[0]} Hz; they must differ.")
     # From (a / omega + b omega) / 2 = ratio at both.

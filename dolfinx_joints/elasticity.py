@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.cells import CellShape
-from dolfinx_joints.checks import check_choice, check_number, offers, shown
+from dolfinx_joints.checks import check_choice, check_number, hold_floats, offers, shown
 from dolfinx_joints.mesh import JointedMesh
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class Elastic:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_number("young", self.young, lambda v: v > 0, "positive and finite", unit="Pa")
         check_number("poisson", self.poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
         check_number(

@@ -14,7 +14,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.absorbing import impedance
-from dolfinx_joints.checks import check_kind_of, check_number, offers
+from dolfinx_joints.checks import check_kind_of, check_number, hold_floats, offers
 from dolfinx_joints.loads import TimeFactor, always, in_axes
 from dolfinx_joints.supports import components_of
 
@@ -98,6 +98,7 @@ class FreeField:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         named = isinstance(self.groups, list | tuple) and len(self.groups) > 0
         named = named and all(isinstance(group, str) for group in self.groups)
         named = named and len(set(self.groups)) == len(self.groups)

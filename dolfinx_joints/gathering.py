@@ -39,7 +39,7 @@ def gather_mesh(
     if cell_tags is not None:
         _check_tags(mesh, cell_tags, tdim, "cell_tags")
     owned = mesh.topology.index_map(tdim).size_local
-    original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    original = _order_of_cells(mesh)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
     dofmap = _compat.geometry_nodes(mesh)
     cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
@@ -51,6 +51,10 @@ def gather_mesh(
         tagged = np.column_stack([original[cell_tags.indices], cell_tags.values])
     values = _stack(comm, tagged)
     with raised_together(comm):
+        wrong = ~np.isfinite(points).all(axis=1)
+        if wrong.any():
+            place = ", ".join(f"{c:g}" for c in points[wrong][0, 1:])
+            raise MeshError(f"The mesh has a node at ({place}); coordinates must be finite.")
         for name, tag in groups.items():
             if not np.any(facets[:, 2] == tag):
                 raise MeshError(f"No facet carries the tag {tag} of the group {name!r}.")
@@ -68,6 +72,10 @@ def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, 
         check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
         if tags.dim != dim:
             raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
+        if tags.values.dtype.kind not in "iu":
+            raise MeshError(
+                f"{name} holds tags of type {tags.values.dtype}; they must be integers."
+            )
         mesh.topology.create_entities(dim)
         index_map = mesh.topology.index_map(dim)
         if tags.indices.max(initial=-1) >= index_map.size_local + index_map.num_ghosts:
@@ -88,6 +96,17 @@ def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
             "1 or 2 can."
         )
     return CellShape(name=name, degree=degree)
+
+
+def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
+    """Numbers that the cells of a rank had when the mesh was made."""
+    try:
+        return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    except RuntimeError:
+        raise MeshError(
+            "The mesh does not know in which order its cells were made, as one from create_submesh "
+            "does not; make it with create_mesh, or write it to a file and read that."
+        ) from None
 
 
 def _stack(comm: Any, rows: NDArray[Any]) -> NDArray[Any]:

@@ -22,6 +22,7 @@ from dolfinx_joints.checks import (
     check_name,
     check_number,
     check_vector,
+    hold_floats,
 )
 from dolfinx_joints.joint_pressures import (
     WaterInJoint,
@@ -78,6 +79,7 @@ class SeepageLine:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         start = check_vector("SeepageLine: start", self.start, (2, 3))
         end = check_vector("SeepageLine: end", self.end, (2, 3))
         if len(start) != len(end) or not np.linalg.norm(end - start) > 0.0:
@@ -135,6 +137,7 @@ class Uplift:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         _check_joint(self)
         _check_pressure(f"{label(self)}: pressure", self.pressure)
 
@@ -189,6 +192,7 @@ class JointWater:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         _check_joint(self)
         name = label(self)
         check_number(f"{name}: level", self.level, lambda _: True, "finite", unit="m")

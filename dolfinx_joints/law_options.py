@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, hold_floats
 from dolfinx_joints.laws import (
     NO_COMPLIANCE,
     Floats,
@@ -60,6 +60,7 @@ class KeyedJoint:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_stiffness(self.normal_stiffness, self.shear_stiffness)
 
     def closed_stiffness(self) -> tuple[float, float]:
@@ -164,6 +165,7 @@ class ViscousJoint:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_law("law", self.law)
         if getattr(self.law, "dilatancy_angle_deg", 0.0):
             raise ValueError(

@@ -18,7 +18,14 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number, numbers_of, offers, shown
+from dolfinx_joints.checks import (
+    check_kind_of,
+    check_number,
+    hold_floats,
+    numbers_of,
+    offers,
+    shown,
+)
 
 Floats = NDArray[np.float64]
 
@@ -143,6 +150,7 @@ class FrictionNoTension:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_stiffness(self.normal_stiffness, self.shear_stiffness)
         check_friction_angle(self.friction_angle_deg)
 

@@ -20,6 +20,7 @@ from dolfinx_joints.checks import (
     check_number,
     check_vector,
     finite,
+    hold_floats,
     numbers_of,
     shown,
 )
@@ -158,6 +159,7 @@ class Pressure:
 
     def __post_init__(self) -> None:
         """Check group, pressure and factor."""
+        hold_floats(self)
         check_on_group(self)
         name = f"Pressure on {shown(self.group)}: value"
         check_number(name, self.value, lambda _: True, "finite", unit="Pa")

@@ -183,7 +183,8 @@ def split_mesh(
     from dolfinx_joints.gathering import gather_mesh
 
     check_kind_of("mesh", mesh, isinstance(mesh, Mesh), "a DOLFINx mesh")
-    for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups or {})):
+    cell_groups = {} if cell_groups is None else cell_groups
+    for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups)):
         named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
         check_kind_of(what, given, named, "a tag by name")
         for name, tag in given.items():
@@ -193,7 +194,7 @@ def split_mesh(
     if both or shared:
         what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
         raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
-    raw = gather_mesh(mesh, facet_tags, {**groups, **joints}, cell_tags, cell_groups or {})
+    raw = gather_mesh(mesh, facet_tags, {**groups, **joints}, cell_tags, cell_groups)
     return _distribute(mesh.comm, lambda: _prepare(raw, list(joints)))
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, hold_floats
 from dolfinx_joints.laws import (
     Floats,
     JointState,
@@ -65,6 +65,7 @@ class MohrCoulombJoint:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_stiffness(self.normal_stiffness, self.shear_stiffness)
         check_friction_angle(self.friction_angle_deg)
         for name in ("cohesion", "tensile_strength"):

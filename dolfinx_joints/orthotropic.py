@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_kind_of, check_number, numbers_of, shown
+from dolfinx_joints.checks import check_kind_of, check_number, hold_floats, numbers_of, shown
 
 Floats = NDArray[np.float64]
 
@@ -48,16 +48,17 @@ class Orthotropic:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         for name in ("young", "poisson", "shear"):
             numbers = numbers_of(getattr(self, name))
             three = numbers is not None and numbers.shape == (3,)
             check_kind_of(f"Orthotropic: {name}", getattr(self, name), three, "three numbers")
-        for name, values in (("young", self.young), ("shear", self.shear)):
-            for value in values:
+        for name in ("young", "shear"):
+            for value in np.asarray(getattr(self, name), float):
                 check_number(
                     f"Orthotropic: {name}", value, lambda v: v > 0, "positive and finite", unit="Pa"
                 )
-        for value in self.poisson:
+        for value in np.asarray(self.poisson, float):
             check_number("Orthotropic: poisson", value, lambda _: True, "finite")
         check_number(
             "Orthotropic: density",

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_choice, check_kind_of, check_number, offers
+from dolfinx_joints.checks import check_choice, check_kind_of, check_number, hold_floats, offers
 
 if TYPE_CHECKING:
     from dolfinx_joints.elasticity import Elastic
@@ -134,6 +134,7 @@ class DruckerPrager:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         good = offers(self.elastic, "first_lame") and hasattr(self.elastic, "density")
         check_kind_of("DruckerPrager: elastic", self.elastic, good, "an Elastic")
         check_number(

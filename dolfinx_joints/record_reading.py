@@ -7,6 +7,7 @@ read; behind this door all is in m/s^2 and in right-handed axes with z up. Azimu
 from north, seen from above.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -140,7 +141,7 @@ def _files(
             raise RecordError("At least one file is needed, got none.")
         return [Path(path) for path in source], ""
     path = Path(source)
-    if path.is_file():
+    if os.path.isfile(path):
         return [path], ""
     records = _records_in(path, any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
@@ -156,10 +157,14 @@ def _files(
 
 def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
     """Files of each record; what is no record is left out."""
-    if not directory.is_dir():
+    if not os.path.isdir(directory):
         raise RecordError(f"There is no file or directory {directory}.")
+    try:
+        paths = sorted(directory.iterdir())
+    except OSError as error:
+        raise RecordError(f"{directory} cannot be read: {error.strerror}.") from None
     records: dict[str, list[Path]] = {}
-    for path in sorted(directory.iterdir()):
+    for path in paths:
         record = _record_of(path, any_columns)
         if record is not None:
             records.setdefault(record, []).append(path)

@@ -80,6 +80,7 @@ class Motion:
             raise RecordError(f"name must be a text, got {shown(self.name)}.")
         values.flags.writeable = False
         object.__setattr__(self, "acceleration", values)
+        object.__setattr__(self, "dt", float(self.dt))
 
     @property
     def duration(self) -> float:

@@ -17,7 +17,7 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_name, check_number, check_vector, shown
+from dolfinx_joints.checks import check_name, check_number, check_vector, hold_floats, shown
 from dolfinx_joints.memory import SHARE, available_bytes
 from dolfinx_joints.parallel import lasting, on_root
 from dolfinx_joints.slabs import (
@@ -103,6 +103,7 @@ class ReservoirMass:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        hold_floats(self)
         check_name("group", self.group)
         check_number(f"{self}: level", self.level, lambda _: True, "finite", unit="m")
         allowed = "zero or more and finite"

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, hold_floats
 from dolfinx_joints.errors import JointsError
 from dolfinx_joints.laws import (
     Floats,
@@ -53,6 +53,7 @@ class RigidJoint:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_friction_angle(self.friction_angle_deg)
         check_number("stiffness_ratio", self.stiffness_ratio, lambda v: v > 0, "positive, finite")
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, hold_floats
 from dolfinx_joints.contact import Rule
 from dolfinx_joints.linear import Effective
 from dolfinx_joints.solver import StepSolver
@@ -257,6 +257,7 @@ class Newmark(_Alpha):
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_number("Newmark beta", self.beta, lambda v: 0 < v <= 0.5, "above 0 and at most 1/2")
         check_number(
             "Newmark gamma",
@@ -281,6 +282,7 @@ class HilberHughesTaylor(_Alpha):
 
     def __post_init__(self) -> None:
         """Check the parameter."""
+        hold_floats(self)
         check_number("alpha", self.alpha, lambda v: 0 <= v <= 1 / 3, "at least 0 and at most 1/3")
 
     @property
@@ -314,6 +316,7 @@ class GeneralizedAlpha(_Alpha):
 
     def __post_init__(self) -> None:
         """Check the parameter."""
+        hold_floats(self)
         check_number(
             "spectral_radius", self.spectral_radius, lambda v: 0 <= v <= 1, "at least 0, at most 1"
         )

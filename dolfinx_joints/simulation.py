@@ -258,7 +258,7 @@ class Simulation:
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
-        check_step(dt)
+        dt = check_step(dt)
         check_count("steps", steps, 1, "at least one time step is needed")
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control

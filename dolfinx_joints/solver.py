@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_choice, check_count, check_kind_of, check_number
+from dolfinx_joints.checks import (
+    check_choice,
+    check_count,
+    check_kind_of,
+    check_number,
+    hold_floats,
+)
 from dolfinx_joints.contact import Rule, StatusCounts
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws import JointState, Response
@@ -75,6 +81,7 @@ class NewtonOptions:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        hold_floats(self)
         check_number(
             "relative_tolerance",
             self.relative_tolerance,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.checks import check_count, check_flag, check_number
+from dolfinx_joints.checks import as_float, check_count, check_flag, check_number, hold_floats
 from dolfinx_joints.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.errors import ConvergenceError, JointsError
 from dolfinx_joints.solver import StepSolver
@@ -50,6 +50,7 @@ class StepControl:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        hold_floats(self)
         wanted = "it must be zero or more"
         check_count("max_halvings", self.max_halvings, 0, wanted, most=MOST_HALVINGS)
         check_flag("landing", self.landing)
@@ -238,10 +239,12 @@ def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
     return ConvergenceError(**{**known, **where})
 
 
-def check_step(dt: float) -> None:
-    """Refuse a time step that is not positive.
+def check_step(dt: float) -> float:
+    """A time step as a float, refused where it is not positive.
 
     Raises:
         ValueError: It is zero, negative or not finite.
     """
+    dt = as_float(dt)
     check_number("dt", dt, lambda v: v > 0, "positive and finite", unit="s")
+    return float(dt)

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.checks import check_number, hold_floats
 from dolfinx_joints.laws import FrictionNoTension
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class StiffnessProposal:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        hold_floats(self)
         units = {"normal_stiffness": "Pa/m", "shear_stiffness": "Pa/m"}
         for name, unit in units.items():
             _check_positive(name, getattr(self, name), unit)

@@ -180,7 +180,7 @@ def read_table(path: str | Path) -> Table:
     """
     check_path("path", path)
     place = Path(path)
-    place = place / TABLE if place.is_dir() else place
+    place = place / TABLE if os.path.isdir(place) else place
     check_file(place, f"There is no table {place}; run the study first.", StudyError)
     if not h5py.is_hdf5(place):
         raise StudyError(f"{place} is not an HDF5 file.")

@@ -19,6 +19,7 @@ from dolfinx_joints.checks import (
     check_kind_of,
     check_name,
     check_number,
+    hold_floats,
     number_at,
     shown,
 )
@@ -79,6 +80,7 @@ class Prescribed:
 
     def __post_init__(self) -> None:
         """Check group, component and value."""
+        hold_floats(self)
         check_name("group", self.group)
         check_choice("component", self.component, _AXES)
         name = f"value of the motion prescribed on {shown(self.group)}"
@@ -106,6 +108,7 @@ class Spring:
 
     def __post_init__(self) -> None:
         """Check group and stiffnesses."""
+        hold_floats(self)
         check_name("group", self.group)
         for name in ("normal_stiffness", "tangential_stiffness"):
             check_number(

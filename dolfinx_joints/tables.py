@@ -8,6 +8,7 @@ Numbers are written with all their digits: read back, they are the same.
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,8 +81,8 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     if not tables:
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
-    there = [str(path) for path in paths.values() if path.exists()]
-    if folder.exists() and not folder.is_dir():
+    there = [str(path) for path in paths.values() if os.path.exists(path)]
+    if os.path.exists(folder) and not os.path.isdir(folder):
         raise ResultsError(f"{folder} is a file; the tables need a folder.")
     if there and not overwrite:
         raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
@@ -90,7 +91,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
         for name, path in paths.items():
             _write(tables[name], path)
     except OSError as error:
-        raise ResultsError(f"The tables cannot be written to {folder}: {error}.") from None
+        raise ResultsError(f"The tables cannot be written to {folder}: {error.strerror}.") from None
     return list(paths.values())
 
 

@@ -23,7 +23,7 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.checks import check_each, check_kind_of, check_number
+from dolfinx_joints.checks import check_each, check_kind_of, check_number, hold_floats
 from dolfinx_joints.parallel import raised_together
 from dolfinx_joints.thermal import Temperature
 
@@ -61,6 +61,7 @@ class AnnualWave:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         check_number("AnnualWave: mean", self.mean, lambda _: True, "finite")
         check_number("AnnualWave: amplitude", self.amplitude, lambda v: v >= 0, "zero or more")
         _check_day("AnnualWave: warmest_day", self.warmest_day)
@@ -97,6 +98,7 @@ class ReservoirTemperature:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         for name in ("level", "surface_mean", "deep_mean"):
             value = getattr(self, name)
             check_number(f"ReservoirTemperature: {name}", value, lambda _: True, "finite")

@@ -13,7 +13,7 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.checks import check_function, check_name, check_number, real, shown
+from dolfinx_joints.checks import check_function, check_name, check_number, hold_floats, real, shown
 from dolfinx_joints.elasticity import Elastic
 from dolfinx_joints.loads import Load, TimeFactor, always
 from dolfinx_joints.mesh import JointedMesh
@@ -51,6 +51,7 @@ class Temperature:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        hold_floats(self)
         if not callable(self.value):
             check_number("Temperature: value", self.value, lambda _: True, "finite")
         if not isinstance(self.reference, Mapping):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_each, check_name, check_number
+from dolfinx_joints.checks import check_each, check_name, check_number, hold_floats
 from dolfinx_joints.loads import TimeFactor, always, check_on_group, on_group
 from dolfinx_joints.parallel import lasting, raised_together
 from dolfinx_joints.records import STANDARD_GRAVITY
@@ -49,6 +49,7 @@ class HydrostaticPressure:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        hold_floats(self)
         _check(self, "density", "gravity")
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
@@ -82,6 +83,7 @@ class SiltPressure:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        hold_floats(self)
         _check(self, "density", "coefficient", "gravity")
 
     def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
@@ -115,6 +117,7 @@ class WestergaardMass:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        hold_floats(self)
         _check(self, "density")
         if self.depth is not None and not callable(self.depth):
             name = f"{on_group(self)}: depth"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
@@ -151,9 +152,9 @@ def mesh_path(out: Any) -> Path:
     path, text = Path(out), shown(str(out))
     if path.suffix != ".msh":
         raise ValueError(f"out is {text}, but its name must end in '.msh'.")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise ValueError(f"out is {text}, but the folder {str(path.parent)!r} is missing.")
-    if path.is_dir():
+    if os.path.isdir(path):
         raise ValueError(f"out is {text}, but that is a folder.")
     return path
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from graphlib import CycleError, TopologicalSorter
@@ -24,16 +25,27 @@ _ENTITY = re.compile(r"\s*#0*([1-9]\d{0,8})\s*=(.*)", re.S)
 _ATOM = r"\s*(?:\$|\*|#\d+|[+-]?\d+(?:\.\d*)?(?:[Ee][+-]?\d+)?|\.\w+\.|\"\w*\")\s*"
 _LIST = re.compile(rf"(?:!?[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s*\$){{2,}}\s*\)")
 _REFERENCE = re.compile(r"#0*(\d+)")
+_TYPED = re.compile(r"\s*!?[A-Z]\w*\s*\(.*\)\s*|\s*\(\s*!?[A-Z]\w*\s*\(.*\)\s*\)\s*", re.S)
+_SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
 _TRIAL = """import sys, gmsh
 gmsh.initialize(readConfigFiles=False, interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
-gmsh.model.occ.importShapes(sys.argv[1])
-gmsh.model.occ.synchronize()
+try:
+    gmsh.model.occ.importShapes(sys.argv[1])
+    gmsh.model.occ.synchronize()
+except Exception:  # told where it is read again
+    pass
+print("tried")
 """
 
 
-def check_step_file(step: Path) -> None:
-    """Raise ValueError unless the file looks like a whole STEP file."""
+def check_step_file(step: Path) -> int:
+    """Return how many solids the file describes.
+
+    Raises:
+        ValueError: if it does not look like a whole STEP file.
+        RuntimeError: if it could not be read in a process of its own.
+    """
     check_file(step, f"The STEP file {str(step)!r} does not exist.")
     with step.open("rb") as file:
         head = file.read(200).lstrip()
@@ -45,29 +57,41 @@ def check_step_file(step: Path) -> None:
         raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
     if not tail.endswith(_END):
         raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
-    _check_content(step)
+    solids = _check_content(step)
     _try_reading(step)
+    return solids
 
 
 def _try_reading(step: Path) -> None:
     """Raise ValueError where Open CASCADE crashes: it would take this process with it."""
-    # Under mpirun a library of the other process must not take itself for a rank.
-    world = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
-    done = subprocess.run(
-        [sys.executable, "-c", _TRIAL, str(step)],
-        env=world,
+    # Nothing in the working folder is imported; under mpirun the other process is no rank.
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
+    here = {str(Path.cwd()), ""}
+    kept["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path not in here)
+    tried = subprocess.run(
+        [sys.executable, "-P", "-c", _TRIAL, str(step)],
+        env=kept,
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
     )
-    if done.returncode < 0:  # what it refuses in words is told when it is read here
+    if tried.stdout.rstrip().endswith("tried"):
+        return
+    if tried.returncode == -signal.SIGKILL:
+        raise ValueError(f"{step} cannot be read: the memory may not suffice for it (signal 9).")
+    if tried.returncode < 0:
         raise ValueError(
-            f"{step} cannot be read: Open CASCADE crashes at it (signal {-done.returncode})."
+            f"{step} cannot be read: Open CASCADE crashes at it (signal {-tried.returncode})."
         )
+    said = shown(tried.stderr.rstrip().rpartition("\n")[2], str)
+    raise RuntimeError(f"{step} could not be tried in a process of its own: {said}.")
 
 
-def _check_content(step: Path) -> None:
-    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length."""
+def _check_content(step: Path) -> int:
+    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length.
+
+    Returns the number of solids.
+    """
     text = step.read_text("latin-1")
     points = list(_POINT.finditer(text))
     for found in points:
@@ -82,11 +106,14 @@ def _check_content(step: Path) -> None:
             )
     if points and not _LENGTH.search(text):
         raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
-    _check_entities(step, text)
+    return _check_entities(step, text)
 
 
-def _check_entities(step: Path, text: str) -> None:
-    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring."""
+def _check_entities(step: Path, text: str) -> int:
+    """Raise ValueError where Open CASCADE might crash: entities that are none, or form a ring.
+
+    Returns the number of solids.
+    """
     _, begin, rest = _ASIDE.sub(lambda found: "$" if found[0][0] == "'" else " ", text).partition(
         "DATA;"
     )
@@ -113,10 +140,13 @@ def _check_entities(step: Path, text: str) -> None:
         raise ValueError(
             f"{step} has an entity #{error.args[1][0]} that refers to itself."
         ) from None
+    return sum(_SOLID.search(entity) is not None for entity in entities)
 
 
 def _is_value(text: str) -> bool:
     """Whether a text is NAME(...), or several of them in brackets, with lists in them."""
+    if not _TYPED.fullmatch(text):
+        return False
     before = ""
     while text != before:
         before, text = text, _LIST.sub("$", text)

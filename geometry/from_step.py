@@ -100,7 +100,7 @@ def from_step(
     )
     check_pairs(joints, tied)
     step = input_path("step", step)
-    check_step_file(step)
+    described = check_step_file(step)
     with _base.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
@@ -111,7 +111,7 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(step), solids)
+            volumes = _volumes(_import(step, described), solids)
             faces = _joints(volumes, joints, tied)
             faces |= _surfaces(volumes, surfaces)
             _group(3, volumes)
@@ -125,12 +125,20 @@ def from_step(
     return path
 
 
-def _import(step: Path) -> dict[int, str]:
-    """Import the solids and cut them at their common faces; return their names by tag."""
+def _import(step: Path, described: int) -> dict[int, str]:
+    """Import the solids and cut them at their common faces; return their names by tag.
+
+    Where Open CASCADE cannot build one of the solids that the file describes it leaves it out.
+    """
     names = []
     for number, (_, label) in enumerate(_read(step, scale=1.0), start=1):
         name = re.sub(r"\W+", "_", label).strip("_")
         names.append(f"solid_{number}" if not name or label.startswith(_NAMELESS) else name)
+    if len(names) < described:
+        raise ValueError(
+            f"{step} describes {described} solids, of which {len(names)} could be built: something "
+            "in it is wrong or of a kind that Open CASCADE does not know."
+        )
     gmsh.model.occ.remove(gmsh.model.occ.getEntities(3), recursive=True)
     gmsh.model.occ.synchronize()
     tags = [tag for tag, _ in _read(step, scale=1e-3)]  # Gmsh drops the names where it scales

@@ -205,18 +205,42 @@ def test_texts_and_comments_may_hold_anything(tmp_path, step):
 
 
 def test_where_open_cascade_crashes_this_process_does_not(tmp_path, step, monkeypatch):
-    # An entity without a type, at which version 7.8 crashes; others may tell of it.
-    before, found, after = step.read_text().rpartition("= DIRECTION('',(0.,0.,1.))")
-    assert found
+    # A type that does not exist, at which version 7.8 crashes; others may tell of it.
     path = tmp_path / "bad.step"
-    path.write_text(f"{before}=('',(0.,0.,1.)){after}")
+    path.write_text(step.read_text().replace("= FACE_BOUND(", "= FACE_BOUNDS(", 1))
     with contextlib.suppress(ValueError, RuntimeError):
         from_step(tmp_path / "p.msh", path, size=5)
-    monkeypatch.setattr(_step_file, "_TRIAL", "import os; os.kill(os.getpid(), 11)")
-    with pytest.raises(
-        ValueError, match=r"bad\.step cannot be read: .* crashes at it \(signal 11\)"
+    for trial, error, sentence in (
+        (
+            "import os; os.kill(os.getpid(), 11)",
+            ValueError,
+            r"crashes at it \(signal 11\)",
+        ),
+        ("import os; os.kill(os.getpid(), 9)", ValueError, r"the memory may not suffice .*"),
+        ("import nowhere", RuntimeError, r"could not be tried .*: .*No module named 'nowhere'"),
     ):
+        monkeypatch.setattr(_step_file, "_TRIAL", trial)
+        with pytest.raises(error, match=rf"bad\.step .*{sentence}\.$"):
+            from_step(tmp_path / "p.msh", path, size=5)
+
+
+def test_nothing_beside_a_file_is_run(tmp_path, step, monkeypatch):
+    for name in ("gmsh.py", "re.py", "sitecustomize.py"):
+        (tmp_path / name).write_text("open('run', 'w').close(); raise SystemExit")
+    monkeypatch.chdir(tmp_path)
+    assert from_step("p.msh", step, size=5).is_file()
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("kind", ["PLANE", "CLOSED_SHELL", "ADVANCED_FACE"])
+def test_a_solid_that_cannot_be_built_is_missed(tmp_path, step, kind):
+    path = tmp_path / "bad.step"
+    path.write_text(step.read_text().replace(f"= {kind}(", f"= {kind}X(", 1))
+    with pytest.raises(
+        ValueError, match="describes 3 solids, of which 2 could be built"
+    ) as failure:
         from_step(tmp_path / "p.msh", path, size=5)
+    one_sentence(failure)
 
 
 def test_a_file_that_is_cut_is_refused(tmp_path, step):

@@ -76,6 +76,13 @@ def test_unknown_way_of_entering_is_refused() -> None:
     assert "must be bwrap, chroot or proot, not 'teleport'" in result.stderr
 
 
+def test_folder_for_temporary_files_must_be_there() -> None:
+    result = run_nested("true", TMPDIR="/nowhere")
+    assert result.returncode == SETUP_FAILED
+    assert result.stderr.startswith("with-dolfinx: TMPDIR is '/nowhere', where there is no folder")
+    assert len(result.stderr.splitlines()) == 1
+
+
 # ---------------------------------------------------------------- what the command sees
 
 
@@ -144,7 +151,7 @@ def host_python(tmp_path: Path):
 
     def make(report: str) -> str:
         fake = tmp_path / "bin" / "python3"
-        fake.parent.mkdir()
+        fake.parent.mkdir(exist_ok=True)
         fake.write_text(f"#!/bin/sh\necho {report}\n")
         fake.chmod(0o755)
         return f"{fake.parent}:{os.environ['PATH']}"
@@ -161,6 +168,15 @@ def test_lacking_modules_are_named(host_python) -> None:
     result = run(str(SCRIPT), "true", PATH=host_python("lacks 0.10.0 gmsh tqdm"))
     assert result.returncode == SETUP_FAILED
     assert "has DOLFINx 0.10.0 but not: gmsh tqdm" in result.stderr
+
+
+def test_home_is_asked_for_where_it_is_needed(host_python) -> None:
+    nowhere = {"HOME": None, "XDG_CACHE_HOME": None}
+    result = run(str(SCRIPT), "true", PATH=host_python("nothing"), **nowhere)
+    assert result.returncode == SETUP_FAILED
+    assert result.stderr.startswith("with-dolfinx: HOME is not set; set it, or XDG_CACHE_HOME")
+    ready = run(str(SCRIPT), "true", PATH=host_python("ready 0.9.0"), **nowhere)
+    assert ready.returncode == 0
 
 
 # Names the Debian that a call would build, on a system without DOLFINx as Debian packages.

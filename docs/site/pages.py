@@ -26,7 +26,12 @@ MENU = {
         "docs/bad_parameters.md",
     ],
     "Background": ["docs/theory.md", "docs/time_integration.md", "docs/conventions.md"],
-    "Evidence": ["docs/benchmarks.md", "docs/studies.md", "docs/mutants.md"],
+    "Evidence": [
+        "docs/benchmarks.md",
+        "docs/studies.md",
+        "docs/generated_input.md",
+        "docs/mutants.md",
+    ],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "CHANGELOG.md"],
 }
 # Files beside the pages that pages link to.

@@ -8,7 +8,6 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -79,8 +78,18 @@ class Checkpoints:
 
     @property
     def found(self) -> bool:
-        """Whether there is a checkpoint to go on from."""
-        return os.path.exists(self.path)
+        """Whether there is a checkpoint to go on from.
+
+        Raises:
+            CheckpointError: Its folder may not be entered.
+        """
+        try:
+            self.path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise CheckpointError(f"{self.path} cannot be read: {error.strerror}.") from None
+        return True
 
     def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
         """Refuse early what would be lost or could not be taken up again (collective).

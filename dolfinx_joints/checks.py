@@ -8,6 +8,8 @@ import math
 import operator
 import os
 import re
+import stat
+import unicodedata
 from collections.abc import Callable, Collection
 from dataclasses import fields
 from numbers import Real
@@ -19,8 +21,8 @@ from numpy.typing import NDArray
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
-# Line ends, other control characters and halves of characters: no name that a message could show.
-_NO_NAME = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+# Control and format characters, halves of characters, ends of lines: not in a line that is read.
+_UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 _LONGEST_NAME, _LONGEST_PATH = 255, 4095  # of a file or folder, of a whole path [bytes]
 
 # Of a value in a message.
@@ -79,7 +81,7 @@ def check_number(
     if as_float(value) is not value:
         kind = f"{type(value).__module__}.{type(value).__name__}".removeprefix("builtins.")
         given = shown(value, str)
-        raise ValueError(f"{name} is {given} of type {kind}; it must be a float, {number!r}.")
+        raise ValueError(f"{name} is {given} of type {kind}; give it as a float, {number!r}.")
 
 
 def real(value: Any) -> float:
@@ -97,17 +99,22 @@ def real(value: Any) -> float:
 def as_float(value: Any) -> Any:
     """A number that is neither a float nor an int of 64 bits as a float, anything else as it is.
 
-    NumPy computes with those in Python objects, in single precision, or wraps around.
+    With other numbers NumPy computes in Python objects, in single precision, or wraps around.
     """
-    plain = isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
+    if isinstance(value, float) or (type(value) is int and abs(value) < 2**63):
+        return value
     number = real(value)
-    return value if plain or not math.isfinite(number) else number
+    return number if math.isfinite(number) else value
 
 
 def hold_floats(of: Any) -> None:
-    """Turn numbers of other kinds in a frozen dataclass into floats, but for those that count."""
+    """Turn numbers of other kinds in a frozen dataclass into floats.
+
+    Counts, names and truth values are left to their own checks.
+    """
     for field in fields(of):
-        if not re.search(r"\bint\b", str(field.type)):
+        kinds = str(field.type)
+        if "float" in kinds or not re.search(r"\b(int|str|bool)\b", kinds):
             object.__setattr__(of, field.name, as_float(getattr(of, field.name)))
 
 
@@ -177,7 +184,9 @@ def check_path(name: str, value: Any) -> None:
 def is_path(value: Any) -> bool:
     """Whether a value can name a file."""
     text = os.fspath(value) if isinstance(value, os.PathLike) else value
-    if not isinstance(text, str) or not text.strip() or _NO_NAME.search(text):
+    if not isinstance(text, str) or not text.strip():
+        return False
+    if any(unicodedata.category(character) in _UNSEEN for character in text):
         return False
     size = len(text.encode())
     names = text.split(os.sep)
@@ -193,10 +202,12 @@ def check_file(path: Path, missing: str, error: type[Exception] = ValueError) ->
         error: What is raised.
     """
     try:
-        there = path.is_file()
+        there = stat.S_ISREG(path.stat().st_mode)
         if there:
             with path.open("rb") as file:
                 file.read(1)
+    except (FileNotFoundError, NotADirectoryError):
+        there = False
     except OSError as failure:
         raise error(f"{path} cannot be read: {failure.strerror}.") from None
     if not there:

@@ -108,8 +108,8 @@ def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, fl
 def _pair(value: Any, name: str) -> tuple[Any, Any]:
     """Two values, or one for both where it is a ratio."""
     if name == "ratio" and not isinstance(value, list | tuple):
-        return value, value
+        return as_float(value), as_float(value)
     two = isinstance(value, list | tuple) and len(value) == 2
     wanted = "a number or a pair of numbers" if name == "ratio" else "a pair of numbers"
     check_kind_of(name, value, two, wanted)
-    return value[0], value[1]
+    return as_float(value[0]), as_float(value[1])

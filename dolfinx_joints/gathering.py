@@ -39,7 +39,8 @@ def gather_mesh(
     if cell_tags is not None:
         _check_tags(mesh, cell_tags, tdim, "cell_tags")
     owned = mesh.topology.index_map(tdim).size_local
-    original = _order_of_cells(mesh)
+    with raised_together(comm):
+        original = _order_of_cells(mesh)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
     dofmap = _compat.geometry_nodes(mesh)
     cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))

@@ -157,10 +157,10 @@ def _files(
 
 def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
     """Files of each record; what is no record is left out."""
-    if not os.path.isdir(directory):
-        raise RecordError(f"There is no file or directory {directory}.")
     try:
         paths = sorted(directory.iterdir())
+    except (FileNotFoundError, NotADirectoryError):
+        raise RecordError(f"There is no file or directory {directory}.") from None
     except OSError as error:
         raise RecordError(f"{directory} cannot be read: {error.strerror}.") from None
     records: dict[str, list[Path]] = {}

@@ -27,7 +27,7 @@ _LIST = re.compile(rf"(?:!?[A-Z]\w*\s*)?\((?:{_ATOM}(?:,{_ATOM})*|\s*)\)|\((?:\s
 _REFERENCE = re.compile(r"#0*(\d+)")
 _TYPED = re.compile(r"\s*!?[A-Z]\w*\s*\(.*\)\s*|\s*\(\s*!?[A-Z]\w*\s*\(.*\)\s*\)\s*", re.S)
 _SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
-_TRIAL = """import sys, gmsh
+_TRIAL = """import os, sys, gmsh
 gmsh.initialize(readConfigFiles=False, interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
 try:
@@ -35,7 +35,7 @@ try:
     gmsh.model.occ.synchronize()
 except Exception:  # told where it is read again
     pass
-print("tried")
+os._exit(0)
 """
 
 
@@ -63,28 +63,32 @@ def check_step_file(step: Path) -> int:
 
 
 def _try_reading(step: Path) -> None:
-    """Raise ValueError where Open CASCADE crashes: it would take this process with it."""
+    """Read the file in a process of its own, which Open CASCADE may take with it.
+
+    Raises:
+        ValueError: if that process crashed or was ended.
+        RuntimeError: if it could not read anything.
+    """
     # Nothing in the working folder is imported; under mpirun the other process is no rank.
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
-    here = {str(Path.cwd()), ""}
-    kept["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path not in here)
-    tried = subprocess.run(
-        [sys.executable, "-P", "-c", _TRIAL, str(step)],
-        env=kept,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-    )
-    if tried.stdout.rstrip().endswith("tried"):
-        return
-    if tried.returncode == -signal.SIGKILL:
-        raise ValueError(f"{step} cannot be read: the memory may not suffice for it (signal 9).")
+    kept["PYTHONPATH"] = os.pathsep.join(p for p in map(str, sys.path) if p not in ("", os.curdir))
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    try:
+        tried = subprocess.run([sys.executable, "-P", "-c", _TRIAL, str(step)], env=kept, **quiet)
+    except OSError as error:
+        raise RuntimeError(f"{step} could not be tried in a process of its own: {error}.") from None
+    if tried.returncode in (-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGFPE, -signal.SIGABRT):
+        raise ValueError(
+            f"{step} cannot be read: Open CASCADE crashes on it (signal {-tried.returncode})."
+        )
     if tried.returncode < 0:
         raise ValueError(
-            f"{step} cannot be read: Open CASCADE crashes at it (signal {-tried.returncode})."
+            f"{step} cannot be read: the process that tried it was ended by signal "
+            f"{-tried.returncode}, as where memory does not suffice."
         )
-    said = shown(tried.stderr.rstrip().rpartition("\n")[2], str)
-    raise RuntimeError(f"{step} could not be tried in a process of its own: {said}.")
+    if tried.returncode > 0:
+        said = shown(tried.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
+        raise RuntimeError(f"{step} could not be tried in a process of its own: {said}.")
 
 
 def _check_content(step: Path) -> int:

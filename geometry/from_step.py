@@ -85,9 +85,11 @@ def from_step(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, the file holds no solids, solids overlap, one
-            touches no other, or a name fits nothing.
-        RuntimeError: if Gmsh fails to mesh the solids.
+        ValueError: if an argument is not allowed, the file holds no solids, cannot be read or
+            not all of its solids can be built, solids overlap, one touches no other, or a name
+            fits nothing.
+        RuntimeError: if the file cannot be tried in a process of its own, or Gmsh fails to mesh
+            the solids.
     """
     path = mesh_path(out)
     _base.check_window(gui)
@@ -126,22 +128,15 @@ def from_step(
 
 
 def _import(step: Path, described: int) -> dict[int, str]:
-    """Import the solids and cut them at their common faces; return their names by tag.
-
-    Where Open CASCADE cannot build one of the solids that the file describes it leaves it out.
-    """
+    """Import the solids and cut them at their common faces; return their names by tag."""
     names = []
-    for number, (_, label) in enumerate(_read(step, scale=1.0), start=1):
+    for number, (_, label) in enumerate(_read(step, described, scale=1.0), start=1):
         name = re.sub(r"\W+", "_", label).strip("_")
         names.append(f"solid_{number}" if not name or label.startswith(_NAMELESS) else name)
-    if len(names) < described:
-        raise ValueError(
-            f"{step} describes {described} solids, of which {len(names)} could be built: something "
-            "in it is wrong or of a kind that Open CASCADE does not know."
-        )
     gmsh.model.occ.remove(gmsh.model.occ.getEntities(3), recursive=True)
     gmsh.model.occ.synchronize()
-    tags = [tag for tag, _ in _read(step, scale=1e-3)]  # Gmsh drops the names where it scales
+    # Gmsh drops the names where it scales.
+    tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
     if len(tags) == 1:
         return {tags[0]: names[0]}
     pieces = [(3, tag) for tag in tags]
@@ -166,7 +161,7 @@ def _import(step: Path, described: int) -> dict[int, str]:
     return owner
 
 
-def _read(step: Path, scale: float) -> list[tuple[int, str]]:
+def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
     """Import the shapes in millimetres times a scale; return tag and label of each solid."""
     gmsh.option.setNumber("Geometry.OCCScaling", scale)
     try:
@@ -175,6 +170,11 @@ def _read(step: Path, scale: float) -> list[tuple[int, str]]:
     except Exception as error:
         raise ValueError(f"{step} cannot be read: {error}.") from None
     solids = [tag for dim, tag in found if dim == 3]
+    if len(solids) < described:  # Open CASCADE leaves out what it cannot build
+        raise ValueError(
+            f"{step} describes {described} solids, of which {len(solids)} were built; the others "
+            "are wrong, of a kind that Open CASCADE does not know, or belong to no part."
+        )
     if not solids:
         raise ValueError(f"{step} holds no solids, {len(found)} other shapes; solids are needed.")
     return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]

@@ -55,5 +55,5 @@ def test_numbers_of_other_kinds_become_floats(value: Any) -> None:
 
 
 def test_a_function_names_the_kind_of_a_number() -> None:
-    with pytest.raises(ValueError, match=r"^gap is 1 of type numpy\.int8; it must be a float, 1"):
+    with pytest.raises(ValueError, match=r"^gap is 1 of type numpy\.int8; give it as a float, 1"):
         check_number("gap", np.int8(1), lambda value: value > 0, "positive")

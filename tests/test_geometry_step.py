@@ -4,6 +4,7 @@
 
 import contextlib
 import re
+import sys
 
 import gmsh
 import numpy as np
@@ -214,9 +215,13 @@ def test_where_open_cascade_crashes_this_process_does_not(tmp_path, step, monkey
         (
             "import os; os.kill(os.getpid(), 11)",
             ValueError,
-            r"crashes at it \(signal 11\)",
+            r"crashes on it \(signal 11\)",
         ),
-        ("import os; os.kill(os.getpid(), 9)", ValueError, r"the memory may not suffice .*"),
+        (
+            "import os; os.kill(os.getpid(), 9)",
+            ValueError,
+            r"was ended by signal 9, as where memory does not suffice",
+        ),
         ("import nowhere", RuntimeError, r"could not be tried .*: .*No module named 'nowhere'"),
     ):
         monkeypatch.setattr(_step_file, "_TRIAL", trial)
@@ -228,6 +233,7 @@ def test_nothing_beside_a_file_is_run(tmp_path, step, monkeypatch):
     for name in ("gmsh.py", "re.py", "sitecustomize.py"):
         (tmp_path / name).write_text("open('run', 'w').close(); raise SystemExit")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
     assert from_step("p.msh", step, size=5).is_file()
     assert not (tmp_path / "run").exists()
 
@@ -236,9 +242,15 @@ def test_nothing_beside_a_file_is_run(tmp_path, step, monkeypatch):
 def test_a_solid_that_cannot_be_built_is_missed(tmp_path, step, kind):
     path = tmp_path / "bad.step"
     path.write_text(step.read_text().replace(f"= {kind}(", f"= {kind}X(", 1))
-    with pytest.raises(
-        ValueError, match="describes 3 solids, of which 2 could be built"
-    ) as failure:
+    with pytest.raises(ValueError, match="describes 3 solids, of which 2 were built") as failure:
+        from_step(tmp_path / "p.msh", path, size=5)
+    one_sentence(failure)
+
+
+def test_the_only_solid_cannot_be_built(tmp_path):
+    path = write_step(tmp_path / "bad.step", {"a": BOXES["rock"]})
+    path.write_text(path.read_text().replace("= PLANE(", "= PLAIN("))
+    with pytest.raises(ValueError, match="describes 1 solids, of which 0 were built") as failure:
         from_step(tmp_path / "p.msh", path, size=5)
     one_sentence(failure)
 

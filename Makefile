@@ -59,7 +59,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-0.11 verify fuzz coverage mutants bench lint dist docs clean
+.PHONY: help demo paper studies test test-3 test-0.11 verify fuzz coverage mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -81,16 +81,18 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
 
-test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2 and 3
+test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2
 	$(PYTHON) -m pytest -q -m "not slow" tests
 	$(MPIRUN) -n 2 $(MPI_PYTEST) tests
+
+test-3: ## Run the tests of any rank count outside of tests/verification on 3 ranks
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
 
 test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
 	$(PYTHON) -m pytest -q -m "not slow" tests
 
-verify: fuzz ## Run the slow tests, verification on 3 ranks, a part on 4, the demos on 2, fuzz
+verify: test-3 fuzz ## Run test-3, fuzz, the slow tests, verification on 3 ranks, a part on 4, demos on 2
 	$(PYTHON) -m pytest -q -m slow tests
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \

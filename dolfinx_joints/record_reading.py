@@ -8,13 +8,13 @@ from north, seen from above.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints.checks import check_number, shown
+from dolfinx_joints.checks import check_kind_of, check_number, check_path, shown
 from dolfinx_joints.errors import RecordError
 from dolfinx_joints.record_columns import Columns, is_columns, read_columns, states_unit
 from dolfinx_joints.record_cosmos import COSMOS
@@ -128,7 +128,9 @@ def record_names(directory: str | Path) -> list[str]:
 
     Raises:
         RecordError: there is no such directory.
+        ValueError: it is no path.
     """
+    check_path("directory", directory)
     return list(_records_in(Path(directory), False))
 
 
@@ -136,10 +138,16 @@ def _files(
     source: str | Path | Sequence[str | Path], name: str | None, any_columns: bool
 ) -> tuple[list[Path], str]:
     """Files to read, and the name of their record where it is known already."""
+    check_kind_of("name", name, name is None or isinstance(name, str), "a part of a record's name")
     if not isinstance(source, str | Path):
-        if not source:
+        several = isinstance(source, Iterable) and not isinstance(source, bytes)
+        check_kind_of("source", source, several, "a file, a directory or several files")
+        paths = list(source)
+        for path in paths:
+            check_path("A file of source", path)
+        if not paths:
             raise RecordError("At least one file is needed, got none.")
-        return [Path(path) for path in source], ""
+        return [Path(path) for path in paths], ""
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""

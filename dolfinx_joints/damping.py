@@ -86,8 +86,7 @@ def rayleigh(*, ratio: float | tuple[float, float], frequencies: tuple[float, fl
             ratios differ so much that a or b would be negative.
     """
     ratios, given = _pair(ratio, "ratio"), _pair(frequencies, "frequencies")
-    (first, one), (second, two) = (_checked(r, f) for r, f in zip(ratios, given, strict=True))
-    ratios = (first, second)
+    one, two = (_checked(r, f)[1] for r, f in zip(ratios, given, strict=True))
     if one == two:
         raise ValueError(f"Both frequencies are {given[0]} Hz; they must differ.")
     # From (a / omega + b omega) / 2 = ratio at both.

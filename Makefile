@@ -21,7 +21,7 @@ MUTANTS_ARGS ?=
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
 DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
-CODE = $(wildcard dolfinx_joints/*.py geometry/*.py studies/*.py)
+CODE = $(shell find dolfinx_joints geometry studies -name '*.py')
 
 # Tools that are not Debian packages, or not in one version everywhere, come from PyPI into the
 # user's cache; running the package needs none of them. mypy comes with Debian's packages, and the

@@ -24,9 +24,9 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene
-from dolfinx_joints.laws import Law
-from dolfinx_joints.parallel import free_petsc_garbage
-from dolfinx_joints.stages import Outcome, Record
+from dolfinx_joints.laws.law import Law
+from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.simulation.records import Outcome, Record
 
 FACTOR = (
     *("MatCholFctrSym", "MatCholFctrNum"),
@@ -146,7 +146,7 @@ class StepWatch:
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the crest and start the clock."""
-        from dolfinx_joints.probes import NodeGather, PointProbe
+        from dolfinx_joints.monitors.probes import NodeGather, PointProbe
 
         self._probe = PointProbe(model, [self._scene.crest], NodeGather(model))
         self._static = self._probe.read(first.displacement)[0]

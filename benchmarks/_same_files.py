@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints import Results
-from dolfinx_joints.checkpoint_file import read_checkpoint
+from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
 
 
 class DamagedError(Exception):

@@ -30,10 +30,10 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
-from dolfinx_joints.command_line import Parser, at_least
-from dolfinx_joints.solver import StepSolver
-from dolfinx_joints.solver_choice import make_solver
-from dolfinx_joints.states import DynamicState, initial_state
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.solvers.newton import StepSolver
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.states import DynamicState, initial_state
 
 SCHEME = dj.EnergyConsistent()
 REFERENCE = dj.NewtonOptions(relative_tolerance=1e-13)

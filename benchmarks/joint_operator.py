@@ -24,9 +24,9 @@ from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.command_line import Parser, at_least
-from dolfinx_joints.joints import JointOperator, JointTangent
-from dolfinx_joints.laws import JointState, Status
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.joints.operator import JointOperator, JointTangent
+from dolfinx_joints.laws.law import JointState, Status
 
 COMM = MPI.COMM_WORLD
 SIDES = {"quick": (31, 99), "full": (99, 316)}  # cells along x and y: n^2 facets

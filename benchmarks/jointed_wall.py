@@ -28,8 +28,8 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
-from dolfinx_joints.command_line import Parser, at_least
-from dolfinx_joints.solver_choice import KINDS
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.solvers.choice import KINDS
 
 Row = dict[str, Any]
 

@@ -22,7 +22,7 @@ from typing import Any
 import dolfinx_joints as dj
 from benchmarks._measure import load_average, run_alone
 from benchmarks._scenes import TIME_STEP, wall
-from dolfinx_joints.stages import Record
+from dolfinx_joints.simulation.records import Record
 
 EVERY = 1000  # steps between two readings of the memory
 LARGEST_GROWTH = 1.0  # [MiB]

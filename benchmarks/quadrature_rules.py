@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_joints import JointsError
-from dolfinx_joints.command_line import Parser
+from dolfinx_joints.common.command_line import Parser
 from tests.verification.inclined_crack import CrackResult, InclinedCrack, solve_crack
 from tests.verification.no_tension_section import NoTensionSection, SectionState, move_force
 

@@ -36,7 +36,7 @@ import dolfinx_joints as dj
 from benchmarks._measure import load_average, march, print_disturbance
 from benchmarks._parts import PARTS, Clocks, SplitWatch
 from benchmarks._scenes import Scene, wall
-from dolfinx_joints.command_line import Parser, at_least
+from dolfinx_joints.common.command_line import Parser, at_least
 
 SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
 STEPS = {

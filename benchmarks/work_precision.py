@@ -38,9 +38,9 @@ from benchmarks._problems import (
     with_fine_motion,
 )
 from dolfinx_joints import JointsError
-from dolfinx_joints.command_line import Parser
-from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.solver_choice import make_solver
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.solvers.choice import make_solver
 
 Row = dict[str, Any]
 

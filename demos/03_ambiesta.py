@@ -29,9 +29,9 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.command_line import Parser, at_least
-from dolfinx_joints.parallel import on_root
-from dolfinx_joints.solver_choice import KINDS
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.solvers.choice import KINDS
 from studies import ambiesta
 from studies.ambiesta import Case, Finished
 from studies.figures import comparison_figures

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dolfinx_joints import __version__
-from dolfinx_joints.command_line import Parser
-from dolfinx_joints.errors import JointsError
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.common.errors import JointsError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,15 +79,15 @@ def _parser() -> Parser:
 
 
 def _info(file: Path, *, whole: bool) -> None:
-    from dolfinx_joints.results import describe
-    from dolfinx_joints.results_overview import overview
+    from dolfinx_joints.results.reader import describe
+    from dolfinx_joints.results.overview import overview
 
     print(describe(file) if whole else overview(file))
 
 
 def _csv(file: Path, out: Path, *, force: bool) -> None:
-    from dolfinx_joints.results import Results
-    from dolfinx_joints.tables import write_csv
+    from dolfinx_joints.results.reader import Results
+    from dolfinx_joints.postprocessing.csv_tables import write_csv
 
     with Results(file) as results:
         for path in write_csv(results, out, overwrite=force):
@@ -95,7 +95,7 @@ def _csv(file: Path, out: Path, *, force: bool) -> None:
 
 
 def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:
-    from dolfinx_joints import report
+    from dolfinx_joints.report import report
 
     path = report.write(results, out, with_3d=with_3d)
     print(f"{path}, {path.stat().st_size / 1e6:.1f} MB, pictures in {report.picture_folder(path)}")

@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from dolfinx_joints.memory_use import peak_mb
+from dolfinx_joints.common.memory_use import peak_mb
 from dolfinx_joints.study_table import plain_text, plain_values, write_row
 
 

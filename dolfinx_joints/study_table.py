@@ -22,9 +22,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.checks import check_file, check_kind_of, check_path
-from dolfinx_joints.errors import StudyError
-from dolfinx_joints.hdf5_checks import (
+from dolfinx_joints.common.parameters import check_file, check_kind_of, check_path
+from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.hdf5 import (
     DamageTold,
     attribute,
     check_contents,

@@ -15,9 +15,9 @@ from typing import Any
 import gmsh
 import numpy as np
 
-from dolfinx_joints.checks import check_file
-from dolfinx_joints.command_line import Parser
-from dolfinx_joints.msh import check_head
+from dolfinx_joints.common.parameters import check_file
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.mesh.gmsh_file import check_head
 from geometry._checks import flag, input_path, mesh_path
 from geometry._extrude import BoolArray, FloatArray, SolidMesh
 

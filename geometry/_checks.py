@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.checks import is_path, real, shown
+from dolfinx_joints.common.parameters import is_path, real, shown
 
 CELLS = ("hex", "tet")
 ORDERS = (1, 2)

@@ -12,7 +12,7 @@ import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from dolfinx_joints.checks import check_file, shown
+from dolfinx_joints.common.parameters import check_file, shown
 from geometry._step_options import FARTHEST
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"

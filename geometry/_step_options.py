@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.checks import real, shown
+from dolfinx_joints.common.parameters import real, shown
 
 Plane = tuple[str, float | str]  # axis "x", "y" or "z"; its value [m], "min" or "max"
 

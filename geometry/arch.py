@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.checks import shown
+from dolfinx_joints.common.parameters import shown
 from geometry._checks import finite, positive
 from geometry._extrude import FloatArray
 

@@ -22,7 +22,7 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.checks import real, shown
+from dolfinx_joints.common.parameters import real, shown
 from geometry import _base
 from geometry._checks import (
     LONGEST,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from dolfinx_joints.checks import check_file, shown
+from dolfinx_joints.common.parameters import check_file, shown
 from geometry._checks import LONGEST, SHORTEST, input_path
 from geometry._extrude import BoolArray, FloatArray
 from geometry.arch import CircularArches, Sector

@@ -18,7 +18,7 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.checks import real, shown
+from dolfinx_joints.common.parameters import real, shown
 from geometry import _base
 from geometry._arch_elevation import fitted_level, half_elevation
 from geometry._arch_foundation import Block, ground_ring, solid_with_foundation

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints import Results, measures, plots
+from dolfinx_joints import Results
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import plots
 from studies.tables import POINT
 
 
@@ -26,7 +28,7 @@ def shown_joint(results: Results) -> str:
 
 def body_figures(joints: Results, out: Path) -> list[Path]:
     """Figure 3, the mesh with its joints, and 4, its shape when the mid-crest is farthest out."""
-    from dolfinx_joints import views
+    from dolfinx_joints.postprocessing import views
 
     return [
         plots.save(views.mesh(joints), out / "figure_03.png"),
@@ -84,7 +86,7 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
 def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
     """The same quantities with both runs in one picture, energies and states of the joints."""
-    from dolfinx_joints import views
+    from dolfinx_joints.postprocessing import views
 
     moment, name = largest_time(joints), shown_joint(joints)
     written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]

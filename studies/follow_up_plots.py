@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dolfinx_joints import plots
+from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.study import Table
 
 Rows = NDArray[np.int64]

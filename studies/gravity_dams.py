@@ -22,8 +22,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
-from dolfinx_joints.command_line import Parser
-from dolfinx_joints.parallel import abort_on_error, on_root
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.common.mpi import abort_on_error, on_root
 from geometry.gravity_dam import (
     FOOT,
     KOYNA,

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_joints import JointsError, Results
-from dolfinx_joints.command_line import Parser, at_least
+from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import Case, Which, parameters, study_row
 from studies.figures import paper_figures
@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
         print_statements(linear, joints)
         figures = paper_figures(linear, joints, options.out)
     print(f"\n{len(figures)} figures in {options.out}")
-    from dolfinx_joints import report
+    from dolfinx_joints.report import report
 
     written = report.write(
         [result(study, name) for name in study.cases], options.out / "report.html"

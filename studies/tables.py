@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from dolfinx_joints import Results, measures
-from dolfinx_joints.paper_statements import count, judged
-from dolfinx_joints.report_runs import Pair, Run
+from dolfinx_joints import Results
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.report.paper_statements import count, judged
+from dolfinx_joints.report.runs import Pair, Run
 
 POINT = "mid-crest"
 

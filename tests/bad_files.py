@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
-from test_geometry_step import write_step
-from test_record_formats import WAVE, at2, columns, cosmos, esm, knet, smc
+from test_step import write_step
+from test_formats import WAVE, at2, columns, cosmos, esm, knet, smc
 
 import dolfinx_joints as dj
-from dolfinx_joints.errors import MeshError, RecordError, TemperatureError
-from dolfinx_joints.record_reading import read_components
-from dolfinx_joints.temperature_file import LARGEST_FILE, read_temperature_points
+from dolfinx_joints.common.errors import MeshError, RecordError, TemperatureError
+from dolfinx_joints.motions.reading import read_components
+from dolfinx_joints.loads.temperature.from_file import LARGEST_FILE, read_temperature_points
 from geometry.from_step import from_step
 from geometry.section_table import read_sections
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from bad_input import NO_CHOICE, NO_COUNT, NO_FLAG, NO_LIST, NO_NUMBER, Door, door, without
-from test_geometry_step import BOXES, write_step
+from test_step import BOXES, write_step
 
 from geometry.ambiesta import ambiesta
 from geometry.arch import ArchDam, mid_crest

@@ -14,11 +14,11 @@ from typing import Any
 import h5py
 import numpy as np
 from bad_files import JUNK, Bad, Door
-from test_hostile_files import changing, checkpoint, modes_file, results_file, table
+from test_damaged_files import changing, checkpoint, modes_file, results_file, table
 
-from dolfinx_joints.checkpoint_file import read_checkpoint
-from dolfinx_joints.errors import CheckpointError, ResultsError, StudyError
-from dolfinx_joints.results import describe
+from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
+from dolfinx_joints.common.errors import CheckpointError, ResultsError, StudyError
+from dolfinx_joints.results.reader import describe
 from dolfinx_joints.study_table import read_table
 
 HDF5_KINDS = (

@@ -24,8 +24,8 @@ from dolfinx.mesh import CellType, create_rectangle, locate_entities, meshtags
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.errors import CheckpointError, JointsError
-from dolfinx_joints.laws import Response
+from dolfinx_joints.common.errors import CheckpointError, JointsError
+from dolfinx_joints.laws.law import Response
 
 POSITIVE = without(NO_NUMBER, negative="-1.0", zero="0.0")
 AT_LEAST_ONE = without(NO_COUNT, zero="0", negative="-1")

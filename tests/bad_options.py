@@ -12,10 +12,10 @@ import numpy as np
 from bad_input import NO_CHOICE, NO_COUNT, NO_FLAG, NO_NUMBER, Door, door, without
 
 import dolfinx_joints as dj
-from dolfinx_joints import spectra
-from dolfinx_joints.errors import RecordError
-from dolfinx_joints.spectra import response_spectrum
-from dolfinx_joints.spectrum_matching import match_spectrum
+from dolfinx_joints.motions import spectra
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.spectra import response_spectrum
+from dolfinx_joints.motions.spectrum_matching import match_spectrum
 from dolfinx_joints.study import Study
 
 AT_LEAST_ONE = without(NO_COUNT, zero="0", negative="-1")

@@ -18,11 +18,17 @@ from generated.runs import write_run
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints import measures, motion_plots, plots, report, response_plots, study_table, views
-from dolfinx_joints.errors import ResultsError
-from dolfinx_joints.resultants import block_resultants, joint_resultants, resultant_measures
-from dolfinx_joints.results import Results, describe
-from dolfinx_joints.results_overview import overview
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import motion_plots
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.report import report
+from dolfinx_joints.postprocessing import response_plots
+from dolfinx_joints import study_table
+from dolfinx_joints.postprocessing import views
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.postprocessing.resultants import block_resultants, joint_resultants, resultant_measures
+from dolfinx_joints.results.reader import Results, describe
+from dolfinx_joints.results.overview import overview
 
 NO_PATH = {"number": "7", "nothing": "None", "empty": "''", "bytes": "b'x'", "list": "['run.h5']"}
 NO_FILE = {**NO_PATH, "no such file": "'none.h5'"}

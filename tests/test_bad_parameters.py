@@ -12,7 +12,7 @@ from bad_input import Door
 from bad_parameters import DOORS, page, refusal
 
 import dolfinx_joints as dj
-from dolfinx_joints.checks import check_number
+from dolfinx_joints.common.parameters import check_number
 
 
 @pytest.mark.parametrize("door", DOORS, ids=[door.title for door in DOORS])

@@ -31,9 +31,9 @@ from benchmarks import (
 from benchmarks._parts import PARTS, Clocks
 from benchmarks._same_files import DamagedError, difference, scales
 from benchmarks._scenes import wall
-from dolfinx_joints.contact import Contact
-from dolfinx_joints.interface import InterfaceSolver
-from dolfinx_joints.linear import EffectiveMatrix
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.direct import EffectiveMatrix
 
 PROMISED = {"dofs", "joint_points", "steps", "linear_ms", "joints_ms", "ratio", "newton_mean"}
 PROMISED |= {"ledger", "peak_mb", "linear_cpu_ms", "joints_cpu_ms", "newton_max"}

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from dolfinx_joints import __version__, cli
-from dolfinx_joints.results_overview import overview
-from dolfinx_joints.results_writer import ResultsWriter
+from dolfinx_joints import __version__
+from dolfinx_joints import cli
+from dolfinx_joints.results.overview import overview
+from dolfinx_joints.results.writer import ResultsWriter
 
 
 def write_file(path: Path) -> Path:

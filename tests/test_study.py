@@ -24,7 +24,7 @@ import pytest
 pytest.importorskip("h5py")
 
 from dolfinx_joints import study_case
-from dolfinx_joints.errors import StudyError
+from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.study import Study, read_table, write_csv
 from dolfinx_joints.study import _address as study_address
 from dolfinx_joints.study_table import (

@@ -24,8 +24,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from dolfinx_joints.cells import CellShape, Floats, Ints
-from dolfinx_joints.splitting import SplitMesh, split_cells
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.splitting import SplitMesh, split_cells
 
 OUT = Path(__file__).resolve().parents[1] / "images" / "split_meshes.png"
 OPENING = 0.2  # how far a duplicated node is moved towards the middle of its own cells

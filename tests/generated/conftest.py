@@ -29,7 +29,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
 
-    from dolfinx_joints.results import Results
+    from dolfinx_joints.results.reader import Results
 
     with Results(write_run(tmp_path_factory.mktemp("run"), MPI.COMM_SELF)) as opened:
         yield opened

@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from junk import JUNK, arguments, passed_on
 from sentences import one_sentence
-from test_geometry_step import write_step
+from test_step import write_step
 
 gmsh = pytest.importorskip("gmsh")
 pytestmark = pytest.mark.usefixtures("small_meshes")
 
-from dolfinx_joints.msh import load_msh  # noqa: E402
+from dolfinx_joints.mesh.gmsh_file import load_msh  # noqa: E402
 from geometry.ambiesta import ArchDam, ambiesta  # noqa: E402
 from geometry.from_step import from_step  # noqa: E402
 from geometry.gravity_dam import KOYNA, PINE_FLAT, gravity_dam  # noqa: E402

@@ -16,15 +16,15 @@ from commands import loaded, spoken
 from generated_input import LONGEST_SENTENCE, costly, counts
 from hypothesis import given
 from hypothesis import strategies as st
-from test_geometry_sections import CYLINDER, write
-from test_geometry_step import BOXES, write_step
+from test_sections import CYLINDER, write
+from test_step import BOXES, write_step
 
 pytest.importorskip("dolfinx")
 gmsh = pytest.importorskip("gmsh")
 
-from dolfinx_joints import cli  # noqa: E402
-from dolfinx_joints.command_line import Parser  # noqa: E402
-from dolfinx_joints.results import Results  # noqa: E402
+from dolfinx_joints import cli
+from dolfinx_joints.common.command_line import Parser  # noqa: E402
+from dolfinx_joints.results.reader import Results  # noqa: E402
 
 # Numbers, names and files that some of the options take, and others do not.
 NUMBERS = ("0", "1", "2", "3", "12", "20", "0.5", "-1", "nan", "inf", "-inf", "1e300", "1e-300")
@@ -98,7 +98,7 @@ def test_the_command(
     given_words: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("dolfinx_joints.report.pairs", stop)
+    monkeypatch.setattr("dolfinx_joints.report.report.pairs", stop)
     named = [str(results.path) if word == "RUN" else word for word in given_words]
     line("dolfinx-joints", cli.main, named)
     for path in folder.iterdir():

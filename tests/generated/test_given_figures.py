@@ -21,8 +21,12 @@ from test_given_requests import Options, bands, components, joints, points, time
 pytest.importorskip("matplotlib")
 
 import dolfinx_joints as dj
-from dolfinx_joints import motion_plots, plots, rendering, report, response_plots
-from dolfinx_joints.results import Results
+from dolfinx_joints.postprocessing import motion_plots
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing import rendering
+from dolfinx_joints.report import report
+from dolfinx_joints.postprocessing import response_plots
+from dolfinx_joints.results.reader import Results
 
 REFUSALS = (ValueError, dj.JointsError)
 
@@ -138,7 +142,7 @@ def test_views(
     name: str, results: Results, monkeypatch: pytest.MonkeyPatch, data: st.DataObject
 ) -> None:
     pytest.importorskip("pyvista")
-    from dolfinx_joints import views
+    from dolfinx_joints.postprocessing import views
 
     # VTK itself is not asked: it takes long, and gets what was checked.
     blank = np.zeros((2, 2, 3), dtype=np.uint8)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from junk import JUNK, arguments, numbers, passed_on, raising, returning, shared
 
 import dolfinx_joints as dj
-from dolfinx_joints.loads import Load
+from dolfinx_joints.loads.load import Load
 
 pytestmark = pytest.mark.mpi
 

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as npst
 from junk import JUNK, arguments, numbers, passed_on, shared
 
 import dolfinx_joints as dj
-from dolfinx_joints.spectrum_matching import match_spectrum
+from dolfinx_joints.motions.spectrum_matching import match_spectrum
 
 MOTION = dj.synthetic_motion(duration=4.0, dt=0.02, band=(0.5, 10.0))
 SAMPLES = npst.arrays("f8", st.tuples(st.integers(1, 5), st.sampled_from([3, 3, 2])))

@@ -20,9 +20,12 @@ from sentences import one_sentence
 
 pytest.importorskip("dolfinx")
 
-from dolfinx_joints import measures, resultants, study_table, tables
-from dolfinx_joints.results import Results, describe
-from dolfinx_joints.results_overview import overview
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import resultants
+from dolfinx_joints import study_table
+from dolfinx_joints.postprocessing import csv_tables as tables
+from dolfinx_joints.results.reader import Results, describe
+from dolfinx_joints.results.overview import overview
 
 Options = dict[str, st.SearchStrategy[Any]]
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from junk import JUNK, arguments, numbers, passed_on, raising, returning, shared
 
 import dolfinx_joints as dj
-from dolfinx_joints.laws import Response
+from dolfinx_joints.laws.law import Response
 
 pytestmark = pytest.mark.mpi
 

@@ -20,16 +20,16 @@ import pytest
 from generated_input import answer, cheap
 from hypothesis import given, note
 from mutations import SEEDS, TOKENS, changed_bytes
-from test_hostile_files import SECRET, changing, checkpoint, modes_file, sealed, table
+from test_damaged_files import SECRET, changing, checkpoint, modes_file, sealed, table
 
-from dolfinx_joints.checkpoint_file import read_checkpoint
-from dolfinx_joints.errors import CheckpointError, ResultsError, StudyError
-from dolfinx_joints.hdf5_checks import DIGEST_BYTES
-from dolfinx_joints.results import Results, describe
-from dolfinx_joints.results_overview import overview
-from dolfinx_joints.results_writer import ResultsWriter
+from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
+from dolfinx_joints.common.errors import CheckpointError, ResultsError, StudyError
+from dolfinx_joints.common.hdf5 import DIGEST_BYTES
+from dolfinx_joints.results.reader import Results, describe
+from dolfinx_joints.results.overview import overview
+from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.study_table import read_table
-from dolfinx_joints.tables import tables_of
+from dolfinx_joints.postprocessing.csv_tables import tables_of
 
 
 def results(path: Path) -> None:

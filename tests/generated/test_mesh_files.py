@@ -18,12 +18,12 @@ from bad_files import mesh_door
 from generated_input import answer, costly
 from hypothesis import given
 from mutations import SEEDS, changed_bytes, changed_text, junk
-from test_geometry_step import write_step
-from test_msh_files import old_version
+from test_step import write_step
+from test_gmsh_file import old_version
 
 import dolfinx_joints as dj
-from dolfinx_joints.errors import MeshError
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import on_root
 from geometry import _base
 from geometry.from_step import from_step
 

@@ -19,9 +19,9 @@ from hypothesis import given, note
 from hypothesis import strategies as st
 from mutations import SEEDS, mostly
 
-from dolfinx_joints import spectra
-from dolfinx_joints.records import Motion, synthetic_motion
-from dolfinx_joints.spectrum_matching import match_spectrum
+from dolfinx_joints.motions import spectra
+from dolfinx_joints.motions.motion import Motion, synthetic_motion
+from dolfinx_joints.motions.spectrum_matching import match_spectrum
 
 MOTION = synthetic_motion(duration=2.0, dt=0.02, band=(1.0, 10.0))
 WAVE = MOTION.acceleration[:, 0]

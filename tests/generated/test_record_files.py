@@ -18,12 +18,12 @@ from generated_input import answer, cheap
 from hypothesis import given
 from hypothesis import strategies as st
 from mutations import SEEDS, TOKENS, changed_text, junk, mostly
-from test_record_formats import at2, columns, cosmos, esm, knet, smc
+from test_formats import at2, columns, cosmos, esm, knet, smc
 
-from dolfinx_joints.errors import RecordError
-from dolfinx_joints.record_reading import read_components, read_record, record_names
-from dolfinx_joints.record_text import MAX_PEAK_G, UNITS, Component
-from dolfinx_joints.records import STANDARD_GRAVITY, Motion
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.reading import read_components, read_record, record_names
+from dolfinx_joints.motions.record_text import MAX_PEAK_G, UNITS, Component
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
 
 GOOD: dict[str, str] = {
     "PEER AT2": at2(),

@@ -15,9 +15,9 @@ from generated_input import answer, cheap
 from hypothesis import given
 from mutations import SEEDS, changed_text, junk
 
-from dolfinx_joints.errors import StudyError, TemperatureError
+from dolfinx_joints.common.errors import StudyError, TemperatureError
 from dolfinx_joints.study_table import OWN_COLUMNS, gather, read_row
-from dolfinx_joints.temperature_file import _interpolated, read_temperature_points
+from dolfinx_joints.loads.temperature.from_file import _interpolated, read_temperature_points
 from geometry.section_table import read_sections
 
 SPREAD = POINTS + "0.5,0.5,0.5,7\n0.25,0.75,0.5,-3.5e0\n# by hand\n\n2,2,2,1\n"

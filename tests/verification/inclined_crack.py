@@ -26,7 +26,7 @@ from dolfinx_joints import (
     Spring,
     read_msh,
 )
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.common.mpi import on_root
 from geometry.inclined_crack import crack_axes, inclined_crack
 
 Floats = NDArray[np.float64]

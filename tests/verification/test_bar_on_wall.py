@@ -52,11 +52,11 @@ from dolfinx_joints import (
     frictionless,
     split_mesh,
 )
-from dolfinx_joints.energy import EnergyLedger
-from dolfinx_joints.redistribution import redistribute
-from dolfinx_joints.solver_choice import make_solver
-from dolfinx_joints.states import initial_state
-from dolfinx_joints.stepping import Stepper
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.model.mass_redistribution import redistribute
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.substeps import Stepper
 
 
 @dataclass(frozen=True, kw_only=True)

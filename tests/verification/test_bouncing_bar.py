@@ -17,7 +17,7 @@
   2L/c = 8e-5 s under rho c v = 4e9 Pa, and leaves with 100 m/s.
 
 In the runs the bars are linear elements with consistent mass, with or without the mass of the node
-that strikes (`dolfinx_joints.redistribution`).
+that strikes (`dolfinx_joints.model.mass_redistribution`).
 """
 
 from functools import cache

@@ -38,11 +38,11 @@ from dolfinx_joints import (
     RigidJoint,
     StepControl,
 )
-from dolfinx_joints.contact import Contact
-from dolfinx_joints.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.solver_choice import make_solver
-from dolfinx_joints.states import DynamicState, StepReport, initial_state
-from dolfinx_joints.stepping import Stepper
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.states import DynamicState, StepReport, initial_state
+from dolfinx_joints.time_integration.substeps import Stepper
 
 SOLVERS = ["condensed", "monolithic"]
 SHARES = (1e-4, 1e-2, 0.1, 1.0)  # step lengths over the longest period
@@ -186,7 +186,7 @@ def in_two(system, laws) -> MatrixSystem:
     """The same with points 0, 1, 2 in joint a and 3, 4, 5 in joint b."""
     from dataclasses import replace
 
-    from dolfinx_joints.joints import GapOperator
+    from dolfinx_joints.joints.operator import GapOperator
 
     operator = system.contact.operator
     parted = GapOperator(operator.matrix, operator.areas, np.repeat([0, 1], 3), ("a", "b"))

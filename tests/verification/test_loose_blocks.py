@@ -32,24 +32,9 @@ pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 from mpi4py import MPI
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    JointsError,
-    KeyedJoint,
-    Model,
-    NewtonOptions,
-    Prescribed,
-    Pressure,
-    RigidJoint,
-    Simulation,
-    Traction,
-    condensed,
-    split_mesh,
-)
-from dolfinx_joints.joint_springs import JointSprings
+from dolfinx_joints import Elastic, Fixed, FrictionNoTension, Gravity, JointsError, KeyedJoint, Model, NewtonOptions, Prescribed, Pressure, RigidJoint, Simulation, Traction, split_mesh
+from dolfinx_joints.solvers.interface import condensed
+from dolfinx_joints.solvers.interface.springs import JointSprings
 
 COMM = MPI.COMM_WORLD
 YOUNG, DENSITY, G = 30e9, 2400.0, 9.80665  # Pa, kg/m^3, m/s^2

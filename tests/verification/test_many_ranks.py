@@ -22,8 +22,8 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.probes import NodeGather
-from dolfinx_joints.records import STANDARD_GRAVITY
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 COMM = MPI.COMM_WORLD
 pytestmark = [

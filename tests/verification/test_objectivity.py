@@ -42,10 +42,10 @@ from dolfinx_joints import (
     Spring,
     Traction,
 )
-from dolfinx_joints.cells import CellShape
-from dolfinx_joints.laws import Status
-from dolfinx_joints.mesh import _distribute, _prepare
-from dolfinx_joints.msh import RawMesh
+from dolfinx_joints.mesh.cells import CellShape
+from dolfinx_joints.laws.law import Status
+from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
+from dolfinx_joints.mesh.gmsh_file import RawMesh
 
 pytestmark = [
     pytest.mark.mpi,

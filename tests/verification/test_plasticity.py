@@ -46,8 +46,8 @@ from dolfinx_joints import (
     Temperature,
     split_mesh,
 )
-from dolfinx_joints.probes import NodeGather
-from dolfinx_joints.stresses import SurfaceStress
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
 pytestmark = pytest.mark.mpi
 

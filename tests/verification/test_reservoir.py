@@ -33,16 +33,8 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 
-from dolfinx_joints import (
-    Elastic,
-    FrictionNoTension,
-    MeshError,
-    Model,
-    ReservoirMass,
-    WestergaardMass,
-    reservoir,
-    split_mesh,
-)
+from dolfinx_joints import Elastic, FrictionNoTension, MeshError, Model, ReservoirMass, WestergaardMass, split_mesh
+from dolfinx_joints.loads.water import reservoir
 
 pytestmark = pytest.mark.mpi
 

@@ -51,7 +51,7 @@ from dolfinx_joints import (
     Simulation,
     read_msh,
 )
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.common.mpi import on_root
 from geometry.two_blocks import two_blocks
 
 COMM = MPI.COMM_WORLD

@@ -33,7 +33,7 @@ from dolfinx_joints import (
     read_msh,
 )
 from dolfinx_joints.exact import SlidingBlock
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.common.mpi import on_root
 from geometry.two_blocks import two_blocks
 
 # Slips of half a metre are those of the problem; that they are not small is said on purpose.

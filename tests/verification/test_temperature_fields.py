@@ -36,7 +36,7 @@ from dolfinx_joints import (
     steady_temperature,
     temperature_from_file,
 )
-from dolfinx_joints.temperature_fields import DAY, FREQUENCY, MONTH, YEAR
+from dolfinx_joints.loads.temperature.fields import DAY, FREQUENCY, MONTH, YEAR
 
 pytestmark = pytest.mark.mpi
 

@@ -40,7 +40,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 import dolfinx_joints as dj
-from dolfinx_joints.parallel import on_root
+from dolfinx_joints.common.mpi import on_root
 from geometry.voussoir_arch import voussoir_arch
 
 COMM = MPI.COMM_WORLD

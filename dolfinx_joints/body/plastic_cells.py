@@ -1,0 +1,282 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Cells with plastic materials, beside the joints: what the monolithic solver asks of both.
+
+The stiffness matrix holds the elastic part of these cells. What is added to its forces is the
+stress that plastic strains take off, -C eps_p: nothing where no point has yielded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.joints.contact import Contact, Rule, StatusCounts
+from dolfinx_joints.joints.operator import JointTangent
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.materials.drucker_prager import BulkLaw, BulkResponse, BulkState, BulkStatus
+from dolfinx_joints.joints.internal_forces import JointResistance
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlasticState(JointState):
+    """State of the joints, without points where there are none, and of the plastic cells.
+
+    Attributes:
+        bulk: That of the plastic cells.
+    """
+
+    bulk: BulkState
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlasticResponse(Response):
+    """Answer of the joints, without points where there are none, and of the plastic cells.
+
+    Attributes:
+        state: State to keep if the step is accepted.
+        bulk: Answer of the plastic cells.
+        softening: Tangent of the plastic cells less their elastic one, shape (n, 6, 6), [Pa].
+    """
+
+    state: PlasticState
+    bulk: BulkResponse
+    softening: Floats
+
+
+class PlasticBulk:
+    """The cells of a body with plastic materials, and its joints.
+
+    Args:
+        jointed: The mesh.
+        V: Displacement space.
+        laws: Plastic material of each cell group; of all cells where the name is empty.
+        stiffness: K.
+        contact: Joints with their laws, None without joints.
+
+    Attributes:
+        operator: Strain operator of the cells.
+        kinds: Kinds of the laws.
+
+    Raises:
+        ValueError: A law has no method ``step``.
+    """
+
+    def __init__(
+        self,
+        jointed: JointedMesh,
+        V: Any,
+        laws: Mapping[str, BulkLaw],
+        stiffness: PETSc.Mat,
+        contact: Contact | None,
+    ) -> None:
+        """Build the strain operator (collective)."""
+        for law in laws.values():
+            wanted = "a law with the methods end_point and step"
+            check_kind_of("A plastic material", law, hasattr(law, "step"), wanted)
+        topology = jointed.mesh.topology
+        every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        groups = {name: jointed.cells(name) if name else every for name in laws}
+        self.kinds = tuple(sorted({type(law).__name__ for law in laws.values()}))
+        self._joints = None if contact is None else JointResistance(contact)
+        self._mesh = jointed.mesh
+        self.operator = StrainOperator(jointed, V, np.concatenate(list(groups.values())), stiffness)
+        self._laws = [
+            (laws[name], np.flatnonzero(np.isin(self.operator.cells, cells)))
+            for name, cells in groups.items()
+        ]
+        self._elastic = np.zeros((len(self.operator.volumes), SIZE, SIZE))
+        for law, points in self._laws:
+            self._elastic[points] = law.elastic.stiffness_matrix()
+
+    def at_rest(self, u: PETSc.Vec) -> PlasticState:
+        """State without shear traction and plastic strain at a displacement (collective)."""
+        joints = self._joints.at_rest(u) if self._joints else JointState.at_rest(np.zeros((0, 3)))
+        return PlasticState(**vars(joints), bulk=BulkState.at_rest(self.operator.strain(u)))
+
+    def trial(self, u: PETSc.Vec, state: PlasticState) -> PlasticResponse:
+        """End-point answer at the displacement ``u``, from ``state`` (collective)."""
+        joints = self._joints.trial(u, state) if self._joints else _no_joints()
+        return self._beside(joints, "end_point", self.operator.strain(u), state.bulk)
+
+    def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
+        """Answer to a change of the displacement since ``state`` (collective).
+
+        Args:
+            change: Displacement less that at ``state``, [m].
+            state: State at the start of the step.
+            rule: Which method of the laws is asked, ``end_point`` or ``step``.
+        """
+        joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
+        strain = state.bulk.strain + self.operator.strain(change)
+        return self._beside(joints, rule, strain, state.bulk)
+
+    def _ask(self, rule: Rule, strain: Floats, state: BulkState) -> BulkResponse:
+        """Answer of the laws of the local points (collective)."""
+        with raised_together(self.operator.comm):
+            if len(self._laws) == 1:
+                return getattr(self._laws[0][0], rule)(strain, state)
+            answer = _empty_response(len(strain))
+            for law, points in self._laws:
+                before = BulkState(**{name: each[points] for name, each in vars(state).items()})
+                part = getattr(law, rule)(strain[points], before)
+                for name in ("stress", "plastic_strain", "tangent", "dissipation", "status"):
+                    getattr(answer, name)[points] = getattr(part, name)
+                for name in vars(state):
+                    getattr(answer.state, name)[points] = getattr(part.state, name)
+        return answer
+
+    def _beside(
+        self, joints: Response, rule: Rule, strain: Floats, before: BulkState
+    ) -> PlasticResponse:
+        """The answer of the joints with that of the bulk."""
+        bulk = self._ask(rule, strain, before)
+        facts = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
+        # A whole step sees half of the change of strain, as its matrix holds half of K.
+        softening = bulk.tangent - (0.5 if rule == "step" else 1.0) * self._elastic
+        return PlasticResponse(**facts, bulk=bulk, softening=softening)
+
+    def force(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal forces of joints and plastic strains that act in a step, [N] (collective)."""
+        return self._force(response, response.bulk.plastic_strain, out)
+
+    def force_at_end(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:
+        """The same with the plastic strains of the end of the step, [N] (collective)."""
+        return self._force(response, response.state.bulk.plastic_strain, out)
+
+    def _force(self, response: Response, plastic: Floats, out: PETSc.Vec) -> PETSc.Vec:
+        self.operator.force(-self._stress(plastic), out)
+        if self._joints is not None:
+            joints = out.duplicate()
+            out.axpy(1.0, self._joints.force(response, joints))
+        return out
+
+    def _stress(self, strain: Floats) -> Floats:
+        """Elastic stress of strains of the local points, shape (n, 6), [Pa]."""
+        stress: Floats = np.einsum("nij,nj->ni", self._elastic, strain)
+        return stress
+
+    def elastic_correction(self, state: Any) -> float:
+        """What plastic strains take off u.K u / 2, the energy of an elastic body [J] (collective).
+
+        (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
+        """
+        plastic = state.bulk.plastic_strain
+        both = 0.5 * plastic - state.bulk.strain
+        return self.operator.integral(np.einsum("ni,ni->n", both, self._stress(plastic)))
+
+    def dissipation(self, response: Any) -> float:
+        """Plastic work of a step [J] (collective)."""
+        return self.operator.integral(response.bulk.dissipation)
+
+    def yielding(self, response: PlasticResponse) -> int:
+        """Points of the bulk beyond their elastic range, on all ranks (collective)."""
+        beyond = int(np.count_nonzero(response.bulk.status != BulkStatus.ELASTIC))
+        return int(self.operator.comm.allreduce(beyond))
+
+    def tangent(self, response: PlasticResponse, part: float = 0.0) -> Floats:
+        """Point tangents of joints and bulk, the latter less its elastic one, in one array [SI].
+
+        Args:
+            response: The answer that they belong to.
+            part: Part of the stiffness of closed joints and of the elastic body added.
+        """
+        bulk = response.softening + part * self._elastic if part else response.softening
+        if self._joints is None:
+            return bulk.ravel()
+        return np.concatenate([self._joints.tangent(response, part).ravel(), bulk.ravel()])
+
+    def tangent_matrix(self, free: PETSc.Vec) -> PlasticTangent:
+        """What makes a matrix of point tangents (collective)."""
+        joints = None if self._joints is None else self._joints.tangent_matrix(free)
+        return PlasticTangent(StrainTangent(self.operator, free), joints)
+
+    def counts(self, response: PlasticResponse) -> StatusCounts | None:
+        """Joint points by status on all ranks, None without joints (collective)."""
+        return None if self._joints is None else self._joints.counts(response)
+
+    def rounding(self, response: PlasticResponse, change: float) -> float:
+        """What rounding may leave of the forces of the joints, over eps [N] (collective)."""
+        return 0.0 if self._joints is None else self._joints.rounding(response, change)
+
+    def failure(self, response: PlasticResponse, state: PlasticState) -> dict[str, Any]:
+        """What to say of a solve that did not converge (collective)."""
+        facts = {} if self._joints is None else self._joints.failure(response, state)
+        return facts | {"yielding": self.yielding(response)}
+
+    def accumulated(self, state: PlasticState) -> Any:
+        """Mean accumulated plastic strain of each cell, a DOLFINx function on the cells."""
+        from dolfinx import fem
+
+        field = fem.Function(fem.functionspace(self._mesh, ("DG", 0)), name="plastic strain")
+        cells, counts = np.unique(self.operator.cells, return_counts=True)
+        sums = np.bincount(self.operator.cells, state.bulk.accumulated, minlength=0)
+        field.x.array[field.function_space.dofmap.list[cells, 0]] = sums[cells] / counts
+        field.x.scatter_forward()
+        return field
+
+
+class PlasticTangent:
+    """Tangent of joints and plastic cells as a matrix, its sparsity kept.
+
+    Args:
+        bulk: Makes that of the cells.
+        joints: Makes that of the joints, None without joints.
+
+    Attributes:
+        comm: Communicator of the matrix.
+    """
+
+    def __init__(self, bulk: StrainTangent, joints: JointTangent | None) -> None:
+        """Nothing is added up yet."""
+        self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
+        self._sum: PETSc.Mat | None = None
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The matrix for what `PlasticBulk.tangent` gave, [N/m] (collective)."""
+        count = len(tangent) - SIZE**2 * self._bulk.num_points
+        added = self._bulk.assemble(tangent[count:].reshape(-1, SIZE, SIZE))
+        if self._joints is None:
+            return added
+        joints = self._joints.assemble(tangent[:count].reshape(-1, 3, 3))
+        if self._sum is None:
+            self._sum = joints.copy()
+            self._sum.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            return self._sum
+        self._sum.zeroEntries()
+        self._sum.axpy(1.0, joints, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        self._sum.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return self._sum
+
+
+def _empty_response(count: int) -> BulkResponse:
+    return BulkResponse(
+        stress=np.zeros((count, SIZE)),
+        plastic_strain=np.zeros((count, SIZE)),
+        tangent=np.zeros((count, SIZE, SIZE)),
+        state=BulkState.at_rest(np.zeros((count, SIZE))),
+        dissipation=np.zeros(count),
+        status=np.zeros(count, dtype=np.int8),
+    )
+
+
+def _no_joints() -> Response:
+    none = np.zeros((0, 3))
+    return Response(
+        traction=none,
+        tangent=np.zeros((0, 3, 3)),
+        state=JointState.at_rest(none),
+        dissipation=np.zeros(0),
+        status=np.zeros(0, dtype=np.int8),
+    )

@@ -1,0 +1,171 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The strain operator of some cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
+
+It is to plastic laws of the bulk what the joint operator is to joint laws, and knows no plasticity.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.body.elasticity import law_degree, strain_vector
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.common.mpi import lasting
+
+# Strain components of space, and those of them that a plane body has.
+SIZE = 6
+_PLANE = np.array([0, 1, 5])
+
+_CHUNK = 512  # cells evaluated at a time
+
+
+class StrainOperator:
+    """A matrix P with the volume of each point: strain = P u, force = P^T (w stress).
+
+    Strains are (xx, yy, zz, 2 yz, 2 xz, 2 xy); in 2-D those out of the plane are zero. Each rank
+    holds the points of its own cells.
+
+    Args:
+        jointed: The mesh.
+        V: Vector Lagrange space on it.
+        cells: Cells of this rank that are concerned; ghosts among them are left out.
+        matrix: A matrix whose columns are the dofs of V.
+
+    Attributes:
+        matrix: P, shape (6 num_points, num_dofs).
+        volumes: Volume w of the local points, shape (n,), [m^3]; [m^2] in 2-D.
+        cells: Cell of each local point, shape (n,).
+        points: Coordinates of the local points, shape (n, 3), [m].
+        comm: Communicator of the matrix.
+    """
+
+    def __init__(self, jointed: JointedMesh, V: Any, cells: Ints, matrix: PETSc.Mat) -> None:
+        """Evaluate the gradients of the basis functions (collective)."""
+        mesh = jointed.mesh
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        own = np.unique(cells[cells < owned]).astype(np.int32)
+        rule = law_degree(jointed.shape, V.ufl_element().degree)
+        places, weights = basix.make_quadrature(jointed.shape.type, rule)
+        self.comm = lasting(mesh.comm)
+        self.cells: Ints = np.repeat(own, len(weights)).astype(np.int64)
+        self.volumes, self.points = _geometry(mesh, own, places, weights)
+        self.matrix = self._assemble(V, own, places, matrix)
+        self._work = self.matrix.createVecLeft()
+
+    def _assemble(self, V: Any, cells: NDArray[Any], places: Floats, like: PETSc.Mat) -> PETSc.Mat:
+        """P, its rows those of the points of this rank."""
+        from dolfinx import fem
+
+        gdim = V.mesh.geometry.dim
+        components = np.arange(SIZE) if gdim == 3 else _PLANE
+        expression = strain_vector(ufl.TrialFunction(V))
+        evaluate = fem.Expression(expression, places, comm=V.mesh.comm)
+        dofmap = V.dofmap
+        entries = dofmap.list.shape[1] * gdim
+        matrix = PETSc.Mat().createAIJ(
+            ((SIZE * len(self.volumes), None), like.getSizes()[1]),
+            nnz=(entries, entries),
+            comm=self.comm,
+        )
+        first = matrix.getOwnershipRange()[0]
+        for start in range(0, len(cells), _CHUNK):
+            chunk = cells[start : start + _CHUNK]
+            values = np.asarray(evaluate.eval(V.mesh, chunk))
+            values = values.reshape(len(chunk) * len(places) * len(components), entries)
+            blocks = dofmap.index_map.local_to_global(dofmap.list[chunk].ravel())
+            columns = (gdim * blocks[:, None] + np.arange(gdim)).reshape(len(chunk), entries)
+            columns = np.repeat(columns, len(places) * len(components), axis=0)
+            point = start * len(places) + np.arange(len(chunk) * len(places))
+            rows = (first + SIZE * point[:, None] + components).ravel()
+            matrix.setValuesIJV(
+                np.arange(0, columns.size + 1, entries, dtype=PETSc.IntType),
+                columns.ravel().astype(PETSc.IntType),
+                values.ravel(),
+                rowmap=rows.astype(PETSc.IntType),
+            )
+        matrix.assemble()
+        return matrix
+
+    @property
+    def num_points(self) -> int:
+        """Number of points on all ranks."""
+        return int(self.matrix.getSize()[0] // SIZE)
+
+    def strain(self, u: PETSc.Vec) -> Floats:
+        """P u of the local points, shape (n, 6) (collective)."""
+        self.matrix.mult(u, self._work)
+        return self._work.getArray(readonly=True).reshape(-1, SIZE).copy()
+
+    def force(self, stress: Floats, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal forces P^T (w stress), [N] (collective).
+
+        Args:
+            stress: Stresses of the local points, shape (n, 6), [Pa].
+            out: Vector that receives the forces.
+        """
+        self._work.setArray((self.volumes[:, None] * stress).ravel())
+        self.matrix.multTranspose(self._work, out)
+        return out
+
+    def integral(self, density: Floats) -> float:
+        """Sum of volume times a value per point over all ranks (collective)."""
+        return float(self.comm.allreduce(float(self.volumes @ density)))
+
+
+class StrainTangent:
+    """P^T (w D) P for changing point tangents D, with its sparsity kept.
+
+    Args:
+        operator: The strain operator.
+        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
+            the result are zero.
+
+    Attributes:
+        comm: Communicator of the matrix.
+        num_points: Points of this rank.
+    """
+
+    def __init__(self, operator: StrainOperator, free: PETSc.Vec) -> None:
+        """Set up the products (collective)."""
+        self.comm, self._volumes = operator.comm, operator.volumes
+        self.num_points = len(operator.volumes)
+        self._operator = operator.matrix.copy()
+        self._operator.diagonalScale(R=free)
+        rows = operator.matrix.getSizes()[0]
+        self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(SIZE, 0), comm=operator.comm)
+        start, stop = self._points.getOwnershipRange()
+        self._starts = np.arange(0, SIZE * (stop - start) + 1, SIZE, dtype=PETSc.IntType)
+        first = np.repeat(np.arange(start, stop, SIZE, dtype=PETSc.IntType), SIZE)
+        self._columns = (first[:, None] + np.arange(SIZE, dtype=PETSc.IntType)).ravel()
+        self._product: PETSc.Mat | None = None
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 6, 6), [Pa]; [N/m] (collective)."""
+        values = (self._volumes[:, None, None] * tangent).ravel()
+        self._points.setValuesCSR(self._starts, self._columns, values)
+        self._points.assemble()
+        self._product = self._points.PtAP(self._operator, result=self._product)
+        return self._product
+
+
+def _geometry(
+    mesh: Any, cells: NDArray[Any], places: Floats, weights: Floats
+) -> tuple[Floats, Floats]:
+    """Volumes, shape (n,), and coordinates, shape (n, 3), of the points of some cells."""
+    from dolfinx import fem
+
+    gdim = mesh.geometry.dim
+    both = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), *ufl.SpatialCoordinate(mesh)])
+    values = np.asarray(fem.Expression(both, places, comm=mesh.comm).eval(mesh, cells))
+    values = values.reshape(-1, 1 + gdim)
+    points = np.zeros((len(values), 3))
+    points[:, :gdim] = values[:, 1:]
+    return values[:, 0] * np.tile(weights, len(cells)), points

@@ -1,0 +1,207 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Supports on named groups: fixed or prescribed components, springs, viscous boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+
+from dolfinx_joints.body.viscous_boundary import ViscousBoundary
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_function,
+    check_kind_of,
+    check_name,
+    check_number,
+    hold_floats,
+    number_at,
+    shown,
+)
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def components_of(components: str, gdim: int) -> list[int]:
+    """Numbers of the axes that letters name, each once."""
+    check_kind_of("components", components, isinstance(components, str), "letters of axes")
+    wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
+    if wrong or not components or len(set(components)) != len(components):
+        raise ValueError(
+            f"components is {shown(components)}; it must name some of {'xyz'[:gdim]!r}, each once."
+        )
+    return [_AXES[c] for c in components]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixed:
+    """Displacement components held at zero on a facet group.
+
+    Attributes:
+        group: Name of the facet group.
+        components: Letters of the axes held, all of them unless given.
+
+    Raises:
+        ValueError: The group is no name, or a component is unknown.
+    """
+
+    group: str
+    components: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and letters."""
+        check_name("group", self.group)
+        if self.components is not None:
+            components_of(self.components, len(_AXES))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prescribed:
+    """Displacement component given as a function of time on a facet group.
+
+    Attributes:
+        group: Name of the facet group.
+        component: ``x``, ``y`` or ``z``.
+        value: Displacement [m] at a time [s].
+
+    Raises:
+        ValueError: The component is unknown or the value is no function.
+    """
+
+    group: str
+    component: str
+    value: Callable[[float], float]
+
+    def __post_init__(self) -> None:
+        """Check group, component and value."""
+        hold_floats(self)
+        check_name("group", self.group)
+        check_choice("component", self.component, _AXES)
+        name = f"value of the motion prescribed on {shown(self.group)}"
+        check_function(name, self.value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """Distributed springs to the fixed ground on a facet group.
+
+    Adds k_n (u.n)(v.n) + k_t (u_t . v_t) over the group to the stiffness.
+
+    Attributes:
+        group: Name of the facet group.
+        normal_stiffness: k_n [Pa/m].
+        tangential_stiffness: k_t [Pa/m].
+
+    Raises:
+        ValueError: A stiffness is negative.
+    """
+
+    group: str
+    normal_stiffness: float
+    tangential_stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check group and stiffnesses."""
+        hold_floats(self)
+        check_name("group", self.group)
+        for name in ("normal_stiffness", "tangential_stiffness"):
+            check_number(
+                f"{name} of the springs on {shown(self.group)}",
+                getattr(self, name),
+                lambda v: v >= 0,
+                "zero or more and finite",
+                unit="Pa/m",
+            )
+
+    def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
+        """The bilinear form of the springs."""
+        from dolfinx import fem
+
+        stiffness = self.normal_stiffness, self.tangential_stiffness
+        # As constants, so that no other values of them are compiled anew.
+        of_normal, of_tangential = (fem.Constant(jointed.mesh, float(k)) for k in stiffness)
+        n = ufl.FacetNormal(jointed.mesh)
+        normal = ufl.inner(u, n) * ufl.inner(v, n)
+        tangential = ufl.inner(u, v) - normal
+        return (of_normal * normal + of_tangential * tangential) * jointed.ds(self.group)
+
+
+Support = Fixed | Prescribed | Spring | ViscousBoundary
+
+
+class Constraints:
+    """Constrained dofs of a space and their values in time.
+
+    Where supports share a dof, a prescribed value goes before a fixed one, and of two prescribed
+    ones the later in the list counts.
+
+    Args:
+        jointed: The mesh with its facet groups.
+        V: The displacement space.
+        supports: The supports; springs and viscous boundaries are ignored here.
+
+    Attributes:
+        dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
+        groups: Names of the groups with constrained dofs.
+
+    Raises:
+        ValueError: A component is unknown.
+        MeshError: A facet group does not exist.
+    """
+
+    def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
+        """Locate the dofs (collective)."""
+        from dolfinx import fem
+
+        gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
+        owned = V.dofmap.index_map.size_local
+        fixed: list[NDArray[np.int64]] = []
+        self._prescribed: list[tuple[NDArray[np.int64], Prescribed]] = []
+        for support in supports:
+            if not isinstance(support, Support):
+                raise ValueError(
+                    f"{shown(support)} is no support; supports are Fixed, Prescribed, Spring and "
+                    "ViscousBoundary."
+                )
+            if isinstance(support, Spring | ViscousBoundary):
+                continue
+            named = (
+                support.component
+                if isinstance(support, Prescribed)
+                else "xyz"[:gdim]
+                if support.components is None
+                else support.components
+            )
+            components = components_of(named, gdim)
+            facets = jointed.facets(support.group)
+            blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
+            blocks = blocks[blocks < owned].astype(np.int64)
+            dofs = (bs * blocks[:, None] + components).ravel()
+            if isinstance(support, Prescribed):
+                self._prescribed.append((dofs, support))
+            else:
+                fixed.append(dofs)
+        held = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
+        self.groups = tuple(dict.fromkeys(held))
+        every = fixed + [dofs for dofs, _ in self._prescribed]
+        self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any value is prescribed as a function of time."""
+        return bool(self._prescribed)
+
+    def values(self, time: float) -> NDArray[np.float64]:
+        """Prescribed displacements of `dofs` at a time [s], shape (n,), [m]."""
+        values = np.zeros(len(self.dofs))
+        for dofs, support in self._prescribed:
+            name = f"The displacement {support.component} prescribed on {shown(support.group)}"
+            value = number_at(name, support.value, time, unit="m")
+            values[np.searchsorted(self.dofs, dofs)] = value
+        return values

@@ -1,0 +1,91 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Boundaries of the rock that let waves out: dashpots after Lysmer and Kuhlemeyer (1969)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+
+from dolfinx_joints.common.parameters import check_name
+
+if TYPE_CHECKING:
+    from dolfinx_joints.body.elasticity import ElasticBody
+    from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousBoundary:
+    """Dashpots rho c_p along the normal and rho c_s across it, per area, on a facet group.
+
+    Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping, with density and
+    wave speeds of the cells behind each facet; massless cells give none. It takes waves that arrive
+    along the normal altogether, and holds nothing in statics. These cells must be isotropic.
+
+    Attributes:
+        group: Name of the facet group.
+
+    Raises:
+        ValueError: The group is no name.
+    """
+
+    group: str
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        check_name("group", self.group)
+
+    def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
+        """The bilinear form of the dashpots."""
+        return ufl.inner(impedance(jointed, body, u), v) * jointed.ds(self.group)
+
+
+def absorbing_groups(
+    jointed: JointedMesh, body: ElasticBody, supports: Sequence[Any]
+) -> tuple[str, ...]:
+    """Groups with a viscous boundary (collective).
+
+    Raises:
+        MeshError: A group does not exist.
+        ValueError: A facet would have dashpots twice, or has an orthotropic cell behind it.
+    """
+    groups = [support.group for support in supports if isinstance(support, ViscousBoundary)]
+    if groups:
+        facets = np.concatenate([jointed.facets(group) for group in groups])
+        twice = len(facets) - len(np.unique(facets))
+        if any(jointed.mesh.comm.allgather(twice > 0)):
+            raise ValueError(
+                f"The viscous boundaries on {', '.join(groups)} have facets in common; a facet may "
+                "have dashpots once."
+            )
+        orthotropic = np.isnan(_shear_moduli(jointed, body, facets)).any()
+        if any(jointed.mesh.comm.allgather(bool(orthotropic))):
+            raise ValueError(
+                f"The viscous boundaries on {', '.join(groups)} have orthotropic cells behind "
+                "them, which have no single wave speeds; give these cells an Elastic material."
+            )
+    return tuple(groups)
+
+
+def _shear_moduli(jointed: JointedMesh, body: ElasticBody, facets: Any) -> Any:
+    """Mu of the cell behind each facet, NaN where it is orthotropic, shape (n,), [Pa]."""
+    field, topology = body.shear_modulus, jointed.mesh.topology
+    if not hasattr(field, "function_space"):
+        return np.full(len(facets), float(field.value))
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    cells = topology.connectivity(topology.dim - 1, topology.dim)
+    behind = cells.array[cells.offsets[facets]]
+    return field.x.array[field.function_space.dofmap.list[behind, 0]]
+
+
+def impedance(jointed: JointedMesh, body: ElasticBody, velocity: Any) -> Any:
+    """Traction of the dashpots at a velocity of the boundary (UFL), [Pa]."""
+    n = ufl.FacetNormal(jointed.mesh)
+    normal = ufl.inner(velocity, n) * n
+    pressure_wave = ufl.sqrt(body.density * (body.first_lame + 2.0 * body.shear_modulus))
+    shear_wave = ufl.sqrt(body.density * body.shear_modulus)
+    return pressure_wave * normal + shear_wave * (velocity - normal)

@@ -1,0 +1,376 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joints with their laws: from displacements to tractions, tangents and stored energy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, numbers_of, shown
+from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.laws.law import Floats, JointState, Law, Response, Status, check_law
+from dolfinx_joints.common.mpi import raised_together
+
+InitialGap = float | Callable[[Floats], Floats]
+
+# How a time scheme asks the laws: at the end of a step, or for the step as a whole.
+Rule = Literal["end_point", "step"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatusCounts:
+    """Joint points by what they do, on all ranks."""
+
+    open: int
+    stick: int
+    slip: int
+
+    @property
+    def total(self) -> int:
+        """All points."""
+        return self.open + self.stick + self.slip
+
+
+class Contact:
+    """The joints of a system: a gap operator, and a law for the points of each joint.
+
+    Args:
+        operator: The gap operator.
+        laws: One law for all joints, or one per joint name.
+        initial_gaps: Initial normal gap of each joint named, [m]: a number, or a function of the
+            point coordinates (n, 3) that gives (n,); added to a gap in the mesh itself.
+
+    Attributes:
+        operator: The gap operator.
+        laws: Law of each joint by name.
+        initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
+
+    Raises:
+        MeshError: A name stands for no joint, or a joint has no law.
+    """
+
+    def __init__(
+        self,
+        operator: GapOperator,
+        laws: Law | Mapping[str, Law],
+        initial_gaps: Mapping[str, InitialGap] | None = None,
+    ) -> None:
+        """Sort the points by law."""
+        self.operator = operator
+        gaps = initial_gaps or {}
+        check_kind_of("initial_gaps", gaps, isinstance(gaps, Mapping), "a gap per joint name")
+        by_name = laws if isinstance(laws, Mapping) else dict.fromkeys(operator.names, laws)
+        for name in (*by_name, *gaps):
+            if name not in operator.names:
+                raise MeshError(no_such_joint(name, operator.names))
+        for law in by_name.values():
+            check_law("A joint law", law)
+            names = getattr(law, "internal_variables", ())
+            good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
+            check_kind_of("internal_variables", names, good, "a tuple of names")
+        missing = [name for name in operator.names if name not in by_name]
+        if missing:
+            raise MeshError(f"The joint {missing[0]!r} has no law.")
+        self.laws = {name: by_name[name] for name in operator.names}
+        self._laws: list[tuple[Law, NDArray[np.int64]]] = []
+        distinct: list[Law] = []
+        for law in by_name.values():
+            if not any(law is other for other in distinct):
+                distinct.append(law)
+        for law in distinct:
+            members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
+            self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
+        self._variables = max((_variables(law) for law in distinct), default=0)
+        self.initial_gap: Floats = operator.initial_gap.copy()
+        places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
+        for name, gap in gaps.items():
+            here = operator.joint == operator.names.index(name)
+            with raised_together(operator.comm):
+                self.initial_gap[here, 0] += _checked_gap(name, gap, places[here])
+
+    def gap(self, u: Any) -> Floats:
+        """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
+        return self.operator.gap(u) + self.initial_gap
+
+    def at_rest(self, u: Any) -> JointState:
+        """State without shear traction at the displacement ``u`` (collective)."""
+        return self.resting(self.gap(u))
+
+    def resting(self, gap: Floats) -> JointState:
+        """State without shear traction and history at a gap, shape (n, 3), [m] (collective)."""
+        state = JointState.at_rest(gap, variables=self._variables)
+        with raised_together(self.operator.comm):
+            for law, points in self._laws:
+                if hasattr(law, "initial_variables"):
+                    first = _first_variables(law, state.gap[points])
+                    state.internal[points, : _variables(law)] = first
+        return state
+
+    def trial(self, u: Any, state: JointState) -> Response:
+        """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
+        gap = self.gap(u)
+        with raised_together(self.operator.comm):
+            return self._ask("end_point", gap, None, state)
+
+    def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
+        """Answer of the laws to a change of the displacement since ``state`` (collective).
+
+        Args:
+            change: Displacement less that at ``state``, [m].
+            state: State at the start of the step.
+            rule: Which method of the laws is asked, ``end_point`` or ``step``.
+        """
+        gap = state.gap + self.operator.gap(change)
+        with raised_together(self.operator.comm):
+            return self._ask(rule, gap, None, state)
+
+    def respond_locally(
+        self, free_gap: Floats, compliance: Floats, state: JointState, rule: Rule
+    ) -> Response:
+        """Answer of the laws of the local points, each on its own compliance (collective).
+
+        Args:
+            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+            state: State at the start of the step.
+            rule: Which method of the laws is asked, ``local_solve`` or ``local_step``.
+        """
+        with raised_together(self.operator.comm):
+            return self._ask(rule, free_gap, compliance, state)
+
+    def colours(self, count: int) -> list[list[tuple[Law, NDArray[np.int64]]]]:
+        """Local points by their number over all ranks modulo ``count``, and by law (collective)."""
+        size = len(self.operator.areas)
+        first = self.operator.comm.exscan(size) or 0
+        colour = (first + np.arange(size)) % count
+        return [[(law, p[colour[p] == c]) for law, p in self._laws] for c in range(count)]
+
+    def tractions_locally(
+        self,
+        part: list[tuple[Law, NDArray[np.int64]]],
+        free_gap: Floats,
+        compliance: Floats,
+        state: JointState,
+        rule: Rule,
+    ) -> list[tuple[NDArray[np.int64], Floats]]:
+        """Points and tractions of one of the `colours`; see `respond_locally` (collective)."""
+        answers = []
+        with raised_together(self.operator.comm):
+            for law, points in part:
+                before = _state_of(law, points, state)
+                method = _local_method(law, rule)
+                answer = method(free_gap[points], compliance[points], before)
+                answers.append((points, answer.traction))
+        return answers
+
+    def _ask(
+        self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
+    ) -> Response:
+        """Answer of the laws of the local points, without waiting for other ranks."""
+        if len(self._laws) == 1:
+            law = self._laws[0][0]
+            if compliance is None:
+                return _checked(law, _method(law, rule)(gap, state), len(gap))
+            return _checked(law, _local_method(law, rule)(gap, compliance, state), len(gap))
+        answer = _empty_response(len(gap), self._variables)
+        for law, points in self._laws:
+            before = _state_of(law, points, state)
+            if compliance is None:
+                part = _checked(law, _method(law, rule)(gap[points], before), len(points))
+            else:
+                method = _local_method(law, rule)
+                part = _checked(law, method(gap[points], compliance[points], before), len(points))
+            for name in ("traction", "tangent", "dissipation", "status"):
+                getattr(answer, name)[points] = getattr(part, name)
+            answer.state.gap[points] = part.state.gap
+            answer.state.elastic_slip[points] = part.state.elastic_slip
+            if columns := _variables(law):
+                answer.state.internal[points, :columns] = part.state.internal
+        return answer
+
+    def without_local(self, rule: Rule) -> tuple[str, ...]:
+        """Kinds of the laws that offer no local solution under a rule."""
+        kinds = {type(law).__name__ for law, _ in self._laws if _local_method(law, rule) is None}
+        return tuple(sorted(kinds))
+
+    @property
+    def without_step(self) -> tuple[str, ...]:
+        """Kinds of the laws that offer no ``step``."""
+        return tuple(sorted({type(law).__name__ for law, _ in self._laws if not _steps(law)}))
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy of each joint, shape (number of joints,), [J] (collective)."""
+        density = np.empty(len(state.gap))
+        for law, points in self._laws:
+            density[points] = law.stored_energy(_state_of(law, points, state))
+        return self.integrals(density)
+
+    def integrals(self, density: Floats) -> Floats:
+        """Sum of area times a value per point, for each joint over all ranks (collective)."""
+        operator = self.operator
+        sums = np.zeros(len(operator.names))
+        np.add.at(sums, operator.joint, operator.areas * density)
+        return np.sum(operator.comm.allgather(sums), axis=0)
+
+    def integral(self, density: Floats) -> float:
+        """Sum of area times a value per point over all ranks (collective)."""
+        return float(self.operator.comm.allreduce(float(self.operator.areas @ density)))
+
+    def closed_stiffness(self) -> Floats:
+        """k_n and k_s of every point while closed and sticking, shape (n, 2), [Pa/m]."""
+        stiffness = np.zeros((len(self.operator.areas), 2))
+        for law, points in self._laws:
+            stiffness[points] = law.closed_stiffness()
+        return stiffness
+
+    @property
+    def rigid(self) -> bool:
+        """Whether some law has infinite stiffness, on all ranks alike."""
+        return any(math.isinf(k) for law, _ in self._laws for k in law.closed_stiffness())
+
+    def closed_tangent(self) -> Floats:
+        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
+
+        Raises:
+            JointsError: A law is rigid.
+        """
+        if self.rigid:
+            raise JointsError(
+                "A rigid joint has no stiffness: modes and the monolithic solver need a finite one."
+            )
+        stiffness = self.closed_stiffness()
+        tangent = np.zeros((len(stiffness), 3, 3))
+        tangent[:, [0, 1, 2], [0, 1, 2]] = np.repeat(stiffness, (1, 2), axis=1)
+        return tangent
+
+    def counts(self, status: NDArray[np.int8]) -> StatusCounts:
+        """Open, sticking and sliding points on all ranks (collective)."""
+        local = np.bincount(status, minlength=len(Status))
+        total = np.sum(self.operator.comm.allgather(local), axis=0)
+        return StatusCounts(
+            open=int(total[Status.OPEN]),
+            stick=int(total[Status.STICK]),
+            slip=int(total[Status.SLIP]),
+        )
+
+    def worst_joint(self, change: NDArray[Any]) -> str | None:
+        """Name of the joint with the largest sum of a value per point (collective)."""
+        sums = np.bincount(self.operator.joint, change, minlength=len(self.operator.names))
+        total = np.sum(self.operator.comm.allgather(sums), axis=0)
+        return self.operator.names[int(np.argmax(total))] if total.any() else None
+
+    def not_finite(self, response: Response) -> tuple[str, str] | None:
+        """Joint and kind of law that made NaN or infinity of a finite gap, if any (collective)."""
+        answers = (response.traction, response.tangent.reshape(-1, 9))
+        wrong = ~np.all([np.isfinite(values).all(axis=1) for values in answers], axis=0)
+        wrong &= np.isfinite(response.state.gap).all(axis=1)
+        joint = self.worst_joint(wrong.astype(np.float64))
+        return None if joint is None else (joint, type(self.laws[joint]).__name__)
+
+
+def no_such_joint(name: Any, names: Collection[str]) -> str:
+    """What to say of the name of a joint that there is none of."""
+    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."
+
+
+def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
+    """Values of an initial gap at the points of a joint."""
+    what = f"The initial gap of {name!r}"
+    if not callable(gap):
+        check_number(what, gap, lambda _: True, "finite", unit="m")
+    return check_each(what, gap(places) if callable(gap) else gap, len(places))
+
+
+def _steps(law: Law) -> bool:
+    """Whether a law has an answer for whole steps of its own."""
+    return hasattr(law, "step")
+
+
+def _method(law: Any, rule: Rule) -> Any:
+    """Method of a law under a rule; end point where it has none for whole steps."""
+    return law.step if rule == "step" and _steps(law) else law.end_point
+
+
+def _local_method(law: Any, rule: Rule) -> Any:
+    """The same on a point's own compliance, None where there is none."""
+    return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
+
+
+def _checked(law: Law, response: Response, count: int) -> Response:
+    """A response of ``count`` points that holds the law's internal variables.
+
+    Raises:
+        ValueError: It does not.
+    """
+    kind = type(law).__name__
+    good = isinstance(response, Response) and isinstance(response.state, JointState)
+    check_kind_of(f"What {kind} returned", response, good, "a Response")
+    given = {name: getattr(response, name) for name in _SHAPES if hasattr(response, name)}
+    given |= {"gap": response.state.gap, "elastic_slip": response.state.elastic_slip}
+    for name, array in given.items():
+        wanted_shape = (count, *_SHAPES[name])
+        numeric = isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
+        if not numeric or array.shape != wanted_shape:
+            raise ValueError(
+                f"{kind} returned {name} {shown(array)}; it must be an array of numbers of shape "
+                f"{wanted_shape}."
+            )
+    wanted = (count, _variables(law))
+    if wanted[1] and response.state.internal.shape != wanted:
+        raise ValueError(
+            f"{type(law).__name__} returned internal variables of shape "
+            f"{response.state.internal.shape}; for {wanted[0]} points and the names "
+            f"{', '.join(law.internal_variables)} it must be {wanted}."  # type: ignore[attr-defined]
+        )
+    return response
+
+
+def _first_variables(law: Any, gap: Floats) -> Floats:
+    """Internal variables of a law at rest."""
+    first, wanted = numbers_of(law.initial_variables(gap)), (len(gap), _variables(law))
+    if first is None or first.shape != wanted:
+        raise ValueError(
+            f"{type(law).__name__}.initial_variables must give numbers of shape {wanted}, one "
+            "column for each internal variable."
+        )
+    return first
+
+
+# Of the arrays of a response, after the number of points.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "traction": (3,),
+    "tangent": (3, 3),
+    "dissipation": (),
+    "status": (),
+    "gap": (3,),
+    "elastic_slip": (2,),
+}
+
+
+def _variables(law: Law) -> int:
+    """Number of internal variables of a law."""
+    return len(getattr(law, "internal_variables", ()))
+
+
+def _state_of(law: Law, points: NDArray[np.int64], state: JointState) -> JointState:
+    """The state of the points of one law."""
+    part = JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points], dt=state.dt)
+    columns = _variables(law)
+    return replace(part, internal=state.internal[points, :columns]) if columns else part
+
+
+def _empty_response(count: int, variables: int) -> Response:
+    return Response(
+        traction=np.zeros((count, 3)),
+        tangent=np.zeros((count, 3, 3)),
+        state=JointState.at_rest(np.zeros((count, 3)), variables=variables),
+        dissipation=np.zeros(count),
+        status=np.zeros(count, dtype=np.int8),
+    )

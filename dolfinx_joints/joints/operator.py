@@ -1,0 +1,307 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The joint operator: gap = B u, force = B^T (w t), tangent = B^T (w D) B; it knows no friction.
+
+Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
+- to the + side, so gap_n > 0 is open and compression is t_n < 0; `orientation.orient_pairs` chooses
+the sides and `jointpoints` the tangential axes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.sparse import coo_array
+
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.joints.points import JointPoints, joint_points
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
+from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.joints.quadrature import facet_cell_type
+
+# Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep
+# the products with B of a nodal rule and of joints along the axes several times shorter.
+ROUNDING = 1e-14
+
+
+class GapOperator:
+    """A matrix B with the area of each point: gap = B u, force = B^T (w t).
+
+    This is all that a solver needs to know of the joints; `JointOperator` builds one from a mesh,
+    and any other matrix with three rows (n, s1, s2) per point will do.
+
+    Args:
+        matrix: B, shape (3 num_points, num_dofs); each rank holds whole points.
+        areas: Areas w of the local points, shape (n,), [m^2].
+        joint: Joint number of each local point, shape (n,).
+        names: Joint names.
+
+    Attributes:
+        matrix: B.
+        areas: w.
+        joint: Joint numbers.
+        names: Joint names.
+        comm: Communicator of the matrix.
+        initial_gap: Gap before any displacement, shape (n, 3), [m].
+        points: Coordinates of the local points, shape (n, 3), [m]. None where there is no mesh.
+        sizes: Size of the elements around each local point, shape (n,), [m]: the shortest edge of
+            the facets that share it. None where there is no mesh.
+    """
+
+    points: Floats | None = None
+    sizes: Floats | None = None
+
+    def __init__(
+        self, matrix: PETSc.Mat, areas: Floats, joint: Ints, names: tuple[str, ...]
+    ) -> None:
+        """Keep the parts and make a work vector (collective)."""
+        self.matrix, self.areas, self.joint, self.names = matrix, areas, joint, names
+        self.comm = matrix.comm.tompi4py()
+        self.initial_gap: Floats = np.zeros((len(areas), 3))
+        self._work = matrix.createVecLeft()
+
+    @property
+    def num_points(self) -> int:
+        """Number of points on all ranks."""
+        return int(self.matrix.getSize()[0] // 3)
+
+    def gap(self, u: PETSc.Vec) -> Floats:
+        """B u of the local points, shape (n, 3), [m] (collective)."""
+        self.matrix.mult(u, self._work)
+        return self._work.getArray(readonly=True).reshape(-1, 3).copy()
+
+    def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal forces B^T (w t), [N] (collective).
+
+        Args:
+            traction: Tractions of the local points, shape (n, 3), [Pa].
+            out: Vector that receives the forces.
+        """
+        self._work.setArray((self.areas[:, None] * traction).ravel())
+        self.matrix.multTranspose(self._work, out)
+        return out
+
+    def constrained(self, free: PETSc.Vec) -> PETSc.Mat:
+        """B with the columns of constrained dofs made zero; ``free`` is 1 or 0 per dof."""
+        matrix = self.matrix.copy()
+        matrix.diagonalScale(R=free)
+        return matrix
+
+    def gather(self, values: NDArray[Any]) -> NDArray[Any] | None:
+        """Values of all points in global order on rank 0, None elsewhere (collective)."""
+        parts = self.comm.gather(values, root=0)
+        return None if parts is None else np.concatenate(parts)
+
+
+class JointOperator(GapOperator):
+    """The gap operator of the joints of a mesh.
+
+    gap = B u with B = T N (paper eq. 1), force = B^T (w t) (eq. 2), tangent = B^T (w D) B (eq. 6).
+    The points are handed out to the ranks in equal blocks, whatever the partition of the mesh:
+    their order does not depend on the number of ranks, and the work on them is balanced.
+
+    Args:
+        jointed: Mesh with its facet pairs.
+        V: Vector Lagrange space of degree 1 or 2 on ``jointed.mesh``.
+        quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
+
+    Attributes:
+        layout: All points of all ranks.
+        points: Coordinates of the local points, shape (n, 3), [m].
+        frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
+
+    Raises:
+        ValueError: The quadrature rule does not exist on these facets.
+    """
+
+    def __init__(self, jointed: JointedMesh, V: Any, *, quadrature: str | int = "auto") -> None:
+        """Build B (collective)."""
+        comm = jointed.mesh.comm
+        self.points: Floats
+        self.frames: Floats
+        self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
+        ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
+        block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
+        self.points = self.layout.points[block]
+        self.frames = self.layout.frames[block]
+        self.sizes = self.layout.sizes[block]
+        local_rows = 3 * (block.stop - block.start)
+        super().__init__(
+            _assemble_operator(jointed, V, self.layout, local_rows),
+            self.layout.areas[block],
+            self.layout.joint[block],
+            jointed.pairs.names,
+        )
+        if jointed.pairs.gaps_in_geometry:
+            self.initial_gap = self.gap(_coordinates(V))
+            # Faces that touch are apart by rounding; zero counts as closed, a positive gap not.
+            touching = np.abs(self.initial_gap[:, 0]) < 1e-9 * np.sqrt(self.areas)
+            self.initial_gap[touching, 0] = 0.0
+
+
+class JointTangent:
+    """B^T (w D) B for changing point tangents D, with its sparsity kept.
+
+    Args:
+        operator: The joint operator.
+        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
+            the result are zero.
+    """
+
+    def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
+        """Set up the products (collective)."""
+        self.comm = operator.comm
+        self._areas = operator.areas
+        self._operator = operator.constrained(free)
+        rows = operator.matrix.getSizes()[0]
+        self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(3, 0), comm=operator.comm)
+        start, stop = self._points.getOwnershipRange()
+        self._starts = np.arange(0, 3 * (stop - start) + 1, 3, dtype=PETSc.IntType)
+        first = np.repeat(np.arange(start, stop, 3, dtype=PETSc.IntType), 3)
+        self._columns = (first[:, None] + np.arange(3, dtype=PETSc.IntType)).ravel()
+        self._product: PETSc.Mat | None = None
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+        values = (self._areas[:, None, None] * tangent).ravel()
+        self._points.setValuesCSR(self._starts, self._columns, values)
+        self._points.assemble()
+        self._product = self._points.PtAP(self._operator, result=self._product)
+        return self._product
+
+
+def _assemble_operator(
+    jointed: JointedMesh, V: Any, layout: JointPoints, local_rows: int
+) -> PETSc.Mat:
+    """B from the basis functions of the cells on the two sides.
+
+    Each rank adds the sides whose cells it owns; PETSc sends them to the owner of the row. Where
+    facets share a point, each adds its share of the point's area.
+    """
+    mesh, facet_dim = jointed.mesh, jointed.shape.dim - 1
+    index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
+    columns = (index_map.size_local * bs, index_map.size_global * bs)
+    entries = 2 * bs * len(V.element.basix_element.entity_closure_dofs[facet_dim][0])
+    matrix = PETSc.Mat().createAIJ(
+        ((local_rows, None), columns), nnz=(entries, entries), comm=lasting(mesh.comm)
+    )
+    matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    row, column, value = _side_entries(jointed, V, layout)
+    shape = (3 * len(layout.areas), columns[1])
+    sides = coo_array((value, (row, column)), shape=shape).tocsr()
+    sides.data[np.abs(sides.data) < ROUNDING] = 0.0
+    sides.eliminate_zeros()
+    held = np.flatnonzero(np.diff(sides.indptr)).astype(PETSc.IntType)
+    starts = np.append(sides.indptr[held], sides.nnz).astype(PETSc.IntType)
+    matrix.setValuesIJV(
+        starts,
+        sides.indices.astype(PETSc.IntType),
+        sides.data,
+        addv=PETSc.InsertMode.ADD_VALUES,
+        rowmap=held,
+    )
+    matrix.assemble()
+    return matrix
+
+
+def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
+    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N].
+
+    Args:
+        operator: B.
+        diagonal: That of the body's matrix A [N/m].
+    """
+    squares, inverse = operator.copy(), diagonal.copy()
+    starts, columns, values = squares.getValuesCSR()
+    squares.setValuesCSR(starts, columns, values**2)
+    squares.assemble()
+    inverse.reciprocal()
+    rows = squares.createVecLeft()
+    squares.mult(inverse, rows)
+    found: Floats = rows.getArray().copy()
+    for used in (squares, inverse, rows):
+        used.destroy()
+    return found
+
+
+def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[Ints, Ints, Floats]:
+    """Rows, columns and values that the sides of this rank's cells add to B.
+
+    Sides that show the same facet of the reference cell, turned alike, share a table of basis
+    functions and are treated at once.
+    """
+    pairs, shape, mesh = jointed.pairs, jointed.shape, jointed.mesh
+    element, bs = V.element.basix_element, V.dofmap.index_map_bs
+    on_facet = np.array(element.entity_closure_dofs[shape.dim - 1], dtype=np.int64)
+    corners = basix.cell.geometry(shape.type)
+    slots = np.concatenate([pairs.minus, pairs.plus])
+    same = np.broadcast_to(np.arange(pairs.match.shape[1]), pairs.match.shape)
+    match = np.concatenate([same, pairs.match])
+    local = local_cells(mesh, _num_cells(mesh))[slots[:, 0]]
+    owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
+    owned = np.flatnonzero((local >= 0) & (local < owned_cells))
+    kinds, kind = np.unique(
+        np.column_stack([slots[owned, 1], match[owned]]), axis=0, return_inverse=True
+    )
+    dofs = V.dofmap.list
+    parts: list[tuple[Ints, Ints, Floats]] = []
+    for number, (facet, *turned) in enumerate(kinds):
+        sides = owned[kind.ravel() == number]
+        vertices = corners[shape.facet_vertices[facet]][turned]
+        basis = _side_table(element, shape, layout.rule, vertices)[:, on_facet[facet]]
+        q, a = np.nonzero(basis)
+        pair, sign = sides % len(pairs.joint), np.where(sides < len(pairs.joint), -1.0, 1.0)
+        points = layout.number[pair][:, q]
+        nodes = dofs[local[sides]][:, on_facet[facet][a]]
+        blocks = V.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+        share = sign[:, None] * layout.share[pair][:, q] * basis[q, a]
+        value = layout.frames[points][..., :bs] * share[:, :, None, None]
+        row = 3 * points[:, :, None, None] + np.arange(3)[:, None]
+        column = bs * blocks[:, :, None, None] + np.arange(bs)
+        row, column = np.broadcast_arrays(row, column)
+        parts.append((row.ravel(), column.ravel(), value.ravel()))
+    if not parts:
+        none = np.empty(0, dtype=np.int64)
+        return none, none, np.empty(0)
+    rows, columns, values = zip(*parts, strict=True)
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+
+
+def _side_table(element: Any, shape: CellShape, rule: Floats, vertices: Floats) -> Floats:
+    """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
+
+    Args:
+        element: Scalar basix element of the displacement.
+        shape: Reference cell.
+        rule: Points on the reference facet, shape (q, facet dimension).
+        vertices: Reference coordinates of the facet's vertices in the order of the - side,
+            shape (vertices per facet, cell dimension).
+    """
+    corner = basix.create_element(
+        basix.ElementFamily.P,
+        facet_cell_type(shape.facet_vertices.shape[1]),
+        1,
+        basix.LagrangeVariant.gll_warped,
+    )
+    position = corner.tabulate(0, rule)[0, :, :, 0] @ vertices
+    table: Floats = element.tabulate(0, position)[0, :, :, 0]
+    table[np.abs(table) < ROUNDING] = 0.0  # at a node all functions but one
+    return table
+
+
+def _num_cells(mesh: Any) -> int:
+    return int(mesh.topology.index_map(mesh.topology.dim).size_global)
+
+
+def _coordinates(V: Any) -> PETSc.Vec:
+    """The coordinates of the nodes as a vector of the space."""
+    from dolfinx import fem
+
+    x = fem.Function(V)
+    gdim = V.mesh.geometry.dim
+    x.interpolate(lambda points: points[:gdim])
+    return x.x.petsc_vec

@@ -1,0 +1,78 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A watch on what the joints assume: slip and opening small against the elements.
+
+A joint point keeps its partner and its axes for ever (paper eq. 1), which a slip or an opening of
+the size of an element makes wrong.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import Floats
+
+# Of the element size.
+LARGEST_JUMP = 0.1
+
+
+class SmallDisplacements:
+    """Keeps the largest jump of each joint relative to the element size, and warns once of it.
+
+    Args:
+        contact: The joints; those without element sizes (plain matrices) are not watched.
+    """
+
+    def __init__(self, contact: Contact | None) -> None:
+        """Nothing is seen yet."""
+        sizes = None if contact is None else contact.operator.sizes
+        self._contact, self._sizes = contact, sizes
+        count = 0 if contact is None else len(contact.operator.names)
+        self._largest: Floats = np.zeros(count)
+        self._warned = np.zeros(count, dtype=bool)
+
+    def see(self, gap: Floats) -> None:
+        """Take note of the gaps of the local points, initial gap included, shape (n, 3), [m]."""
+        if self._contact is None or self._sizes is None:
+            return
+        jump = np.linalg.norm(gap - self._contact.initial_gap, axis=1) / self._sizes
+        np.maximum.at(self._largest, self._contact.operator.joint, jump)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What has been seen and said so far (collective)."""
+        if self._contact is None:
+            return {}
+        largest = np.max(self._contact.operator.comm.allgather(self._largest), axis=0)
+        return {"largest": largest, "warned": self._warned}
+
+    def recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what another's ``memory`` gave."""
+        if memory:
+            self._largest[:], self._warned[:] = memory["largest"], memory["warned"]
+
+    def warn(self, when: str) -> None:
+        """Warn of the joints that went too far since the last call (collective).
+
+        Args:
+            when: End of the sentence, such as ``by t = 2 s``.
+        """
+        if self._contact is None or self._sizes is None:
+            return
+        operator = self._contact.operator
+        largest = np.max(operator.comm.allgather(self._largest), axis=0)
+        for i in np.flatnonzero((largest > LARGEST_JUMP) & ~self._warned):
+            self._warned[i] = True
+            if operator.comm.rank == 0:
+                warnings.warn(
+                    f"Joint {operator.names[i]!r}: slip or opening reached "
+                    f"{100 * largest[i]:.3g} % of the element size {when}. Points keep their "
+                    f"partners and axes: beyond {100 * LARGEST_JUMP:g} % displacements are no "
+                    "longer small.",
+                    stacklevel=3,
+                )

@@ -1,0 +1,239 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A joint with cohesion, tensile strength and dilatancy, all lost or gained in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.laws.law import (
+    Floats,
+    JointState,
+    Response,
+    Status,
+    check_friction_angle,
+    check_stiffness,
+    contact_fraction,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MohrCoulombJoint:
+    """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
+
+    Intact: t_n = k_n gap_n in tension too and t_s = k_s e, as long as t_n <= f_t and
+    |t_s| <= c - t_n tan(alpha). At the first step that leaves this range the bond is gone for
+    good, c = f_t = 0 (brittle loss): the point opens, or slides by
+
+        |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi),
+
+    so that slip over a length lambda opens the joint by p = lambda tan(psi), and while confined
+    raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
+    grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
+    for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
+    have no bond. There is no ``local_solve``: models take the monolithic path.
+
+    Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
+
+    Attributes:
+        normal_stiffness: k_n [Pa/m], positive.
+        shear_stiffness: k_s [Pa/m], not negative.
+        friction_angle_deg: alpha [degrees], at least 0 and below 90.
+        cohesion: c [Pa], not negative.
+        tensile_strength: f_t [Pa], not negative, at most c / tan(alpha).
+        dilatancy_angle_deg: psi [degrees], at least 0 and at most alpha (beyond it friction would
+            give energy away).
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    internal_variables: ClassVar[tuple[str, ...]] = ("broken", "dilation")
+
+    normal_stiffness: float
+    shear_stiffness: float
+    friction_angle_deg: float
+    cohesion: float = 0.0
+    tensile_strength: float = 0.0
+    dilatancy_angle_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        check_stiffness(self.normal_stiffness, self.shear_stiffness)
+        check_friction_angle(self.friction_angle_deg)
+        for name in ("cohesion", "tensile_strength"):
+            value = getattr(self, name)
+            check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa")
+        mu = self.friction_coefficient
+        check_number(
+            "tensile_strength",
+            self.tensile_strength,
+            lambda v: mu * v <= self.cohesion * (1.0 + 1e-12),
+            f"at most cohesion / tan(friction angle), {self.cohesion / (mu or math.inf):g} Pa",
+            unit="Pa",
+        )
+        check_number(
+            "dilatancy_angle_deg",
+            self.dilatancy_angle_deg,
+            lambda v: 0 <= v <= self.friction_angle_deg,
+            f"at least 0 and at most the friction angle, {self.friction_angle_deg:g} degrees",
+        )
+
+    @property
+    def friction_coefficient(self) -> float:
+        """Mu = tan(alpha)."""
+        return math.tan(math.radians(self.friction_angle_deg))
+
+    @property
+    def dilatancy_coefficient(self) -> float:
+        """Tan(psi)."""
+        return math.tan(math.radians(self.dilatancy_angle_deg))
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Internal variables at rest: no bond where there is none to break, or no contact.
+
+        Args:
+            gap: Gap at rest, shape (n, 3), [m].
+        """
+        bonded = (self.cohesion > 0.0) & (gap[:, 0] <= 0.0)
+        return np.column_stack([np.where(bonded, 0.0, 1.0), np.zeros(len(gap))])
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s, [Pa/m]."""
+        return self.normal_stiffness, self.shear_stiffness
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """k_n g^2 / 2 + k_s |e|^2 / 2 with the elastic normal gap g, shape (n,), [J/m^2]."""
+        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
+        normal = self._elastic_gap(state)
+        return 0.5 * self.normal_stiffness * normal**2 + 0.5 * self.shear_stiffness * slip
+
+    def end_point(self, gap: Floats, state: JointState) -> Response:
+        """Return mapping at the end of a step (backward Euler, closed form).
+
+        Args:
+            gap: Trial gap, shape (n, 3), [m].
+            state: State at the start of the step.
+
+        Returns:
+            Tractions, consistent tangent, trial state, dissipation (friction, dilatancy and what
+            breaking bonds set free) and status; an intact point counts as sticking.
+        """
+        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
+        slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
+        bonded = state.internal[:, 0] == 0.0
+        strength = self.cohesion - mu * k_n * gap[:, 0]
+        holds = bonded & (k_n * gap[:, 0] <= self.tensile_strength)
+        holds &= k_s * np.hypot(slip[:, 0], slip[:, 1]) <= strength
+        traction = np.column_stack([k_n * gap[:, :1], k_s * slip])
+        tangent = np.zeros((len(gap), 3, 3))
+        tangent[:] = np.diag([k_n, k_s, k_s])
+        internal = np.column_stack([np.where(holds, 0.0, 1.0), state.internal[:, 1]])
+        status = np.full(len(gap), Status.STICK, dtype=np.int8)
+        loose = np.flatnonzero(~holds)
+        if len(loose):
+            was = np.where(bonded, 0.0, state.gap[:, 0] - state.internal[:, 1])[loose]
+            answer = self._slide(gap[loose, 0], slip[loose], was, state.internal[loose, 1])
+            traction[loose], tangent[loose], internal[loose, 1], status[loose] = answer
+        elastic_slip: NDArray[Any] = traction[:, 1:] / (k_s or 1.0)
+        after = JointState(gap=gap.copy(), elastic_slip=elastic_slip, internal=internal)
+        return Response(
+            traction=traction,
+            tangent=tangent,
+            state=after,
+            dissipation=self._dissipation(traction, state, after),
+            status=status,
+        )
+
+    def _slide(
+        self, gap_n: Floats, slip: Floats, was: Floats, dilation: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Traction, tangent, dilation and status of points without a bond.
+
+        Args:
+            gap_n: Normal gap, shape (n,), [m].
+            slip: Elastic slip at the start plus slip of the step, shape (n, 2), [m].
+            was: Normal gap less dilation at the start, shape (n,), [m].
+            dilation: At the start, shape (n,), [m].
+        """
+        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
+        tan_psi = self.dilatancy_coefficient
+        # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
+        stays = (was <= 0.0) & (k_s > 0.0)
+        rise = np.where(stays, tan_psi * np.hypot(slip[:, 0], slip[:, 1]), 0.0)
+        closed = gap_n - dilation <= rise
+        elastic = np.where(closed, gap_n - dilation, 0.0)
+        fraction = contact_fraction(was, np.minimum(elastic, 0.0))
+        trial = np.where(closed, k_s * fraction, 0.0)[:, None] * slip
+        size = np.hypot(trial[:, 0], trial[:, 1])
+        excess = np.where(closed, size + mu * k_n * elastic, 0.0)
+        slides = excess > 0.0
+        hardening = (k_s + mu * k_n * tan_psi) or 1.0
+        length = np.where(slides, excess / hardening, 0.0)
+        t_n = k_n * (elastic - tan_psi * length)
+        safe = np.where(size > 0.0, size, 1.0)
+        direction = trial / safe[:, None]
+        ratio = np.where(slides, -mu * t_n / safe, closed)
+        # Derivatives of the trial shear traction, then of the slip length, then of the tractions.
+        turned = np.zeros((len(gap_n), 2, 3))
+        landing = closed & (was > 0.0)
+        way = np.where(landing, was - elastic, 1.0)
+        rate = np.where(landing, -(was / way) / way, 0.0)
+        turned[:, :, 0] = (k_s * rate)[:, None] * slip
+        turned[:, 0, 1] = turned[:, 1, 2] = np.where(closed, k_s * fraction, 0.0)
+        stretch = np.einsum("ni,nij->nj", direction, turned)
+        longer = stretch / hardening
+        longer[:, 0] += mu * k_n / hardening
+        longer *= slides[:, None]
+        tangent = np.zeros((len(gap_n), 3, 3))
+        tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
+        tangent[:, 0] -= k_n * tan_psi * longer
+        normal = np.where(slides[:, None], -mu * tangent[:, 0], 0.0)
+        across = turned - np.where(slides, 1.0, 0.0)[:, None, None] * (
+            direction[:, :, None] * stretch[:, None, :]
+        )
+        tangent[:, 1:] = direction[:, :, None] * normal[:, None, :] + ratio[:, None, None] * across
+        status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
+        traction = np.column_stack([t_n, ratio[:, None] * trial])
+        # A point that leaves has ridden up on its slip until then, on a straight path.
+        leaving = stays & ~closed
+        way = np.where(leaving, gap_n - dilation - rise - was, 1.0)
+        rise = np.where(leaving, rise * (-was / way), tan_psi * length)
+        return traction, tangent, dilation + rise, status
+
+    def _elastic_gap(self, state: JointState) -> Floats:
+        """Elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""
+        bonded = state.internal[:, 0] == 0.0
+        return np.where(
+            bonded, state.gap[:, 0], np.minimum(state.gap[:, 0] - state.internal[:, 1], 0.0)
+        )
+
+    def _dissipation(self, traction: Floats, before: JointState, after: JointState) -> Floats:
+        """Mean traction times plastic slip and dilation; where a bond broke, all energy lost."""
+        normal = self._elastic_gap(before)
+        start = np.column_stack(
+            [self.normal_stiffness * normal, self.shear_stiffness * before.elastic_slip]
+        )
+        mean = 0.5 * (start + traction)
+        moved = after.gap - before.gap
+        plastic = moved.copy()
+        # Slip in flight, before a point touches, meets no friction.
+        dilation, broken = before.internal[:, 1], before.internal[:, 0] > 0.0
+        plastic[:, 1:] *= contact_fraction(
+            np.where(broken, before.gap[:, 0] - dilation, 0.0),
+            np.minimum(after.gap[:, 0] - dilation, 0.0),
+        )[:, None]
+        plastic[:, 1:] -= after.elastic_slip - before.elastic_slip
+        plastic[:, 0] = after.internal[:, 1] - before.internal[:, 1]
+        lost = np.einsum("ij,ij->i", mean, plastic)
+        breaks = after.internal[:, 0] > before.internal[:, 0]
+        released = np.einsum("ij,ij->i", mean, moved)
+        released -= self.stored_energy(after) - self.stored_energy(before)
+        return np.where(breaks, released, lost)

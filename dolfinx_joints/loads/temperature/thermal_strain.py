@@ -1,0 +1,163 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Temperatures as loads: what they would strain a free body, held by equivalent forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from ufl.core.expr import Expr
+
+from dolfinx_joints.common.parameters import check_function, check_name, check_number, hold_floats, real, shown
+from dolfinx_joints.body.elasticity import Elastic
+from dolfinx_joints.loads.load import Load, TimeFactor, always
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.model.model import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temperature:
+    """Temperature of a body or a part of it, which strains it by alpha (T - T_0) f(t).
+
+    Several add up: a mean and a seasonal part, or parts of the body with references of their own.
+
+    Attributes:
+        value: T, a number, a function of the place x (UFL) that gives a UFL expression, or a scalar
+            DOLFINx function on the model's mesh [degrees C or K].
+        reference: T_0, at which the body is free of stress and the joints are closed [like T]; or
+            one per named cell group, such as the closure temperatures of blocks.
+        expansion: Coefficient of linear thermal expansion alpha [1/K].
+        cells: Name of the cell group concerned, the whole body unless given.
+        factor: Multiplier f of T - T_0 at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    value: Any
+    reference: float | Mapping[str, float]
+    expansion: float
+    cells: str | None = None
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        if not callable(self.value):
+            check_number("Temperature: value", self.value, lambda _: True, "finite")
+        if not isinstance(self.reference, Mapping):
+            check_number("Temperature: reference", self.reference, lambda _: True, "finite")
+        for group, value in _by_group(self.reference).items():
+            check_name("Temperature: a group of reference", group, "a cell group")
+            name = f"Temperature: reference of {shown(group)}"
+            check_number(name, value, lambda _: True, "finite")
+        check_number(
+            "Temperature: expansion",
+            self.expansion,
+            lambda v: v >= 0,
+            "zero or more and finite",
+            unit="1/K",
+        )
+        if self.cells is not None:
+            check_name("Temperature: cells", self.cells, "a cell group")
+        check_function("Temperature: factor", self.factor)
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Forces that stretch a free body as the temperature does (collective)."""
+        where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
+        v = ufl.TestFunction(model.V)
+        force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
+        if not np.isfinite(force.norm()):
+            raise ValueError("Temperature: value is not finite in the whole of its cells.")
+        return [(force, self.factor)]
+
+    def blocked_stress(self, model: Model) -> Any:
+        """Pressure that it makes in a body held still (UFL), [Pa]."""
+        from dolfinx import fem
+
+        expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
+        change = self._field(model) - self._reference(model)
+        return model.body.blocked_stress(expansion * change)
+
+    def _reference(self, model: Model) -> Any:
+        """T_0 as a constant, or as a function of degree 0."""
+        from dolfinx import fem
+
+        if not isinstance(self.reference, Mapping):
+            return fem.Constant(model.jointed.mesh, float(self.reference))
+        jointed = model.jointed
+        space = fem.functionspace(jointed.mesh, ("DG", 0))
+        field, count = fem.Function(space), np.zeros(len(space.dofmap.list), dtype=np.int64)
+        for group, value in self.reference.items():
+            cells = jointed.cells(group)
+            field.x.array[space.dofmap.list[cells, 0]] = value
+            count[cells] += 1
+        owned = jointed.mesh.topology.index_map(model.gdim).size_local
+        concerned = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
+        wrong = int((count[concerned[concerned < owned]] != 1).sum())
+        if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
+            where = "the mesh" if self.cells is None else repr(self.cells)
+            raise ValueError(
+                f"Temperature: {wrong} cells have no reference or several; its groups, "
+                f"{', '.join(self.reference) or 'none'}, must cover {where} without overlap."
+            )
+        return field
+
+    def _field(self, model: Model) -> Any:
+        """T as a number or a UFL expression."""
+        from dolfinx import fem
+
+        mesh, value = model.jointed.mesh, self.value
+        if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
+            value = value(ufl.SpatialCoordinate(mesh))
+        if not isinstance(value, Expr) and math.isfinite(real(value)):
+            check_number("Temperature: value", value, lambda _: True, "finite")
+            return fem.Constant(mesh, float(value))
+        if not (isinstance(value, Expr) and value.ufl_shape == ()):
+            raise ValueError(
+                f"Temperature: value is {shown(value, str)}; it must be a number or a scalar UFL "
+                "expression."
+            )
+        if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):
+            raise ValueError("Temperature: value lives on another mesh than jointed.mesh.")
+        return value
+
+
+def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
+    """Reference temperatures by cell group, none where there is one for all."""
+    return reference if isinstance(reference, Mapping) else {}
+
+
+def check_temperatures(
+    jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
+) -> None:
+    """Refuse temperatures where their stress is no pressure, or unknown to a plastic law.
+
+    Raises:
+        ValueError: One acts on cells that are not isotropic and elastic.
+    """
+    for load in loads:
+        if not isinstance(load, Temperature):
+            continue
+        for name, each in materials.items():
+            if isinstance(each, Elastic) or not _share_cells(jointed, load.cells, name):
+                continue
+            raise ValueError(
+                f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
+                "cells only, name those by cells=."
+            )
+
+
+def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
+    """Whether two cell groups, or the whole body, have cells in common (collective)."""
+    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
+    return bool(jointed.mesh.comm.allreduce(len(common)))

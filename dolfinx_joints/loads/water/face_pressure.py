@@ -1,0 +1,200 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Water and silt on a face: hydrostatic pressure, earth pressure, Westergaard's added mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_each, check_name, check_number, hold_floats
+from dolfinx_joints.loads.load import TimeFactor, always, check_on_group, on_group
+from dolfinx_joints.common.mpi import lasting, raised_together
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.water.wetted_facets import WettedFacets
+
+Floats = NDArray[np.float64]
+Depth = float | Callable[[Floats], Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HydrostaticPressure:
+    """Pressure of water at rest, rho g times the depth below its level; nothing above it.
+
+    Attributes:
+        group: Name of the facet group.
+        level: Height of the water, a coordinate along z (y in 2-D) [m].
+        density: Of the water [kg/m^3].
+        gravity: G [m/s^2].
+        factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+
+    group: str
+    level: float
+    density: float = 1000.0
+    gravity: float = STANDARD_GRAVITY
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        hold_floats(self)
+        _check(self, "density", "gravity")
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Its consistent nodal forces (collective)."""
+        weight = self.density * self.gravity
+        return [(_pressure(model, self.group, self.level, weight), self.factor)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiltPressure:
+    """Pressure of submerged silt, K rho' g times the depth below its surface; nothing above it.
+
+    Attributes:
+        group: Name of the facet group.
+        level: Height of the silt's surface, a coordinate along z (y in 2-D) [m].
+        density: Submerged density rho', without the water that it displaces [kg/m^3].
+        coefficient: Earth-pressure coefficient K, such as 1 - sin(phi) at rest.
+        gravity: G [m/s^2].
+        factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+
+    group: str
+    level: float
+    density: float
+    coefficient: float
+    gravity: float = STANDARD_GRAVITY
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        hold_floats(self)
+        _check(self, "density", "coefficient", "gravity")
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Its consistent nodal forces (collective)."""
+        weight = self.coefficient * self.density * self.gravity
+        return [(_pressure(model, self.group, self.level, weight), self.factor)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WestergaardMass:
+    """Westergaard's added mass, generalised: 7/8 rho sqrt(H h) per area, along the normal.
+
+    H is the depth of the reservoir, h that of the point; nothing above the level. It moves with the
+    face and has no weight.
+
+    Attributes:
+        group: Name of the facet group.
+        level: Height of the water, a coordinate along z (y in 2-D) [m].
+        depth: H, a number or a function of points (n, gdim) that gives (n,) [m]; from the level
+            down to the lowest vertex of the group unless given.
+        density: Of the water [kg/m^3].
+
+    Raises:
+        ValueError: A number is out of its range.
+    """
+
+    group: str
+    level: float
+    depth: Depth | None = None
+    density: float = 1000.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        hold_floats(self)
+        _check(self, "density")
+        if self.depth is not None and not callable(self.depth):
+            name = f"{on_group(self)}: depth"
+            check_number(name, self.depth, lambda v: v > 0, "positive and finite", unit="m")
+
+    def matrix(self, model: Model) -> PETSc.Mat:
+        """The added mass in the layout of the model's matrices [kg] (collective)."""
+        from petsc4py import PETSc
+
+        faces = _faces(model, self.group, self.level)
+        comm = model.jointed.mesh.comm
+        lowest = min(comm.allgather(faces.lowest))
+        blocks = model.V.dofmap.index_map
+        owned = blocks.size_local * model.gdim
+        matrix = PETSc.Mat().create(comm=lasting(comm))
+        matrix.setSizes(((owned, None), (owned, None)), bsize=model.gdim)
+        matrix.setType("aij")
+        matrix.setUp()
+        with raised_together(comm):
+            for points in faces:
+                deep = self._deep(points.positions, lowest)
+                per_area = 0.875 * self.density * np.sqrt(deep * points.depths)
+                area = np.linalg.norm(points.areas, axis=2)
+                # A point beside a sharp corner of a warped facet may carry no area at all.
+                scale = np.divide(per_area, area, out=np.zeros_like(area), where=area > 0.0)
+                acting = points.shapes[..., None] * points.areas[:, :, None, :]
+                acting = acting.reshape(*acting.shape[:2], -1)
+                masses = np.einsum("np,npi,npj->nij", scale, acting, acting)
+                rows = blocks.local_to_global(points.nodes.ravel().astype(np.int32))
+                rows = rows.reshape(points.nodes.shape).astype(PETSc.IntType)
+                for row, mass in zip(rows, masses, strict=True):
+                    matrix.setValuesBlocked(row, row, mass, addv=True)
+        matrix.assemble()
+        return matrix
+
+    def _deep(self, positions: Floats, lowest: float) -> Any:
+        """H at points (..., gdim)."""
+        if not callable(self.depth):
+            return self.level - lowest if self.depth is None else self.depth
+        flat = positions.reshape(-1, positions.shape[-1])
+        name = f"{on_group(self)}: depth"
+        deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
+        return deep.reshape(positions.shape[:-1])
+
+
+def _pressure(model: Model, group: str, level: float, weight: float) -> PETSc.Vec:
+    """Nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
+    from petsc4py import PETSc
+
+    faces = _faces(model, group, level)
+    force = model.mass.createVecRight()
+    blocks = model.V.dofmap.index_map
+    local = np.zeros((blocks.size_local + blocks.num_ghosts, model.gdim))
+    for points in faces:
+        each = np.einsum("np,npi,npa->nai", -weight * points.depths, points.areas, points.shapes)
+        np.add.at(local, points.nodes, each)
+    number = blocks.local_to_global(np.arange(len(local), dtype=np.int32))
+    dofs = model.gdim * number[:, None] + np.arange(model.gdim)
+    force.setValues(dofs.ravel().astype(PETSc.IntType), local.ravel(), addv=True)
+    force.assemble()
+    return force
+
+
+def _faces(model: Model, group: str, level: float) -> WettedFacets:
+    from dolfinx_joints.loads.water.wetted_facets import wetted_facets
+
+    return wetted_facets(model.V, model.jointed, group, float(level))
+
+
+def _check(load: Any, *positive: str) -> None:
+    """Refuse a level that is no number, and what must not be negative and is."""
+    if hasattr(load, "factor"):
+        check_on_group(load)
+    check_name("group", load.group)
+    check_number(f"{on_group(load)}: level", load.level, lambda _: True, "finite", unit="m")
+    for name in positive:
+        value = getattr(load, name)
+        check_number(
+            f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite"
+        )

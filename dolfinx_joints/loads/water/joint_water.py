@@ -1,0 +1,235 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Water in joints: given uplift, and pressures that follow the opening of the joint.
+
+A pressure p pushes both faces apart, so it is the load B^T (w p e_n), positive where gaps open.
+Tractions of the joints are then effective ones: total = effective - p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_function,
+    check_kind_of,
+    check_name,
+    check_number,
+    check_vector,
+    hold_floats,
+)
+from dolfinx_joints.loads.water.joint_pressures import (
+    WaterInJoint,
+    given_pressure,
+    joint_points,
+    label,
+    opening_force,
+)
+from dolfinx_joints.loads.load import TimeFactor, always
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.laws.law import Response
+    from dolfinx_joints.model.model import Model
+
+Floats = NDArray[np.float64]
+PorePressure = float | Callable[[Floats], Any]
+
+# What water in joints may do in a dynamic stage.
+IN_DYNAMICS = ("follows", "frozen", "drained")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeepageLine:
+    """Pore pressure under heads that fall along a line, with a drain on the way if there is one.
+
+    The water level falls linearly from ``upstream`` at ``start`` to ``downstream`` at ``end``; with
+    a drain linearly to the drain and from there to the end. Before the start and beyond the end it
+    is level. Where the level lies below a point there is no pressure.
+
+    Attributes:
+        start: Coordinates of the upstream end, (gdim,) [m].
+        end: Coordinates of the downstream end, (gdim,) [m].
+        upstream: Level at the start, a height along z (y in 2-D) [m].
+        downstream: Level at the end [m].
+        drain: Share of the way from start to end, and share of the difference of the levels that is
+            left there, such as (0.15, 1/3); no drain unless given.
+        density: Of the water [kg/m^3].
+        gravity: G [m/s^2].
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    start: Sequence[float]
+    end: Sequence[float]
+    upstream: float
+    downstream: float
+    drain: tuple[float, float] | None = None
+    density: float = 1000.0
+    gravity: float = STANDARD_GRAVITY
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        start = check_vector("SeepageLine: start", self.start, (2, 3))
+        end = check_vector("SeepageLine: end", self.end, (2, 3))
+        if len(start) != len(end) or not np.linalg.norm(end - start) > 0.0:
+            raise ValueError(
+                f"SeepageLine: end is {end.tolist()}; it must be another point than start "
+                f"{start.tolist()}, with as many coordinates."
+            )
+        for name in ("upstream", "downstream"):
+            value = getattr(self, name)
+            check_number(f"SeepageLine: {name}", value, lambda _: True, "finite", unit="m")
+        for name in ("density", "gravity"):
+            value = getattr(self, name)
+            check_number(f"SeepageLine: {name}", value, lambda v: v >= 0, "zero or more and finite")
+        if self.drain is not None:
+            pair = isinstance(self.drain, tuple | list) and len(self.drain) == 2
+            check_kind_of("SeepageLine: drain", self.drain, pair, "two shares")
+            way, left = self.drain
+            check_number(
+                "SeepageLine: drain's share of the way", way, lambda v: 0 < v < 1, "inside 0 to 1"
+            )
+            check_number(
+                "SeepageLine: share left at the drain", left, lambda v: 0 <= v <= 1, "from 0 to 1"
+            )
+
+    def __call__(self, points: Floats) -> Floats:
+        """Pressure at points (n, 3), shape (n,), [Pa]."""
+        start, end = np.asarray(self.start, dtype=float), np.asarray(self.end, dtype=float)
+        line = end - start
+        way = (points[:, : len(line)] - start) @ line / (line @ line)
+        drains = [] if self.drain is None else [self.drain]
+        at, left = np.transpose([(0.0, 1.0), *drains, (1.0, 0.0)])
+        level = self.downstream + (self.upstream - self.downstream) * np.interp(way, at, left)
+        depth = np.maximum(level - points[:, len(line) - 1], 0.0)
+        pressure: Floats = self.density * self.gravity * depth
+        return pressure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uplift:
+    """Given pore pressure in a joint, on both of its faces, whatever the joint does.
+
+    Attributes:
+        joint: Name of the joint.
+        pressure: Zero or more: a number, or a function of points (n, 3) that gives (n,), such as
+            `SeepageLine` [Pa].
+        factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    joint: str
+    pressure: PorePressure
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        _check_joint(self)
+        _check_pressure(f"{label(self)}: pressure", self.pressure)
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """Forces that push the faces apart (collective)."""
+        return [(opening_force(model, self.at_points(model)), self.factor)]
+
+    def at_points(self, model: Model) -> Floats:
+        """Pressure at the local joint points, zero in other joints, shape (n,), [Pa] (collective).
+
+        Raises:
+            MeshError: There is no such joint.
+            ValueError: The function gives something else than one pressure per point.
+        """
+        return given_pressure(model, self, "pressure", joint_points(model, self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointWater:
+    """Water of a reservoir in a joint: its full pressure where the joint is open.
+
+    Statics look for openings and pressures that agree. In dynamics, pressures at the end of a step
+    are those of the openings at its start; like every load they act with the mean of both ends.
+
+    Attributes:
+        joint: Name of the joint.
+        level: Height of the water, a coordinate along z (y in 2-D) [m].
+        aperture: A point is open where its gap is larger than this [m].
+        closed: Pressure where the joint is not open or not reached, like `Uplift.pressure` [Pa].
+        reached_from: Name of a facet group; only points that open points connect with it, within
+            this joint, bear the full pressure. All open points unless given.
+        in_dynamics: ``follows``: by the openings in each step. ``frozen``: as at the start of the
+            stage. ``drained``: as at the start, but points that open in the stage bear none while
+            they are open.
+        density: Of the water [kg/m^3].
+        gravity: G [m/s^2].
+        factor: Multiplier at a time [s]; 1 unless given.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    joint: str
+    level: float
+    aperture: float = 0.0
+    closed: PorePressure = 0.0
+    reached_from: str | None = None
+    in_dynamics: str = "follows"
+    density: float = 1000.0
+    gravity: float = STANDARD_GRAVITY
+    factor: TimeFactor = always
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        _check_joint(self)
+        name = label(self)
+        check_number(f"{name}: level", self.level, lambda _: True, "finite", unit="m")
+        for what, unit in (("aperture", "m"), ("density", "kg/m^3"), ("gravity", "m/s^2")):
+            value = getattr(self, what)
+            allowed = "zero or more and finite"
+            check_number(f"{name}: {what}", value, lambda v: v >= 0, allowed, unit=unit)
+        _check_pressure(f"{name}: closed", self.closed)
+        if self.reached_from is not None:
+            check_name(f"{name}: reached_from", self.reached_from)
+        check_choice(f"{name}: in_dynamics", self.in_dynamics, IN_DYNAMICS)
+
+    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+        """None that is fixed; see `joint_water_state`."""
+        return []
+
+    def at_points(self, model: Model, joints: Response) -> Floats:
+        """Pressure that openings lead to, ``factor`` left out (collective).
+
+        That of a static state; in a dynamic stage only where it ``follows``.
+
+        Args:
+            model: The model.
+            joints: Response of the joints, such as ``StaticState.joints``.
+
+        Returns:
+            At the local joint points, zero in other joints, shape (n,), [Pa].
+        """
+        water = WaterInJoint(label(self), self, model)
+        return water.pressure(water.by_opening(joints.state.gap))
+
+
+def _check_joint(load: Any) -> None:
+    check_name("joint", load.joint, "a joint")
+    check_function(f"{label(load)}: factor", load.factor)
+
+
+def _check_pressure(name: str, value: Any) -> None:
+    if not callable(value):
+        check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa")

@@ -1,0 +1,225 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Water pressures that depend on the joints: their state, their forces, and their agreement.
+
+What the water does is one number per joint point (`Wetness`); with the settings of the loads it
+gives all pressures. Within a static solve and within a time step it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.loads.water.joint_pressures import Codes, WaterInJoint, Wetness, opening_force
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.joints.contact import Rule
+    from dolfinx_joints.laws.law import JointState, Response
+    from dolfinx_joints.solvers.direct import Effective
+    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+    from dolfinx_joints.model.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+# Solves of one static load step before openings and pressures are given up.
+MOST_SOLVES = 100
+
+
+@dataclass(frozen=True)
+class _End:
+    """The water at one end of a step.
+
+    Attributes:
+        codes: Wetness of the local points.
+        forces: Of each load, its factor left out [N].
+    """
+
+    codes: Codes
+    forces: list[PETSc.Vec]
+
+
+class JointWaters:
+    """All loads of a system that depend on the state of its joints.
+
+    Args:
+        model: The model.
+        loads: The loads by name.
+
+    Attributes:
+        names: Names of the loads.
+        codes: Wetness of the local points at the end of the step.
+
+    Raises:
+        ValueError: A joint has two of them.
+    """
+
+    def __init__(self, model: Model, loads: Mapping[str, Any]) -> None:
+        """Nothing is open yet (collective)."""
+        joints = [load.joint for load in loads.values()]
+        for joint in joints:
+            if joints.count(joint) > 1:
+                raise ValueError(f"The joint {joint!r} has {joints.count(joint)} JointWater loads.")
+        self.names = list(loads)
+        self._model = model
+        self._parts = [WaterInJoint(name, load, model) for name, load in loads.items()]
+        self._known: list[_End] = []
+        operator = model.operator
+        assert operator is not None
+        self._operator = operator
+        self._time_and_scale = (0.0, 1.0)
+        self.enter(np.full((len(operator.areas), 3), -np.inf))
+
+    @property
+    def codes(self) -> Codes:
+        """See above."""
+        return self._end.codes
+
+    def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
+        """Begin a stage at a gap (n, 3) [m], with its codes if they are known (collective)."""
+        self._start = self._end = self._at(self.by_opening(gap) if codes is None else codes)
+        return self._end.codes
+
+    def by_opening(self, gap: Floats) -> Codes:
+        """What a gap (n, 3) [m] leads to (collective)."""
+        return self._together([part.by_opening(gap) for part in self._parts])
+
+    def begin_step(self, codes: Codes, gap: Floats) -> None:
+        """Take the water at the ends of a time step from the state at its start (collective)."""
+        self._start = self._at(codes)
+        self._end = self._at(self._together([part.in_step(codes, gap) for part in self._parts]))
+
+    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
+        """Add the forces of the end of the step, times ``scale``, [N]."""
+        self._time_and_scale = time, scale
+        for part, force in zip(self._parts, self._end.forces, strict=True):
+            factor = part.factor(time)
+            if not np.isfinite(factor):
+                raise ValueError(f"The factor of {part.name} is {factor} at t = {time:g} s.")
+            out.axpy(scale * factor, force)
+
+    def change(self, codes: Codes, out: PETSc.Vec) -> None:
+        """Take other codes, and add what that changes of the forces last added (collective)."""
+        time, scale = self._time_and_scale
+        self.add(out, time, -scale)
+        self._start = self._end = self._at(codes)
+        self.add(out, time, scale)
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Work of each load on a displacement by the mean of its ends, [J] (collective)."""
+        ends = zip(self._parts, self._start.forces, self._end.forces, strict=True)
+        return {
+            part.name: 0.5
+            * float(part.factor(start) * before.dot(x) + part.factor(end) * after.dot(x))
+            for part, before, after in ends
+        }
+
+    def facts(self, times: Floats) -> dict[str, Any]:
+        """What tells these loads from others, by name (collective)."""
+        contact = self._model.contact
+        assert contact is not None
+        found: dict[str, Any] = {}
+        for part in self._parts:
+            load, count = part.load, len(part.here)
+            of_codes = [np.full(count, code, dtype=np.int8) for code in Wetness]
+            sums = [contact.integral(part.pressure(codes)) for codes in of_codes]
+            factors = [part.factor(float(t)) for t in times]
+            settings = load.joint, load.aperture, load.reached_from, load.in_dynamics
+            found[f"load {part.name}"] = np.array([*sums, *factors])
+            found[f"water of {part.name}"] = repr(settings)
+        return found
+
+    def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:
+        """Points of each joint on all ranks in which codes differ (collective)."""
+        differ = np.bincount(
+            self._operator.joint, codes != others, minlength=len(self._operator.names)
+        )
+        total = np.sum(self._operator.comm.allgather(differ), axis=0)
+        return np.asarray(total).astype(np.int64)
+
+    def settling(self, solver: StepSolver) -> Settling:
+        """A solver of statics that looks for openings and pressures that agree."""
+        return Settling(self, solver, self._operator.names)
+
+    def _together(self, parts: Sequence[Codes]) -> Codes:
+        """Codes of all loads, each of other joints."""
+        return np.max(parts, axis=0)
+
+    def _at(self, codes: Codes) -> _End:
+        """The forces of codes, those of the last few kept (collective)."""
+        for known in self._known:
+            if not self.toggled(codes, known.codes).any():
+                return known
+        forces = [opening_force(self._model, part.pressure(codes)) for part in self._parts]
+        found = _End(codes.copy(), forces)
+        self._known = [found, *self._known[:2]]
+        return found
+
+
+class Settling:
+    """Solves a static load step again until the water is that of the openings it leads to.
+
+    It begins with the water of the last load step. Where water opens and opening lets water in,
+    openings only grow on the way, and the smallest that agree are found.
+
+    Args:
+        water: The water.
+        solver: What solves with given pressures.
+        joints: Joint names.
+    """
+
+    def __init__(self, water: JointWaters, solver: StepSolver, joints: Sequence[str]) -> None:
+        """Nothing is solved yet."""
+        self.system: MatrixSystem = solver.system
+        self.name = solver.name
+        self._water, self._solver, self._joints, self._step = water, solver, joints, 0
+
+    def solve(
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` and the water; ``b`` is left with its forces (collective).
+
+        Raises:
+            JointsError: Openings and pressures do not come to agree.
+        """
+        self._step += 1
+        start, seen = x.copy(), [self._water.codes]
+        while True:
+            response, report = self._solver.solve(effective, b, x, state, rule)
+            assert response is not None
+            codes = self._water.by_opening(response.state.gap)
+            toggled = self._water.toggled(codes, seen[-1])
+            if not toggled.any():
+                return response, report
+            again = any(not self._water.toggled(codes, old).any() for old in seen)
+            if again or len(seen) == MOST_SOLVES:
+                worst = int(np.argmax(toggled))
+                raise JointsError(
+                    f"The water in the joint {self._joints[worst]!r} does not settle in step "
+                    f"{self._step} of the static stage: after {len(seen)} iterations "
+                    f"{toggled[worst]} of its points still change between wet and dry; take more "
+                    "load steps, a larger aperture, or a given Uplift."
+                )
+            seen.append(codes)
+            self._water.change(codes, b)
+            start.copy(x)
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing: statics have no checkpoints."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up nothing."""

@@ -1,0 +1,117 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which open points of a joint are connected, by open points, with a face of the body."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.joints.quadrature import facet_cell_type
+
+if TYPE_CHECKING:
+    from dolfinx_joints.model.model import Model
+
+Mask = NDArray[np.bool_]
+
+# Of the shortest edge: nodes at the same place.
+SAME_PLACE = 1e-6
+
+
+class OpenPaths:
+    """Paths from a facet group along the open points of a joint.
+
+    With a nodal rule, points of one facet and points at the same place are neighbours, and paths
+    begin at points on the group. With a Gauss rule, points of facets with a common edge (a common
+    vertex in 2-D) are neighbours, those of one facet as well, and paths begin in facets with an
+    edge (a vertex) on the group. Places count, not nodes: where another joint crosses, nodes are
+    double and water passes. All of it is known to all ranks.
+
+    Args:
+        model: The model.
+        joint: Name of the joint.
+        group: Name of the facet group.
+
+    Raises:
+        MeshError: There is no such group, or it does not touch the joint.
+    """
+
+    def __init__(self, model: Model, joint: str, group: str) -> None:
+        """Link points with their neighbours (collective)."""
+        assert model.operator is not None
+        layout, pairs, self._comm = model.operator.layout, model.jointed.pairs, model.operator.comm
+        facets = np.flatnonzero(pairs.joint == pairs.names.index(joint))
+        number, corners = layout.number[facets], pairs.match.shape[1]
+        wet = _positions(model, group)
+        near = SAME_PLACE * float(layout.sizes.min())
+        if bool((layout.rule < 1e-9).any()):  # points on the edge of a facet: a nodal rule
+            hubs: Ints = np.arange(len(facets))[:, None]
+            here = layout.joint == pairs.names.index(joint)
+            starts = here & _close(layout.points, wet, near)
+            same = len(facets) + _places(layout.points, near)[number][..., None]
+        else:
+            at = np.zeros((len(facets), corners, 3))
+            at[..., : model.gdim] = pairs.nodes[facets, :corners]
+            hubs = _edges(_places(at.reshape(-1, 3), near).reshape(at.shape[:2]))
+            same = None
+            touching = _close(at.reshape(-1, 3), wet, near).reshape(at.shape[:2])
+            starts = np.zeros(len(layout.areas), dtype=bool)
+            starts[number[touching.sum(axis=1) >= model.gdim - 1]] = True
+        if not starts.any():
+            raise MeshError(f"The facet group {group!r} touches no point of the joint {joint!r}.")
+        self._starts = starts
+        shared = np.broadcast_to(hubs[:, None, :], (*number.shape, hubs.shape[1]))
+        every = shared if same is None else np.concatenate([shared, same], axis=2)
+        links = np.broadcast_arrays(number[:, :, None], every)
+        self._point, self._hub = (each.ravel() for each in links)
+
+    def reached(self, open_points: Mask) -> Mask:
+        """Which of the local open points are reached (collective)."""
+        parts = self._comm.allgather(open_points)
+        every = np.concatenate(parts)
+        first = sum(len(part) for part in parts[: self._comm.rank])
+        return self._reached(every)[first : first + len(open_points)]
+
+    def _reached(self, every: Mask) -> Mask:
+        passable = every[self._point]
+        count, hubs = len(every), int(self._hub.max()) + 1
+        links = (self._point[passable], count + self._hub[passable])
+        graph = coo_array((np.ones(len(links[0])), links), shape=(count + hubs,) * 2)
+        label = connected_components(graph, directed=False)[1][:count]
+        return np.asarray(every & np.isin(label, label[every & self._starts]))
+
+
+def _positions(model: Model, group: str) -> Floats:
+    """Nodes of a facet group on all ranks, shape (n, 3), [m] (collective)."""
+    own = model.V.tabulate_dof_coordinates()[model.nodes(group)]
+    return np.concatenate(model.jointed.mesh.comm.allgather(own))
+
+
+def _close(points: Floats, places: Floats, near: float) -> Mask:
+    """Which points lie at one of the places."""
+    return np.asarray(KDTree(places).query(points)[0] <= near)
+
+
+def _places(points: Floats, near: float) -> Ints:
+    """Numbers of the places of points (n, 3), the same for those at one place, shape (n,)."""
+    pairs = KDTree(points).query_pairs(near, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points),) * 2)
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _edges(vertices: Ints) -> Ints:
+    """Numbers of the edges of facets (of the vertices in 2-D), shape (num_facets, edges)."""
+    corners = vertices.shape[1]
+    edges = np.array(basix.topology(facet_cell_type(corners))[min(1, corners - 2)])
+    ends = np.sort(vertices[:, edges], axis=2)
+    return np.unique(ends.reshape(-1, ends.shape[2]), axis=0, return_inverse=True)[1].reshape(
+        ends.shape[:2]
+    )

@@ -1,0 +1,302 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Quadrature on the part of a facet group that lies below a water level.
+
+Facets are taken as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into horizontal
+slices at the depths of its corners and at the level, and Gauss points are set in the square root of
+the depth d. On a slice of a flat facet every polynomial of the position, times sqrt(d) or not, is a
+polynomial of that root, so pressures and added masses are integrated to rounding wherever the level
+is. A facet that the level cuts and whose height is no linear function of its own coordinates (a
+warped or curved one) is divided into `DIVISIONS` parts along each edge, on which it is taken as
+linear for the cut alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import basix
+import dolfinx.mesh
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DIVISIONS = 8
+_CHUNK = 128  # pieces of facets evaluated at a time
+_FLAT = 1e-4  # of the depth: pieces whose corners differ by less are taken as horizontal
+_LINEAR = 1e-9  # of the facet's height: what middles of edges may be off a linear height
+
+
+@dataclass(frozen=True, kw_only=True)
+class WettedPoints:
+    """Quadrature points on pieces of wetted facets.
+
+    Attributes:
+        nodes: Local nodes of each piece's facet, shape (pieces, nodes).
+        shapes: Shape functions of these nodes, shape (pieces, points, nodes).
+        areas: Outward normals times weights, shape (pieces, points, gdim), [m^2], [m] in 2-D.
+        positions: Coordinates, shape (pieces, points, gdim), [m].
+        depths: Depths below the level, zero above it, shape (pieces, points), [m].
+    """
+
+    nodes: Ints
+    shapes: Floats
+    areas: Floats
+    positions: Floats
+    depths: Floats
+
+
+def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
+    """The wetted part of a facet group (collective).
+
+    Args:
+        space: Displacement space on the mesh, Lagrange of degree 1 or 2.
+        jointed: The mesh; its last axis is the vertical.
+        group: Name of the facet group.
+        level: Height of the water level [m].
+
+    Raises:
+        MeshError: There is no such group, or some of its facets lie inside the body.
+    """
+    mesh = jointed.mesh
+    facets = jointed.facets(group)
+    fdim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(fdim, fdim + 1)
+    mesh.topology.create_connectivity(fdim + 1, fdim)
+    outer = dolfinx.mesh.exterior_facet_indices(mesh.topology)
+    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
+    inside = sum(mesh.comm.allgather(int(np.sum(~np.isin(owned, outer)))))
+    if inside:
+        raise MeshError(
+            f"{inside} facets of {group!r} lie inside the body; water acts on its boundary only."
+        )
+    return WettedFacets(space, jointed, np.intersect1d(facets, outer), level)
+
+
+class WettedFacets:
+    """Exterior facets of this rank, cut by a level; iterate for their quadrature points.
+
+    Args:
+        space: Displacement space.
+        jointed: The mesh.
+        facets: Local facets, exterior.
+        level: Height of the level [m].
+
+    Attributes:
+        lowest: Lowest height of a vertex of the facets here [m], infinite without facets.
+        nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
+    """
+
+    def __init__(self, space: Any, jointed: JointedMesh, facets: Ints, level: float) -> None:
+        """Cut the facets into pieces."""
+        mesh, self._shape, self._level = jointed.mesh, jointed.shape, level
+        self._gdim = mesh.geometry.dim
+        self._geometry = jointed.shape.element()
+        self._displacement = basix.create_element(
+            basix.ElementFamily.P,
+            jointed.shape.type,
+            space.ufl_element().degree,
+            basix.LagrangeVariant.gll_warped,
+        )
+        fdim = mesh.topology.dim - 1
+        around = mesh.topology.connectivity(fdim, fdim + 1)
+        cells = around.array[around.offsets[facets]]
+        of_cells = mesh.topology.connectivity(fdim + 1, fdim).array
+        of_cells = of_cells.reshape(-1, len(self._shape.facet_vertices))[cells]
+        self._local: Ints = np.argmax(of_cells == facets[:, None], axis=1)
+        closure = space.dofmap.dof_layout.entity_closure_dofs
+        layout = np.array([closure(fdim, i) for i in range(of_cells.shape[1])])
+        self._closure: Ints = layout[self._local]
+        self.nodes: Ints = np.take_along_axis(
+            space.dofmap.list[cells].astype(np.int64), self._closure, axis=1
+        )
+        nodes = _compat.geometry_nodes(mesh)[cells]
+        self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
+        self.lowest = float("inf")
+        self._facet, self._corners = self._pieces()
+
+    def __iter__(self) -> Iterator[WettedPoints]:
+        """Quadrature points, some pieces at a time."""
+        for start in range(0, len(self._facet), _CHUNK):
+            chunk = slice(start, start + _CHUNK)
+            yield self._points(self._facet[chunk], self._corners[chunk])
+
+    def _pieces(self) -> tuple[Ints, Floats]:
+        """Facets and corners in the reference cell of all pieces that reach below the level."""
+        vertices = basix.geometry(self._shape.type)[self._shape.facet_vertices][self._local]
+        simplices = [[0, 1, 2], [3, 1, 2]] if vertices.shape[1] == 4 else [[0, 1, 2][: self._gdim]]
+        corners = np.concatenate([vertices[:, simplex] for simplex in simplices])
+        facet = np.tile(np.arange(len(vertices)), len(simplices))
+        if not len(facet):
+            return facet, corners
+        depth = self._depth(facet, corners)
+        self.lowest = self._level - float(depth.max())
+        count = corners.shape[1]
+        pairs = [(i, j) for i in range(count) for j in range(i)]
+        middles = np.stack([corners[:, i] + corners[:, j] for i, j in pairs], axis=1) / 2
+        linear = np.stack([depth[:, i] + depth[:, j] for i, j in pairs], axis=1) / 2
+        between = self._depth(facet, middles)
+        every = np.concatenate([depth, between], axis=1)
+        top, bottom = every.min(axis=1), every.max(axis=1)
+        bent = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
+        refined = bent & (top < 0.0) & (bottom > 0.0)
+        wet = (bottom > 0.0) & ~refined
+        parts = _divided(count)
+        finer = np.einsum("skc,ncd->nskd", parts, corners[refined]).reshape(-1, *corners.shape[1:])
+        finer_facet = np.repeat(facet[refined], len(parts))
+        return (
+            np.concatenate([facet[wet], finer_facet]),
+            np.concatenate([corners[wet], finer]),
+        )
+
+    def _depth(self, facet: Ints, points: Floats) -> Floats:
+        """Depths, negative above the level, at points (n, p, dim) of the reference cells."""
+        table = self._geometry.tabulate(0, points.reshape(-1, points.shape[2]))[0, :, :, 0]
+        table = table.reshape(*points.shape[:2], -1)
+        depth: Floats = self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
+        return depth
+
+    def _points(self, facet: Ints, corners: Floats) -> WettedPoints:
+        """Points of pieces, mapped to the mesh."""
+        degree = self._displacement.degree + self._geometry.degree - 1
+        degree *= 4 if len(self._shape.facet_vertices[0]) == 4 else 2
+        barycentric, weights = slices(self._depth(facet, corners), degree)
+        points = np.einsum("npc,ncd->npd", barycentric, corners)
+        return self.at(facet, points, weights * _measure(corners)[:, None])
+
+    def at(self, facet: Ints, points: Floats, weights: Floats) -> WettedPoints:
+        """Points of the reference cells, mapped to the mesh.
+
+        Args:
+            facet: Positions among the facets here, shape (n,).
+            points: Shape (n, points, dim).
+            weights: Lengths or areas on the reference facets, shape (n, points).
+        """
+        if not len(facet):
+            return self._nowhere(points.shape[1])
+        flat = points.reshape(-1, points.shape[2])
+        geometry = self._geometry.tabulate(1, flat)[:, :, :, 0]
+        geometry = geometry.reshape(len(geometry), *points.shape[:2], -1)
+        x = self._x[facet]
+        positions = np.einsum("npg,ngi->npi", geometry[0], x)
+        jacobian = np.einsum("dnpg,ngi->npid", geometry[1:], x)
+        # Nanson's formula: n dA = |det J| J^-T N dA0.
+        outward = basix.cell.facet_outward_normals(self._shape.type)[self._local[facet]]
+        outward = np.broadcast_to(outward[:, None, :, None], (*points.shape, 1))
+        normals = np.linalg.solve(np.swapaxes(jacobian, 2, 3), outward)[..., 0]
+        scale = np.abs(np.linalg.det(jacobian)) * weights
+        shapes = self._displacement.tabulate(0, flat)[0, :, :, 0]
+        shapes = shapes.reshape(*points.shape[:2], -1)
+        return WettedPoints(
+            nodes=self.nodes[facet],
+            shapes=np.take_along_axis(shapes, self._closure[facet][:, None, :], axis=2),
+            areas=normals * scale[:, :, None],
+            positions=positions,
+            depths=np.maximum(self._level - positions[:, :, -1], 0.0),
+        )
+
+    def _nowhere(self, count: int) -> WettedPoints:
+        """No pieces with some points each; Basix tabulates none but ends the process."""
+        nodes = self.nodes[:0]
+        vectors = np.empty((0, count, self._gdim))
+        return WettedPoints(
+            nodes=nodes,
+            shapes=np.empty((0, count, nodes.shape[1])),
+            areas=vectors,
+            positions=vectors,
+            depths=vectors[:, :, 0],
+        )
+
+    @property
+    def places(self) -> Floats:
+        """Nodes of the displacement in the reference cells, shape (facets, nodes, dim)."""
+        places: Floats = self._displacement.points[self._closure]
+        return places
+
+
+def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Quadrature on the wet part of lines or triangles, exact where the depth is linear.
+
+    Args:
+        depth: Depths of the corners, shape (n, 2) or (n, 3), [m].
+        degree: Degree of the polynomials of the position that are integrated, times the depth or
+            its root.
+
+    Returns:
+        Barycentric coordinates (n, points, corners) and weights (n, points), whose sum is the wet
+        share of the length or area.
+    """
+    count = depth.shape[1]
+    horizontal = np.ptp(depth, axis=1) <= _FLAT * np.abs(depth).max(axis=1)
+    order = np.argsort(depth, axis=1)
+    level = np.take_along_axis(depth, order, axis=1)
+    # Where all corners are as deep any slices do, and no division by their difference is wanted.
+    level[horizontal] = np.arange(count)
+    found = _line(level, degree) if count == 2 else _triangle(level, degree)
+    barycentric = np.empty_like(found[0])
+    np.put_along_axis(barycentric, order[:, None, :].repeat(barycentric.shape[1], 1), found[0], 2)
+    return barycentric, found[1]
+
+
+def _roots(top: Floats, bottom: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Depths between two, of Gauss points in their square root, and their weights (n, points)."""
+    s, w = np.polynomial.legendre.leggauss(degree + 3)
+    a, b = (np.sqrt(np.maximum(end, 0.0))[:, None] for end in (top, bottom))
+    root = a + (b - a) * (1 + s) / 2
+    return root**2, root * (b - a) * w
+
+
+def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
+    d, weights = _roots(level[:, 0], level[:, 1], degree)
+    length = (level[:, 1] - level[:, 0])[:, None]
+    share = (d - level[:, :1]) / length
+    return np.stack([1 - share, share], axis=2), weights / length
+
+
+def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
+    """Slices above and below the middle corner, between the longest edge and the two others."""
+    nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    t, along = (1 + nodes) / 2, of_nodes / 2
+    height = (level[:, 2] - level[:, 0])[:, None]
+    points, weights = [], []
+    for i in (0, 1):
+        d, w = _roots(level[:, i], level[:, i + 1], degree)
+        far = (d - level[:, :1]) / height
+        span = (level[:, i + 1] - level[:, i])[:, None]
+        part = np.zeros_like(d)
+        np.divide(np.abs(d - level[:, 2 * i, None]), span, out=part, where=span > 0.0)
+        np.minimum(part, 1.0, out=part)  # width of the slice, 1 at the middle corner
+        longest = np.stack([1 - far, np.zeros_like(far), far], axis=2)
+        other = np.zeros_like(longest)
+        other[:, :, 1], other[:, :, 2 * i] = part, 1 - part
+        both = longest[:, :, None, :] * (1 - t)[:, None] + other[:, :, None, :] * t[:, None]
+        points.append(both.reshape(len(d), -1, 3))
+        weights.append(((2 * w * part / height)[:, :, None] * along).reshape(len(d), -1))
+    return np.concatenate(points, axis=1), np.concatenate(weights, axis=1)
+
+
+def _divided(count: int) -> Floats:
+    """Barycentric corners of the parts of a line or triangle, shape (parts, count, count)."""
+    n = DIVISIONS
+    if count == 2:
+        ends = [(i, i + 1) for i in range(n)]
+        return np.array([[(n - i, i) for i in part] for part in ends]) / n
+    up = [[(i, j), (i + 1, j), (i, j + 1)] for i in range(n) for j in range(n - i)]
+    down = [[(i + 1, j + 1), (i + 1, j), (i, j + 1)] for i in range(n) for j in range(n - i - 1)]
+    return np.array([[(n - i - j, i, j) for i, j in part] for part in up + down]) / n
+
+
+def _measure(corners: Floats) -> Floats:
+    """Length or area of pieces in the reference cell, shape (n,)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = np.einsum("nid,njd->nij", edges, edges)
+    measure: Floats = np.sqrt(np.linalg.det(gram)) / (1 if edges.shape[1] == 1 else 2)
+    return measure

@@ -1,0 +1,319 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Plastic laws of the bulk and their return mapping: arrays in, arrays out, as joint laws.
+
+Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), tension positive, shear strains being the
+angles 2 eps_yz, ... A trial never changes the state it starts from; whoever accepts a step keeps
+the state that the trial returned.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, hold_floats, offers
+
+if TYPE_CHECKING:
+    from dolfinx_joints.body.elasticity import Elastic
+
+Floats = NDArray[np.float64]
+
+# To which states of stress Drucker-Prager's cone gives the strength of Mohr-Coulomb.
+FITS = ("compression", "extension", "plane strain")
+
+_TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+# Deviatoric stress of a unit shear modulus over 2 from strains with angles.
+_DEVIATOR = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]) - np.outer(_TRACE, _TRACE) / 3.0
+_DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+
+
+class BulkStatus(IntEnum):
+    """What a point of the bulk did in a step."""
+
+    ELASTIC = 0
+    YIELD = 1
+    APEX = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class BulkState:
+    """Committed state of n points of the bulk.
+
+    Attributes:
+        strain: Total strain at the last accepted step, shape (n, 6).
+        plastic_strain: Its plastic part, shape (n, 6).
+        accumulated: Sum of sqrt(2/3) |d eps_p| over all steps, shape (n,).
+    """
+
+    strain: Floats
+    plastic_strain: Floats
+    accumulated: Floats
+
+    @classmethod
+    def at_rest(cls, strain: Floats) -> BulkState:
+        """State without plastic strain at a given strain, shape (n, 6)."""
+        return cls(
+            strain=strain.copy(),
+            plastic_strain=np.zeros_like(strain),
+            accumulated=np.zeros(len(strain)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BulkResponse:
+    """Answer of a law to a trial strain of n points.
+
+    Attributes:
+        stress: That acts in the step, shape (n, 6), [Pa].
+        plastic_strain: Plastic strain that belongs to this stress, shape (n, 6): that of the end of
+            the step, or the mean of the step where the law was asked for the whole of it.
+        tangent: d stress / d strain, the strain at the end of the step, shape (n, 6, 6), [Pa].
+        state: State to keep if the step is accepted.
+        dissipation: Plastic work of the step per volume, shape (n,), [J/m^3]; at the end point the
+            mean stress times the plastic strain of the step, as for joints.
+        status: `BulkStatus` of each point, shape (n,).
+    """
+
+    stress: Floats
+    plastic_strain: Floats
+    tangent: Floats
+    state: BulkState
+    dissipation: Floats
+    status: NDArray[np.int8]
+
+
+class BulkLaw(Protocol):
+    """A plastic material; implement it to use a law of your own.
+
+    Attributes:
+        elastic: What it is below its limit.
+    """
+
+    @property
+    def elastic(self) -> Elastic:
+        """See above."""
+
+    def end_point(self, strain: Floats, state: BulkState) -> BulkResponse:
+        """Stress and consistent tangent at the end of a step, strain of shape (n, 6)."""
+
+    def step(self, strain: Floats, state: BulkState) -> BulkResponse:
+        """The same for a whole step: stress times change of strain is stored or dissipated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DruckerPrager:
+    """Elastic, perfectly plastic rock or soil: a cone in the space of stresses, own dilatancy.
+
+    F = sqrt(J2) + alpha I1 - k <= 0, flow along the derivative of sqrt(J2) + beta I1, with alpha, k
+    from friction angle and cohesion of Mohr-Coulomb by ``fit``, beta from the dilatancy angle in
+    the same way. I1 is the trace of the stress, J2 half of its deviator's square.
+
+    Attributes:
+        elastic: Material below the limit.
+        cohesion: c [Pa], not negative; positive without friction.
+        friction_angle_deg: phi [degrees], at least 0 and below 90.
+        dilatancy_angle_deg: psi [degrees], from 0 to phi; phi (associated flow) unless given.
+        fit: Where the strength is that of Mohr-Coulomb: ``compression`` or ``extension`` (triaxial
+            tests), ``plane strain`` (collapse at psi = phi).
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    elastic: Elastic
+    cohesion: float
+    friction_angle_deg: float
+    dilatancy_angle_deg: float | None = None
+    fit: str = "compression"
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        good = offers(self.elastic, "first_lame") and hasattr(self.elastic, "density")
+        check_kind_of("DruckerPrager: elastic", self.elastic, good, "an Elastic")
+        check_number(
+            "DruckerPrager: friction_angle_deg",
+            self.friction_angle_deg,
+            lambda v: 0 <= v < 90,
+            "at least 0 and below 90 degrees",
+        )
+        friction = float(self.friction_angle_deg)
+        check_number(
+            "DruckerPrager: cohesion",
+            self.cohesion,
+            lambda v: v > 0 or (v == 0 and friction > 0),
+            "positive and finite, or zero with friction",
+            unit="Pa",
+        )
+        if self.dilatancy_angle_deg is not None:
+            check_number(
+                "DruckerPrager: dilatancy_angle_deg",
+                self.dilatancy_angle_deg,
+                lambda v: 0 <= v <= friction,
+                f"from 0 to the friction angle, {friction:g} degrees",
+            )
+        check_choice("DruckerPrager: fit", self.fit, FITS)
+
+    @property
+    def slope(self) -> float:
+        """Alpha of the cone."""
+        return self._slope(self.friction_angle_deg)
+
+    @property
+    def dilatancy(self) -> float:
+        """Beta of the flow."""
+        angle = self.dilatancy_angle_deg
+        return self.slope if angle is None else self._slope(angle)
+
+    @property
+    def strength(self) -> float:
+        """Yield stress k in pure shear [Pa]."""
+        phi = math.radians(self.friction_angle_deg)
+        if self.fit == "plane strain":
+            return 3.0 * self.cohesion / math.sqrt(9.0 + 12.0 * math.tan(phi) ** 2)
+        side = -1.0 if self.fit == "compression" else 1.0
+        return 6.0 * self.cohesion * math.cos(phi) / (math.sqrt(3.0) * (3.0 + side * math.sin(phi)))
+
+    def _slope(self, angle_deg: float) -> float:
+        angle = math.radians(angle_deg)
+        if self.fit == "plane strain":
+            return math.tan(angle) / math.sqrt(9.0 + 12.0 * math.tan(angle) ** 2)
+        side = -1.0 if self.fit == "compression" else 1.0
+        return 2.0 * math.sin(angle) / (math.sqrt(3.0) * (3.0 + side * math.sin(angle)))
+
+    def yield_function(self, stress: Floats) -> Floats:
+        """F of stresses, shape (n, 6) to (n,), [Pa]; positive beyond the limit."""
+        _, radius, trace = _invariants(stress)
+        return radius + self.slope * trace - self.strength
+
+    def end_point(self, strain: Floats, state: BulkState) -> BulkResponse:
+        """Return mapping at the end of a step (backward Euler, closed form).
+
+        Args:
+            strain: Trial strain, shape (n, 6).
+            state: State at the start of the step.
+        """
+        matrix = self.elastic.stiffness_matrix()
+        before = (state.strain - state.plastic_strain) @ matrix
+        stress, grown, tangent, status = self._returned((strain - state.plastic_strain) @ matrix)
+        plastic = state.plastic_strain + grown
+        after = BulkState(
+            strain=strain.copy(),
+            plastic_strain=plastic,
+            accumulated=state.accumulated + _amount(grown),
+        )
+        return BulkResponse(
+            stress=stress,
+            plastic_strain=plastic,
+            tangent=tangent,
+            state=after,
+            dissipation=0.5 * _product(before + stress, grown),
+            status=status,
+        )
+
+    def step(self, strain: Floats, state: BulkState) -> BulkResponse:
+        """Return mapping at the middle of a step, which balances energy (docs/theory.md).
+
+        The stress of the step is admissible; that at its end, twice it less the one at the start,
+        is returned to the cone as well, and what this releases is dissipated.
+
+        Args:
+            strain: Trial strain at the end of the step, shape (n, 6).
+            state: State at the start of the step.
+        """
+        matrix = self.elastic.stiffness_matrix()
+        middle = 0.5 * (state.strain + strain)
+        trial = (middle - state.plastic_strain) @ matrix
+        stress, half, tangent, status = self._returned(trial)
+        plastic = state.plastic_strain + 2.0 * half
+        beyond = (strain - plastic) @ matrix
+        end, released, _, _ = self._returned(beyond)
+        after = BulkState(
+            strain=strain.copy(),
+            plastic_strain=plastic + released,
+            accumulated=state.accumulated + _amount(2.0 * half) + _amount(released),
+        )
+        return BulkResponse(
+            stress=stress,
+            plastic_strain=state.plastic_strain + half,
+            tangent=0.5 * tangent,
+            state=after,
+            dissipation=2.0 * _product(stress, half) + 0.5 * _product(beyond + end, released),
+            status=status,
+        )
+
+    def _returned(self, trial: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
+        """Admissible stress, plastic strain on the way, d stress / d strain and status."""
+        matrix = self.elastic.stiffness_matrix()
+        status = np.zeros(len(trial), dtype=np.int8)
+        stress, grown = trial.copy(), np.zeros_like(trial)
+        tangent = np.broadcast_to(matrix, (len(trial), 6, 6)).copy()
+        deviator, radius, trace = _invariants(trial)
+        excess = radius + self.slope * trace - self.strength
+        shear, bulk = self._moduli()
+        flow = excess / (shear + 9.0 * bulk * self.slope * self.dilatancy)
+        # Not a number compares as false, and stays in the stress.
+        yields = np.flatnonzero(excess > 0.0)
+        if not len(yields):
+            return stress, grown, tangent, status
+        at_apex = (radius < shear * flow) & (excess > 0.0)
+        apex, cone = np.flatnonzero(at_apex), yields[~at_apex[yields]]
+        status[cone], status[apex] = BulkStatus.YIELD, BulkStatus.APEX
+        part = flow[cone] / radius[cone]
+        grown[cone] = 0.5 * part[:, None] * _DOUBLE * deviator[cone]
+        grown[cone] += np.outer(self.dilatancy * flow[cone], _TRACE)
+        stress[cone] -= (shear * part)[:, None] * deviator[cone]
+        stress[cone] -= np.outer(3.0 * bulk * self.dilatancy * flow[cone], _TRACE)
+        tangent[cone] = self._cone_tangent(deviator[cone] / radius[cone, None], shear * part)
+        if len(apex):
+            stress[apex] = self.strength / (3.0 * self.slope) * _TRACE
+            grown[apex] = (trial[apex] - stress[apex]) @ np.linalg.inv(matrix)
+            tangent[apex] = 0.0
+        return stress, grown, tangent, status
+
+    def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
+        """Derivative of the stress on the cone by the strain, shape (n, 6, 6), [Pa].
+
+        Args:
+            direction: Deviator over its sqrt(J2), shape (n, 6).
+            part: Part of the trial's deviator that was taken off, shape (n,).
+        """
+        shear, bulk = self._moduli()
+        side = np.einsum("ni,nj->nij", direction, direction)
+        tangent = bulk * np.outer(_TRACE, _TRACE) + shear * part[:, None, None] * side
+        tangent += 2.0 * shear * (1.0 - part)[:, None, None] * _DEVIATOR
+        flow = shear * direction + 3.0 * bulk * self.dilatancy * _TRACE
+        normal = shear * direction + 3.0 * bulk * self.slope * _TRACE
+        hardness = shear + 9.0 * bulk * self.slope * self.dilatancy
+        tangent -= np.einsum("ni,nj->nij", flow, normal) / hardness
+        return tangent
+
+    def _moduli(self) -> tuple[float, float]:
+        """Shear and bulk modulus [Pa]."""
+        shear = float(self.elastic.shear_modulus)
+        return shear, float(self.elastic.first_lame("strain")) + 2.0 * shear / 3.0
+
+
+def _invariants(stress: Floats) -> tuple[Floats, Floats, Floats]:
+    """Deviator, sqrt(J2) and trace of stresses."""
+    trace = stress[:, :3].sum(axis=1)
+    deviator = stress - np.outer(trace / 3.0, _TRACE)
+    return deviator, np.sqrt(0.5 * (deviator**2 @ _DOUBLE)), trace
+
+
+def _product(stress: Floats, strain: Floats) -> Floats:
+    """Stress times strain of each point."""
+    work: Floats = np.einsum("ni,ni->n", stress, strain)
+    return work
+
+
+def _amount(strain: Floats) -> Floats:
+    """sqrt(2/3) times the norm of the strain tensors."""
+    amount: Floats = np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))
+    return amount

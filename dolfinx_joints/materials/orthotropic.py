@@ -1,0 +1,133 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Orthotropic linear elasticity: nine constants along three axes, as of concrete with its lifts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_kind_of, check_number, hold_floats, numbers_of, shown
+
+Floats = NDArray[np.float64]
+
+GLOBAL_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+# Pairs of axes in the order in which shear strains and stresses are stored.
+_SHEARS = ((1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orthotropic:
+    """Linear elastic material with three planes of symmetry.
+
+    eps_11 = sigma_11/E_1 - nu_12 sigma_22/E_1 - nu_13 sigma_33/E_1 and so on, with
+    nu_ij/E_i = nu_ji/E_j: nu_ij is the contraction along j under a stress along i.
+
+    Attributes:
+        young: E_1, E_2, E_3 [Pa], positive.
+        poisson: nu_12, nu_13, nu_23.
+        shear: G_12, G_13, G_23 [Pa], positive.
+        density: Mass density rho [kg/m^3], not negative.
+        axes: The material's axes 1, 2, 3 in x, y, z: three orthogonal vectors of any length, those
+            of the model unless given.
+
+    Raises:
+        ValueError: A parameter is out of its range, some strain would cost no energy, or the axes
+            are not orthogonal.
+    """
+
+    young: Sequence[float]
+    poisson: Sequence[float]
+    shear: Sequence[float]
+    density: float
+    axes: Sequence[Sequence[float]] = GLOBAL_AXES
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        for name in ("young", "poisson", "shear"):
+            numbers = numbers_of(getattr(self, name))
+            three = numbers is not None and numbers.shape == (3,)
+            check_kind_of(f"Orthotropic: {name}", getattr(self, name), three, "three numbers")
+        for name in ("young", "shear"):
+            for value in np.asarray(getattr(self, name), float):
+                check_number(
+                    f"Orthotropic: {name}", value, lambda v: v > 0, "positive and finite", unit="Pa"
+                )
+        for value in np.asarray(self.poisson, float):
+            check_number("Orthotropic: poisson", value, lambda _: True, "finite")
+        check_number(
+            "Orthotropic: density",
+            self.density,
+            lambda v: v >= 0,
+            "zero or more and finite",
+            unit="kg/m^3",
+        )
+        self._frame()
+        scale = np.sqrt(np.asarray(self.young, float))
+        smallest = np.linalg.eigvalsh(self._compliance()[:3, :3] * np.outer(scale, scale))[0]
+        if smallest <= 1e-12:
+            raise ValueError(
+                f"Orthotropic: with poisson {tuple(self.poisson)} and young {tuple(self.young)} "
+                "the stiffness is not positive definite; |nu_ij| must be below sqrt(E_i/E_j), and "
+                "1 - nu12 nu21 - nu23 nu32 - nu31 nu13 - 2 nu21 nu32 nu13 above 0."
+            )
+
+    def stiffness_matrix(self) -> Floats:
+        """C with stress = C strain in x, y, z, shape (6, 6), [Pa].
+
+        The order is xx, yy, zz, yz, xz, xy, shear strains are the angles 2 eps_yz, ...
+        """
+        local = np.linalg.inv(self._compliance())
+        turn = _strain_turn(self._frame())
+        matrix: Floats = turn.T @ local @ turn
+        return 0.5 * (matrix + matrix.T)
+
+    def _compliance(self) -> Floats:
+        """Strain = S stress in the material's own axes, shape (6, 6), [1/Pa]."""
+        e1, e2, e3 = (1.0 / float(young) for young in self.young)
+        nu12, nu13, nu23 = (float(nu) for nu in self.poisson)
+        g12, g13, g23 = (1.0 / float(shear) for shear in self.shear)
+        compliance = np.diag([e1, e2, e3, g23, g13, g12])
+        for i, j, value in ((0, 1, -nu12 * e1), (0, 2, -nu13 * e1), (1, 2, -nu23 * e2)):
+            compliance[i, j] = compliance[j, i] = value
+        return compliance
+
+    def _frame(self) -> Floats:
+        """Unit vectors of the axes as rows, shape (3, 3).
+
+        Raises:
+            ValueError: They are no three orthogonal vectors.
+        """
+        rows = numbers_of(self.axes)
+        good = rows is not None and rows.shape == (3, 3) and bool(np.isfinite(rows).all())
+        lengths = np.linalg.norm(rows, axis=1) if good and rows is not None else np.zeros(3)
+        if rows is not None and np.all(lengths > 0.0) and np.all(np.isfinite(lengths)):
+            frame: Floats = rows / lengths[:, None]
+            if np.allclose(frame @ frame.T, np.eye(3), atol=1e-6):
+                u, _, v = np.linalg.svd(frame)  # exactly orthogonal
+                return u @ v
+        raise ValueError(
+            f"Orthotropic: axes is {shown(self.axes)}; it must be three orthogonal vectors in "
+            "x, y, z."
+        )
+
+
+def _strain_turn(frame: Floats) -> Floats:
+    """Strain in the axes of a frame (rows) from that in x, y, z, shape (6, 6)."""
+    turn = np.empty((6, 6))
+    for column in range(6):
+        tensor = np.zeros((3, 3))
+        if column < 3:
+            tensor[column, column] = 1.0
+        else:
+            i, j = _SHEARS[column - 3]
+            tensor[i, j] = tensor[j, i] = 0.5
+        turned = frame @ tensor @ frame.T
+        turn[:3, column] = np.diag(turned)
+        turn[3:, column] = [2.0 * turned[i, j] for i, j in _SHEARS]
+    return turn

@@ -1,0 +1,222 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Gmsh ``.msh`` files as plain arrays (one process; Gmsh is imported where it is used)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.common.parameters import check_file
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.gmsh_syntax import Contents
+
+# Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
+_CELLS = {
+    2: ("triangle", 1),
+    9: ("triangle", 2),
+    3: ("quadrilateral", 1),
+    10: ("quadrilateral", 2),
+    4: ("tetrahedron", 1),
+    11: ("tetrahedron", 2),
+    5: ("hexahedron", 1),
+    12: ("hexahedron", 2),
+}
+_FACET_VERTICES = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawMesh:
+    """A conforming mesh with named groups, whole on one process.
+
+    Attributes:
+        shape: Reference cell.
+        cells: Cell nodes in basix order, shape (num_cells, nodes per cell).
+        x: Node coordinates, shape (num_nodes, gdim), [m].
+        cell_groups: Cell numbers of each named group.
+        facet_groups: Facet vertices of each named group, shape (n, vertices per facet).
+    """
+
+    shape: CellShape
+    cells: Ints
+    x: Floats
+    cell_groups: dict[str, Ints]
+    facet_groups: dict[str, Ints]
+
+
+def load_msh(path: Path) -> RawMesh:
+    """Read a ``.msh`` file with named physical groups.
+
+    Raises:
+        MeshError: The file is missing or is no Gmsh mesh, has no volume group, mixes cell types or
+            uses one that is not supported, or Gmsh lacks a library.
+    """
+    try:
+        import gmsh
+    except OSError as error:  # that of PyPI needs libraries of a desktop
+        raise MeshError(
+            f"Gmsh cannot be loaded: {error}; install that library, or your system's Gmsh."
+        ) from None
+
+    check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
+    check_head(path)
+    started = not gmsh.isInitialized()
+    if started:
+        gmsh.initialize(interruptible=False)
+    terminal, current = gmsh.option.getNumber("General.Terminal"), gmsh.model.getCurrent()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        contents = Contents(path.read_bytes(), repr(str(path)), _nodes_per_cell)
+        gmsh.model.add(f"dolfinx_joints reads {path}")
+        with TemporaryDirectory() as folder:
+            checked = path
+            if contents.others:
+                checked = Path(folder) / "checked.msh"
+                checked.write_bytes(b"".join(contents.parts))
+            try:
+                gmsh.merge(str(checked))
+            except Exception as exc:
+                raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
+        return _read_model(gmsh.model, str(path))
+    finally:
+        if started:
+            gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
+            gmsh.finalize()
+        else:
+            if gmsh.model.getCurrent() != current:
+                gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+            gmsh.option.setNumber("General.Terminal", terminal)
+
+
+def _nodes_per_cell(kind: int) -> int:
+    """Number of nodes of a Gmsh type of cell."""
+    import gmsh
+
+    return int(gmsh.model.mesh.getElementProperties(kind)[3])
+
+
+def check_head(path: Path) -> None:
+    """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh.
+
+    Gmsh takes a file for a mesh by its first word, a section of comments included.
+
+    Raises:
+        MeshError: The file is not marked as a mesh, or has options beside it.
+    """
+    with path.open("rb") as file:
+        head = file.read(64)
+    if path.suffix != ".msh" or not head.startswith((b"$MeshFormat", b"$Comments")):
+        what = "is empty" if not head else "does not begin with '$MeshFormat'"
+        if path.suffix != ".msh":
+            what = "has a name that does not end in '.msh'"
+        raise MeshError(f"{str(path)!r} is no Gmsh mesh file: it {what}.")
+    options = Path(f"{path}.opt")
+    if options.exists():
+        raise MeshError(
+            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
+        )
+
+
+def _read_model(model: Any, source: str) -> RawMesh:
+    """Turn the current Gmsh model into arrays."""
+    dim = model.getDimension()
+    groups = {d: _groups(model, d) for d in (dim, dim - 1)} if dim in (2, 3) else {}
+    if not groups or not groups[dim]:
+        raise MeshError(
+            f"{source!r} has no named physical group of cells; name the volumes (surfaces in 2-D)."
+        )
+    kinds, blocks, cell_groups, start = set(), [], {}, 0
+    numbered: dict[int, NDArray[np.int64]] = {}
+    for name, entities in groups[dim].items():
+        members = []
+        for entity in entities:
+            if entity not in numbered:
+                kind, nodes = _elements(model, dim, entity, source)
+                kinds.add(kind)
+                blocks.append(nodes)
+                numbered[entity] = np.arange(start, start + len(nodes))
+                start += len(nodes)
+            members.append(numbered[entity])
+        cell_groups[name] = np.concatenate(members)
+    shape = _shape(kinds, source)
+    tags, coordinates, _ = model.mesh.getNodes()
+    nodes = np.vstack(blocks).astype(np.int64)
+    used, nodes = np.unique(nodes, return_inverse=True)
+    nodes = nodes.reshape(-1, blocks[0].shape[1])
+    order = np.argsort(tags)
+    x = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
+    if not np.isfinite(x).all():
+        place = ", ".join(f"{c:g}" for c in x[~np.isfinite(x).all(axis=1)][0])
+        raise MeshError(f"{source!r} has a node at ({place}); coordinates must be finite.")
+    facets = {
+        name: _facets(model, dim, entities, name, used)
+        for name, entities in groups[dim - 1].items()
+    }
+    if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
+        raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
+    cells = nodes[:, _permutation(shape, nodes.shape[1])]
+    return RawMesh(
+        shape=shape, cells=cells, x=x[:, :dim].copy(), cell_groups=cell_groups, facet_groups=facets
+    )
+
+
+def _groups(model: Any, dim: int) -> dict[str, list[int]]:
+    """Entities of each named physical group of one dimension."""
+    found = {}
+    for d, tag in model.getPhysicalGroups(dim):
+        name = model.getPhysicalName(d, tag)
+        if name:
+            found[name] = [int(e) for e in model.getEntitiesForPhysicalGroup(d, tag)]
+    return found
+
+
+def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:
+    """Type and nodes of the elements of one entity."""
+    types, _, nodes = model.mesh.getElements(dim, entity)
+    if len(types) != 1:
+        raise MeshError(
+            f"{source!r}: entity {entity} holds {len(types)} kinds of cells; one kind is needed."
+        )
+    count = model.mesh.getElementProperties(types[0])[3]
+    return int(types[0]), nodes[0].reshape(-1, count)
+
+
+def _shape(kinds: set[int], source: str) -> CellShape:
+    if len(kinds) != 1 or not kinds <= set(_CELLS):
+        raise MeshError(
+            f"{source!r} has cells of Gmsh types {sorted(kinds)}; one of tetrahedra (4 or 10 "
+            "nodes), hexahedra (8 or 27), triangles (3 or 6) or quadrilaterals (4 or 9) is needed."
+        )
+    name, degree = _CELLS[kinds.pop()]
+    return CellShape(name=name, degree=degree)
+
+
+def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) -> Ints:
+    """Vertices of the facets of one physical group, numbered as the cells' nodes are."""
+    rows = []
+    for entity in entities:
+        types, _, nodes = model.mesh.getElements(dim - 1, entity)
+        for kind, flat in zip(types, nodes, strict=True):
+            count = model.mesh.getElementProperties(kind)[3]
+            rows.append(flat.reshape(-1, count)[:, : _FACET_VERTICES[int(kind)]].astype(np.int64))
+    if not rows:
+        raise MeshError(f"Group {name!r} holds no facets; mesh it before writing the file.")
+    vertices = np.vstack(rows)
+    position = np.searchsorted(used, vertices)
+    if np.any(used[np.minimum(position, len(used) - 1)] != vertices):
+        raise MeshError(f"Group {name!r} has facets with nodes that belong to no cell.")
+    return position.astype(np.int64)
+
+
+def _permutation(shape: CellShape, num_nodes: int) -> Ints:
+    from dolfinx.mesh import CellType
+
+    return _compat.gmsh_permutation(getattr(CellType, shape.name), num_nodes)

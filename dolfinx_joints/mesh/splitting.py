@@ -1,0 +1,263 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Duplicate the nodes of a conforming mesh across its joints: arrays in, arrays out.
+
+Nodes are split where the cells around them are no longer connected through facets that carry no
+joint. That is right for joints that end inside the body (the nodes of the front stay single) and
+for T and X crossings. Vertices decide: a node inside an edge or a facet is split exactly where the
+vertices of that edge or facet are, so that the split cells are again a conforming mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.orientation import orient_pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitMesh:
+    """Cells on duplicated nodes and the facet pairs of each joint.
+
+    Attributes:
+        cells: Node numbers of the cells after splitting, shape (num_cells, nodes per cell).
+        parent: Node of the conforming mesh that each node comes from, shape (num_nodes,).
+        joint: Joint number of each pair, shape (num_pairs,); pairs are sorted by joint.
+        minus: Cell and local facet on the - side, shape (num_pairs, 2).
+        plus: Cell and local facet on the + side, shape (num_pairs, 2).
+        match: For vertex j of the - facet, the position of its partner among the vertices of the
+            + facet, shape (num_pairs, vertices per facet).
+        bonded: Number of joint facets per joint whose vertices all lie on the joint's front: they
+            cannot open and carry no joint.
+    """
+
+    cells: Ints
+    parent: Ints
+    joint: Ints
+    minus: Ints
+    plus: Ints
+    match: Ints
+    bonded: Ints
+
+
+def _interior_pairs(shape: CellShape, cells: Ints) -> tuple[Ints, Ints]:
+    """All interior facets among ``cells``: their vertices and two (cell, local facet) slots."""
+    local = shape.facet_vertices
+    vertices = np.sort(cells[:, local], axis=2).reshape(-1, local.shape[1])
+    order = np.lexsort(vertices.T[::-1])
+    same = np.all(vertices[order[1:]] == vertices[order[:-1]], axis=1)
+    one, two = order[:-1][same], order[1:][same]
+    return vertices[one], np.stack([one, two], axis=1)
+
+
+def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nodes: int) -> Ints:
+    """New vertex numbers of the cells' vertices, shape (num_cells, vertices per cell)."""
+    local = shape.facet_vertices
+    num_vertices = int(local.max()) + 1
+    corner = cells[:, :num_vertices].copy()
+    on_joint = np.zeros(num_nodes, dtype=bool)
+    on_joint[joint_vertices.ravel()] = True
+    near = np.flatnonzero(on_joint[corner].any(axis=1))
+    vertices, slots = _interior_pairs(shape, corner[near])
+    is_joint = _rows_in(vertices, np.sort(joint_vertices, axis=1))
+    slots = slots[~is_joint]
+    cell, facet = slots // len(local), slots % len(local)
+    size = len(near) * num_vertices
+    graph_rows, graph_cols = [], []
+    for a in range(local.shape[1]):
+        vertex_one = local[facet[:, 0], a]
+        node = corner[near[cell[:, 0]], vertex_one]
+        candidates = local[facet[:, 1]]
+        position = np.argmax(corner[near[cell[:, 1]][:, None], candidates] == node[:, None], axis=1)
+        vertex_two = candidates[np.arange(len(candidates)), position]
+        graph_rows.append(cell[:, 0] * num_vertices + vertex_one)
+        graph_cols.append(cell[:, 1] * num_vertices + vertex_two)
+    rows, cols = np.concatenate(graph_rows), np.concatenate(graph_cols)
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    node = corner[near].ravel()
+    slots = np.flatnonzero(on_joint[node])
+    node[slots] = _number_groups(np.stack([node[slots], label[slots]], axis=1), num_nodes)
+    corner[near] = node.reshape(len(near), -1)
+    return corner
+
+
+def _number_groups(table: Ints, next_number: int) -> Ints:
+    """A number for each row (node, key...): equal rows share one, shape (num_rows,).
+
+    The first group of rows of a node keeps the node's number, every other group gets a new one.
+    """
+    groups, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    order = np.lexsort((first, groups[:, 0]))
+    leads = np.ones(len(order), dtype=bool)
+    leads[1:] = groups[order[1:], 0] != groups[order[:-1], 0]
+    number = np.empty(len(order), dtype=np.int64)
+    number[order[leads]] = groups[order[leads], 0]
+    number[order[~leads]] = next_number + np.arange(np.count_nonzero(~leads))
+    return number[inverse.ravel()]
+
+
+def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
+    """Whether each row stands in ``table``."""
+    _, inverse = np.unique(np.vstack([table, rows]), axis=0, return_inverse=True)
+    return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])
+
+
+def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
+    """Number the nodes inside edges and facets by their entity's new vertices."""
+    element = shape.element()
+    topology = basix.topology(shape.type)
+    new = cells.copy()
+    new[:, : corner.shape[1]] = corner
+    for dim in range(1, shape.dim):
+        dofs = element.entity_dofs[dim]
+        if not any(dofs):
+            continue
+        inner = np.array([d[0] for d in dofs], dtype=np.int64)
+        vertices = np.array(topology[dim], dtype=np.int64)
+        node = cells[:, inner].ravel()
+        keys = np.sort(corner[:, vertices], axis=2).reshape(len(node), -1)
+        number = _number_groups(np.column_stack([node, keys]), int(new.max()) + 1)
+        new[:, inner] = number.reshape(len(cells), -1)
+    return new
+
+
+def _parents(cells: Ints, new: Ints, num_nodes: int) -> Ints:
+    """Parent of each node of the split mesh."""
+    parent = np.arange(max(int(new.max()) + 1, num_nodes), dtype=np.int64)
+    parent[new.ravel()] = cells.ravel()
+    return parent
+
+
+def split_cells(
+    shape: CellShape, cells: Ints, x: Floats, joints: list[tuple[str, Ints]]
+) -> SplitMesh:
+    """Duplicate the nodes across the joints and pair the facets of the two sides.
+
+    Args:
+        shape: The reference cell.
+        cells: Nodes of the conforming cells, shape (num_cells, nodes per cell).
+        x: Node coordinates, shape (num_nodes, gdim), [m].
+        joints: Name of each joint and the vertices of its facets, shape (n, vertices per facet).
+
+    Raises:
+        MeshError: A joint facet does not have one cell on each side, stands in two joints, or a
+            joint has no facet that can open.
+    """
+    names = [name for name, _ in joints]
+    facets = np.vstack([vertices for _, vertices in joints])
+    number = np.concatenate([np.full(len(v), i) for i, (_, v) in enumerate(joints)])
+    owner, count = find_facets(shape, cells, facets)
+    _check_sides(names, facets, number, count, x)
+    corner = _split_vertices(shape, cells, facets, len(x))
+    new = _split_inner_nodes(shape, cells, corner) if shape.degree > 1 else corner
+    one, two = owner[:, 0], owner[:, 1]
+    local = shape.facet_vertices
+    apart = np.any(
+        np.sort(new[one[:, :1], local[one[:, 1]]], axis=1)
+        != np.sort(new[two[:, :1], local[two[:, 1]]], axis=1),
+        axis=1,
+    )
+    bonded = np.bincount(number[~apart], minlength=len(names))
+    for i, name in enumerate(names):
+        if not np.any(apart & (number == i)):
+            raise MeshError(
+                f"Joint {name!r} cannot open: all vertices of its {bonded[i]} facets lie on its "
+                "front inside the body; use a finer mesh."
+            )
+    one, two, number = one[apart], two[apart], number[apart]
+    swap = orient_pairs(shape, cells, x, number, one, two)
+    minus = np.where(swap[:, None], two, one)
+    plus = np.where(swap[:, None], one, two)
+    minus_nodes = cells[minus[:, :1], local[minus[:, 1]]]
+    plus_nodes = cells[plus[:, :1], local[plus[:, 1]]]
+    match = np.argmax(plus_nodes[:, None, :] == minus_nodes[:, :, None], axis=2)
+    return SplitMesh(
+        cells=new,
+        parent=_parents(cells, new, len(x)),
+        joint=number,
+        minus=minus,
+        plus=plus,
+        match=match,
+        bonded=bonded,
+    )
+
+
+def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: Floats) -> None:
+    """Refuse joint facets that do not separate two cells or stand in two joints."""
+    wrong = np.flatnonzero(count != 2)
+    if len(wrong):
+        where = ", ".join(f"{v:.4g}" for v in x[facets[wrong[0]]].mean(axis=0))
+        raise MeshError(
+            f"Joint {names[number[wrong[0]]]!r}: {len(wrong)} of its facets do not have one cell "
+            f"on each side (the first, centred at ({where}), has {count[wrong[0]]}); a joint must "
+            "lie inside the body, between two cells."
+        )
+    _, first, inverse = np.unique(
+        np.sort(facets, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    twice = np.flatnonzero(first[inverse.ravel()] != np.arange(len(facets)))
+    if len(twice):
+        one, two = names[number[first[inverse.ravel()[twice[0]]]]], names[number[twice[0]]]
+        raise MeshError(f"{len(twice)} facets stand twice in the joints {one!r} and {two!r}.")
+
+
+def pair_coincident(
+    shape: CellShape, cells: Ints, x: Floats, names: list[str], slots: dict[str, Ints]
+) -> SplitMesh:
+    """Pair the facets of joints whose faces are duplicated in the mesh already.
+
+    Args:
+        shape: The reference cell.
+        cells: Cell nodes, shape (num_cells, nodes per cell).
+        x: Node coordinates, shape (num_nodes, gdim), [m].
+        names: Joint names; the faces of NAME are the groups ``NAME-`` and ``NAME+``.
+        slots: (cell, local facet) of the facets of each group, shape (n, 2).
+
+    Raises:
+        MeshError: The faces of a joint have different numbers of facets or do not match.
+    """
+    local = shape.facet_vertices
+    minus, plus, match, joint = [], [], [], []
+    for i, name in enumerate(names):
+        one, two = slots[f"{name}-"], slots[f"{name}+"]
+        if len(one) != len(two):
+            raise MeshError(
+                f"Joint {name!r}: {len(one)} facets on its - face and {len(two)} on its + face; "
+                "the faces must be meshed alike."
+            )
+        a = x[cells[one[:, :1], local[one[:, 1]]]]
+        b = x[cells[two[:, :1], local[two[:, 1]]]]
+        _, partner = cKDTree(b.mean(axis=1)).query(a.mean(axis=1))
+        distance = np.linalg.norm(a[:, :, None, :] - b[partner][:, None, :, :], axis=3)
+        position = distance.argmin(axis=2)
+        size = np.linalg.norm(a[:, 0] - a[:, 1], axis=1)
+        paired = len(np.unique(partner)) == len(partner) and np.all(
+            np.sort(position, axis=1) == np.arange(local.shape[1])
+        )
+        if not paired or np.any(distance.min(axis=2) > 0.25 * size[:, None]):
+            raise MeshError(
+                f"Joint {name!r}: the facets of its - and + faces do not match one to one."
+            )
+        minus.append(one)
+        plus.append(two[partner])
+        match.append(position)
+        joint.append(np.full(len(one), i))
+    return SplitMesh(
+        cells=cells,
+        parent=np.arange(len(x)),
+        joint=np.concatenate(joint),
+        minus=np.vstack(minus),
+        plus=np.vstack(plus),
+        match=np.vstack(match),
+        bonded=np.zeros(len(names), dtype=np.int64),
+    )

@@ -1,0 +1,263 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""How stiff a joint should be: k_n and k_s from the body, and what they cost in accuracy.
+
+A closed joint is a layer in series with the blocks. Let f be the inertia forces of the first mode
+of the jointed body. The stresses of the tied body (no joints) under f are in equilibrium with f in
+the jointed body as well, so by the principle of least complementary energy
+
+    f.C_joint f <= f.C_tied f + int (t_n^2/k_n + |t_s|^2/k_s) dA,    C compliance,        (1)
+
+with the tractions t of the tied body on the joints. Let the integral be at most epsilon times the
+first term. As 1/omega^2 is the largest of f.C f / f.M^-1 f,
+
+    omega_tied / sqrt(1 + epsilon) <= omega_joint <= omega_tied.                            (2)
+
+Of all stresses with given tractions on a plane, those without strain along the plane have the
+least energy: sigma:S:sigma >= t_n^2/M + |t_s|^2/G, M the oedometric modulus. Where the tractions
+on a joint reach through a length L of the body unchanged, L being the distance of the joints,
+
+    epsilon <= max(M/(k_n L), G/(k_s L)).                                                   (3)
+
+(1) and (2) are rigorous for closed and sticking joints. (3) rests on an assumption that holds on
+average only: within a chain of bars the square of the stress in the middle of a block, where the
+joint is, exceeds its mean by a term of second order. The frequency is therefore said to drop by
+epsilon/2 instead of 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a
+body stands on a single joint at its foot, the stresses fall off to its free end: a third of its
+height is then to be taken for L, a fifth where it bends (the mean of the squares of force and
+moment under a uniform load, relative to those at the foot).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.laws.law import FrictionNoTension
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from dolfinx_joints.model.system import MatrixSystem
+
+# A traction is k_n times a difference of displacements u, of which rounding leaves eps k_n u/t,
+# eps = 2.2e-16, and u is at least the shortening t h/E of a cell. A bar of four or eight cells has
+# errors of 1e-15 to 5e-15 k_n h/E: ten digits remain up to this ratio.
+LARGEST_RATIO = 1e5
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffnessProposal:
+    """Joint stiffnesses and what follows from them; `propose_stiffness` chooses them.
+
+    Made by hand, it judges stiffnesses of the user's own.
+
+    Attributes:
+        normal_stiffness: k_n [Pa/m].
+        shear_stiffness: k_s [Pa/m].
+        young: Young's modulus E of the body [Pa].
+        poisson: Poisson's ratio of the body.
+        block_size: Distance L of the joints [m].
+        pressure: Largest expected pressure p on a joint [Pa].
+        friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
+        element_size: Cell size h at the joints [m], if the loss of digits is to be judged.
+        governed_by: The bound that fixed k_n, empty if none did.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    normal_stiffness: float
+    shear_stiffness: float
+    young: float
+    poisson: float
+    block_size: float
+    pressure: float
+    friction_angle_deg: float | None = None
+    element_size: float | None = None
+    governed_by: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        hold_floats(self)
+        units = {"normal_stiffness": "Pa/m", "shear_stiffness": "Pa/m"}
+        for name, unit in units.items():
+            _check_positive(name, getattr(self, name), unit)
+        _check_body(self.young, self.poisson, self.block_size, self.pressure)
+        if self.element_size is not None:
+            _check_positive("element_size", self.element_size, "m")
+        if self.friction_angle_deg is not None:
+            self.law(self.friction_angle_deg)
+
+    @property
+    def added_compliance(self) -> float:
+        """Largest of M/(k_n L) and G/(k_s L), the joints' compliance against the blocks'."""
+        oedometric, shear = _moduli(self.young, self.poisson)
+        return max(
+            oedometric / (self.normal_stiffness * self.block_size),
+            shear / (self.shear_stiffness * self.block_size),
+        )
+
+    @property
+    def frequency_shift(self) -> float:
+        """Estimated bound on the relative drop of the first frequency."""
+        return min(0.5 * self.added_compliance, 1.0)
+
+    @property
+    def overlap(self) -> float:
+        """Interpenetration p/k_n [m]."""
+        return self.pressure / self.normal_stiffness
+
+    @property
+    def elastic_slip(self) -> float | None:
+        """Slip mu p/k_s before sliding at the largest pressure [m], None without friction angle."""
+        if self.friction_angle_deg is None:
+            return None
+        mu = math.tan(math.radians(self.friction_angle_deg))
+        return mu * self.pressure / self.shear_stiffness
+
+    @property
+    def stiffness_ratio(self) -> float | None:
+        """k_n h/E of joint and cell, None without cell size."""
+        if self.element_size is None:
+            return None
+        return self.normal_stiffness * self.element_size / self.young
+
+    def law(self, friction_angle_deg: float | None = None) -> FrictionNoTension:
+        """The law with these stiffnesses.
+
+        Args:
+            friction_angle_deg: Friction angle [degrees], that of the proposal unless given.
+
+        Raises:
+            ValueError: There is no friction angle, or it is out of its range.
+        """
+        angle = self.friction_angle_deg if friction_angle_deg is None else friction_angle_deg
+        if angle is None:
+            raise ValueError("The proposal has no friction angle; pass friction_angle_deg.")
+        return FrictionNoTension(
+            normal_stiffness=self.normal_stiffness,
+            shear_stiffness=self.shear_stiffness,
+            friction_angle_deg=angle,
+        )
+
+    def report(self) -> str:
+        """What was chosen and what it costs, in a few lines."""
+        governed = f" ({self.governed_by} governs)" if self.governed_by else ""
+        lines = [
+            f"k_n = {self.normal_stiffness:.3g} Pa/m, "
+            f"k_s = {self.shear_stiffness:.3g} Pa/m{governed}",
+            f"closed joints {self.block_size:.3g} m apart add about "
+            f"{100 * self.added_compliance:.3g} % to the compliance of the blocks",
+            f"the first frequency drops by at most about {100 * self.frequency_shift:.3g} %",
+            f"overlap {1e3 * self.overlap:.3g} mm at {1e-6 * self.pressure:.3g} MPa",
+        ]
+        if self.elastic_slip is not None:
+            lines.append(f"elastic slip up to {1e3 * self.elastic_slip:.3g} mm before sliding")
+        if self.stiffness_ratio is not None:
+            left = self.stiffness_ratio * sys.float_info.epsilon
+            lines.append(f"k_n h/E = {self.stiffness_ratio:.3g}")
+            if self.stiffness_ratio > LARGEST_RATIO:
+                lines[-1] += (
+                    f": too stiff, rounding leaves errors of {left:.1g} or more in the tractions; "
+                    "take a softer joint"
+                )
+        return "\n".join(lines)
+
+
+def propose_stiffness(
+    *,
+    young: float,
+    poisson: float,
+    block_size: float,
+    pressure: float,
+    added_compliance: float = 0.01,
+    overlap: float = 1e-4,
+    friction_angle_deg: float | None = None,
+    element_size: float | None = None,
+) -> StiffnessProposal:
+    """The softest joint that keeps compliance and interpenetration below their bounds.
+
+    k_n = max(M/(added_compliance L), p/overlap), k_s = k_n G/M with M the oedometric modulus, so
+    that joint and block are alike in the ratio of shear to compression.
+
+    Args:
+        young: Young's modulus E of the body [Pa].
+        poisson: Poisson's ratio of the body.
+        block_size: Distance L of the joints [m]; the smallest if they differ.
+        pressure: Largest expected pressure p on a joint [Pa], may be zero.
+        added_compliance: Bound on the compliance of the joints relative to that of the blocks.
+        overlap: Bound on the interpenetration [m].
+        friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
+        element_size: Cell size at the joints [m], if the loss of digits is to be judged.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+    _check_body(young, poisson, block_size, pressure)
+    _check_positive("added_compliance", added_compliance)
+    _check_positive("overlap", overlap, "m")
+    oedometric, shear = _moduli(young, poisson)
+    bounds = {
+        "the added compliance": oedometric / (added_compliance * block_size),
+        "the overlap": pressure / overlap,
+    }
+    governing = max(bounds, key=lambda name: bounds[name])
+    return StiffnessProposal(
+        normal_stiffness=bounds[governing],
+        shear_stiffness=bounds[governing] * shear / oedometric,
+        young=young,
+        poisson=poisson,
+        block_size=block_size,
+        pressure=pressure,
+        friction_angle_deg=friction_angle_deg,
+        element_size=element_size,
+        governed_by=governing,
+    )
+
+
+def joint_energy_share(system: MatrixSystem, shape: PETSc.Vec) -> float:
+    """Share eta of the joints in the elastic energy of a mode, a check after `modes` (collective).
+
+    eta = phi.K_J phi / phi.(K + K_J) phi is the derivative of ln omega^2 by the logarithm of the
+    joint stiffness. omega^2 is the least of a family of functions that are linear in it, hence
+    concave: joints tau times as stiff raise the square of the first frequency by at most the
+    factor 1 + (tau - 1) eta, doubled joints the frequency by at most eta/2. Infinitely stiff ones
+    give omega^2/(1 - eta) up to terms of the order eta^2; that is an estimate, not a bound.
+
+    Args:
+        system: The system that the mode belongs to.
+        shape: Mode shape phi, of any length.
+    """
+    if system.contact is None:
+        return 0.0
+    work = shape.duplicate()
+    system.stiffness.mult(shape, work)
+    bulk = float(shape.dot(work))
+    gap = system.contact.operator.gap(shape)
+    density = np.einsum("ni,nij,nj->n", gap, system.contact.closed_tangent(), gap)
+    joints = system.contact.integral(density)
+    return joints / (bulk + joints)
+
+
+def _moduli(young: float, poisson: float) -> tuple[float, float]:
+    """Oedometric modulus M and shear modulus G [Pa]."""
+    shear = young / (2.0 * (1.0 + poisson))
+    return 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson), shear
+
+
+def _check_positive(name: str, value: float, unit: str = "") -> None:
+    check_number(name, value, lambda v: v > 0, "positive and finite", unit=unit)
+
+
+def _check_body(young: float, poisson: float, block_size: float, pressure: float) -> None:
+    """Refuse what `propose_stiffness` and `StiffnessProposal` both refuse."""
+    _check_positive("young", young, "Pa")
+    check_number("poisson", poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
+    _check_positive("block_size", block_size, "m")
+    check_number("pressure", pressure, lambda v: v >= 0, "zero or more and finite", unit="Pa")

@@ -1,0 +1,344 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joint nodes without mass, so that contact tractions do not ring.
+
+A joint node with mass of its own bounces on a stiff joint from step to step, whatever the body
+does. Mass redistribution (Khenous, Laborde, Renard 2008) takes that mass from the joint nodes and
+gives it to the body behind them. Here inertia sees a velocity P v that is v itself but at the joint
+nodes, where it is extrapolated linearly from nodes behind them:
+
+    M' = P^T M P.
+
+This is symmetric and positive semidefinite for any P, has zero rows at the joint nodes, and as P
+reproduces linear fields, each body keeps its mass, centre of mass and moments of inertia to
+rounding. M' + K is regular where M + K is: a motion without strain is rigid, and that has all its
+inertia. All components are treated alike: shear tractions of a sticking joint ring as normal ones.
+
+The extrapolation of a node makes sum sqrt(|e_j| d_j) small, d_j being the distance of its source j.
+So it takes few sources, on a regular mesh two straight behind it: the nearest and the farthest
+allowed. The farther that is, the less the inertia near the joint differs from its neighbours',
+which waves would be reflected from.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import check_count, finite, numbers_of, shown
+from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Rings of neighbours that sources are taken from: sources h and 4 h behind a node of degree 1.
+RINGS = 4
+
+# Of the largest entry, below which a joint does not act on a node, or a node on another.
+ROUNDING = 1e-12
+
+# Sources lie ahead of a node by this share of their distance: not in the joint or across it.
+AHEAD = 0.1
+
+# Largest sum |e_j|; two layers of nodes behind the joint make 3.
+LARGEST_SUM = 6.0
+
+# Least-squares problems that lead to few sources.
+REWEIGHTINGS = 30
+
+# Nodes extrapolated at once, which bounds the memory.
+AT_ONCE = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class Redistribution:
+    """A mass matrix without the mass of joint nodes.
+
+    Attributes:
+        mass: M' [kg].
+        massless: Nodes without mass, on all ranks.
+        kept: Joint nodes that keep their mass, on all ranks: those that supports hold altogether,
+            and those with fewer than two layers of other nodes behind them.
+    """
+
+    mass: PETSc.Mat
+    massless: int
+    kept: int
+
+
+def redistribute(
+    system: MatrixSystem, coordinates: ArrayLike, *, rings: int = RINGS
+) -> MatrixSystem:
+    """The system with mass redistributed (collective); its damping and loads stay as they are.
+
+    Args:
+        system: A system with joints and as many components per node as space has dimensions.
+        coordinates: Owned nodes, shape (n, components), [m].
+        rings: Rings of neighbours that sources are taken from.
+
+    Raises:
+        ValueError: The system has no joints, or the coordinates do not fit to its dofs.
+    """
+    check_system(system)
+    check_count("rings", rings, 1, "one ring or more is needed")
+    if system.contact is None:
+        raise ValueError("The system has no joints; there is no mass to redistribute.")
+    x = numbers_of(coordinates)
+    dofs = system.mass.getLocalSize()[0]
+    shape = (dofs // system.components, system.components)
+    if x is None or x.shape != shape or not finite(x):
+        said = shown(coordinates) if x is None else f"an array of shape {x.shape}"
+        raise ValueError(
+            f"coordinates is {said}; it needs {dofs // system.components} nodes with "
+            f"{system.components} finite components."
+        )
+    done = redistributed_mass(
+        system.mass, system.stiffness, system.contact.operator, x, system.constrained, rings
+    )
+    # C is left as it was, though the mass that a part of it may follow is another now.
+    return replace(system, mass=done.mass, rayleigh=Rayleigh(), dashpots=system.damping)
+
+
+def redistributed_mass(
+    mass: PETSc.Mat,
+    stiffness: PETSc.Mat,
+    operator: GapOperator,
+    coordinates: Floats,
+    constrained: Ints,
+    rings: int = RINGS,
+) -> Redistribution:
+    """M' = P^T M P (collective).
+
+    Warns if joint nodes keep their mass for want of nodes behind them.
+
+    Args:
+        mass: M [kg].
+        stiffness: K, which tells the neighbours of a node [N/m].
+        operator: The joints.
+        coordinates: Owned nodes, shape (n, components), [m].
+        constrained: Owned constrained dofs, local numbers.
+        rings: Rings of neighbours that sources are taken from.
+    """
+    dim = coordinates.shape[1]
+    comm = mass.comm.tompi4py()
+    inward = _inward(operator, mass).reshape(-1, dim)
+    size = np.linalg.norm(inward, axis=1)
+    largest = max(comm.allgather(float(size.max(initial=0.0))))
+    on_joint = size > ROUNDING * largest
+    held = np.zeros(inward.size, dtype=bool)
+    held[constrained] = True
+    held_nodes = held.reshape(-1, dim).all(axis=1)
+    wanted = np.flatnonzero(on_joint & ~held_nodes)
+    pattern = as_aij(stiffness)
+    found = _Sources(pattern, coordinates, on_joint & ~held_nodes, wanted, rings)
+    pattern.destroy()
+    exists = found.extrapolate(inward[wanted])
+    short = int(sum(comm.allgather(int((~exists).sum()))))
+    if short and comm.rank == 0:
+        warnings.warn(
+            f"{short} joint nodes keep their mass: they have fewer than two layers of other nodes "
+            "behind them. Refine the body there.",
+            stacklevel=2,
+        )
+    extrapolation = found.matrix(mass, exists)
+    result = mass.PtAP(extrapolation)
+    extrapolation.destroy()
+    return Redistribution(
+        mass=result,
+        massless=int(sum(comm.allgather(int(exists.sum())))),
+        kept=int(sum(comm.allgather(int(on_joint.sum() - exists.sum())))),
+    )
+
+
+def joint_dofs(operator: GapOperator) -> NDArray[np.bool_]:
+    """Which owned dofs the joints act on (collective)."""
+    starts, columns, values = operator.matrix.getValuesCSR()
+    sizes = operator.matrix.copy()
+    sizes.setValuesCSR(starts, columns, np.abs(values))
+    sizes.assemble()
+    ones, acted = sizes.createVecLeft(), sizes.createVecRight()
+    ones.set(1.0)
+    sizes.multTranspose(ones, acted)
+    sizes.destroy()
+    return np.asarray(acted.getArray(readonly=True) > ROUNDING)
+
+
+def _inward(operator: GapOperator, mass: PETSc.Mat) -> Floats:
+    """Forces of a unit pressure on the joints, [N]: they point into the body behind the nodes."""
+    pressure = np.zeros((len(operator.areas), 3))
+    pressure[:, 0] = 1.0
+    return operator.force(pressure, mass.createVecRight()).getArray(readonly=True).copy()
+
+
+class _Sources:
+    """Nodes that the wanted nodes of this rank are extrapolated from.
+
+    Args:
+        stiffness: K.
+        coordinates: Owned nodes.
+        massless: Owned nodes that are to lose their mass.
+        wanted: Their numbers.
+        rings: Rings of neighbours.
+    """
+
+    def __init__(
+        self,
+        stiffness: PETSc.Mat,
+        coordinates: Floats,
+        massless: NDArray[np.bool_],
+        wanted: Ints,
+        rings: int,
+    ) -> None:
+        """Find the candidates of each wanted node (collective)."""
+        self._dim = coordinates.shape[1]
+        self._wanted = wanted
+        self._first = stiffness.getOwnershipRange()[0] // self._dim
+        self._origins = coordinates[wanted]
+        reached = _rings(stiffness, wanted + self._first, self._dim, rings)
+        flags = np.repeat(massless.astype(np.float64), self._dim)
+        nodes, place = np.unique(np.concatenate([*reached, wanted[:0]]), return_inverse=True)
+        has_mass = _values_at(stiffness, flags, nodes, self._dim)[:, 0] == 0.0
+        x = _values_at(stiffness, coordinates.ravel(), nodes, self._dim)
+        parts = np.split(place, np.cumsum([len(r) for r in reached])[:-1]) if reached else []
+        self._nodes = [nodes[p[has_mass[p]]] for p in parts]
+        self._x = [x[p[has_mass[p]]] for p in parts]
+        self._weights: list[Floats] = []
+
+    def extrapolate(self, inward: Floats) -> NDArray[np.bool_]:
+        """Find the weights; whether they exist, shape (wanted,).
+
+        Args:
+            inward: Directions into the body, shape (wanted, dim).
+        """
+        exists = np.zeros(len(self._wanted), dtype=bool)
+        for start in range(0, len(self._wanted), AT_ONCE):
+            part = range(start, min(start + AT_ONCE, len(self._wanted)))
+            count = max(1, *(len(self._x[i]) for i in part)) if part else 1
+            offset = np.zeros((len(part), count, self._dim))
+            valid = np.zeros((len(part), count), dtype=bool)
+            for row, i in enumerate(part):
+                here = self._x[i] - self._origins[i]
+                offset[row, : len(here)] = here
+                ahead = here @ inward[i] / np.linalg.norm(inward[i])
+                valid[row, : len(here)] = ahead > AHEAD * np.linalg.norm(here, axis=1)
+            weights, exists[start : part.stop] = linear_extrapolation(offset, valid)
+            for row, i in enumerate(part):
+                self._weights.append(weights[row, : len(self._x[i])])
+        return exists
+
+    def matrix(self, mass: PETSc.Mat, exists: NDArray[np.bool_]) -> PETSc.Mat:
+        """P in the layout of M, with zeros stored on the diagonal of massless rows (collective)."""
+        own = mass.getLocalSize()[0] // self._dim
+        columns = [np.array([i + self._first]) for i in range(own)]
+        values = [np.ones(1)] * own
+        for i in np.flatnonzero(exists):
+            used = self._weights[i] != 0.0
+            node = self._wanted[i]
+            columns[node] = np.append(self._nodes[i][used], node + self._first)
+            values[node] = np.append(self._weights[i][used], 0.0)
+        counts = np.repeat([len(c) for c in columns], self._dim)
+        components = np.arange(self._dim)
+        every = [(self._dim * c[None, :] + components[:, None]).ravel() for c in columns]
+        matrix = PETSc.Mat().createAIJ(
+            mass.getSizes(),
+            csr=(
+                np.append(0, np.cumsum(counts)).astype(PETSc.IntType),
+                np.concatenate([*every, np.zeros(0, dtype=np.int64)]).astype(PETSc.IntType),
+                np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
+            ),
+            comm=mass.comm,
+        )
+        matrix.assemble()
+        return matrix
+
+
+def linear_extrapolation(
+    offset: Floats, valid: NDArray[np.bool_]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Weights e with sum e = 1, sum e x = 0 and small sum sqrt(|e| |x|), and whether there are any.
+
+    By least squares weighted with the solution before, which tends to zero everywhere but at few
+    sources, and to equal shares where sources are equally good.
+
+    Args:
+        offset: Sources x relative to the node, shape (n, k, dim), [m].
+        valid: Which of them may be used, shape (n, k).
+    """
+    count, most, dim = offset.shape
+    distance = np.where(valid, np.linalg.norm(offset, axis=2), np.inf)
+    nearest = np.min(distance, axis=1, initial=np.inf)
+    scale = np.where(np.isfinite(nearest), nearest, 1.0)[:, None]
+    relative = distance / scale
+    conditions = np.ones((count, 1 + dim, most))
+    conditions[:, 1:] = np.swapaxes(offset, 1, 2) / scale[:, :, None]
+    target = np.zeros((count, 1 + dim, 1))
+    target[:, 0] = 1.0
+    weights: Floats = np.zeros((count, most))
+    share = 1.0 / relative
+    for _ in range(REWEIGHTINGS):
+        weights = _least_squares(conditions, share, target)
+        size = np.abs(weights)
+        share = np.where(size > 1e-6, size**1.5, 0.0) / np.sqrt(relative)
+    left = np.abs(np.einsum("nck,nk->nc", conditions, weights) - target[:, :, 0]).max(axis=1)
+    exists = (left < 1e-9) & (np.abs(weights).sum(axis=1) < LARGEST_SUM)
+    return weights, exists
+
+
+def _least_squares(conditions: Floats, share: Floats, target: Floats) -> Floats:
+    """Solution of the conditions with the least sum of e^2 / share, shape (n, k)."""
+    root = np.sqrt(share)[:, None, :]
+    inverse = np.linalg.pinv(conditions * root, rcond=1e-10)
+    solution: Floats = (inverse @ target)[:, :, 0] * root[:, 0]
+    return solution
+
+
+def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints]:
+    """Nodes within some rings of neighbours of each node, global numbers (collective)."""
+    reached = [np.array([node]) for node in nodes]
+    known: dict[int, Ints] = {}
+    for _ in range(count):
+        every = np.unique(np.concatenate([*reached, nodes[:0]]))
+        new = every[[int(n) not in known for n in every]] if len(every) else every
+        known.update(zip(new.tolist(), _neighbours(stiffness, new, dim), strict=True))
+        reached = [np.unique(np.concatenate([known[int(n)] for n in part])) for part in reached]
+    return reached
+
+
+def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
+    """Nodes that K couples with each of some nodes of any rank, and itself (collective)."""
+    rows = _dofs(nodes, dim)
+    wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
+    every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
+    part = stiffness.createSubMatrices([wanted], [every])[0]
+    starts, columns, values = part.getValuesCSR()
+    part.destroy()
+    row_of = np.repeat(np.arange(len(rows)) // dim, np.diff(starts))
+    largest = np.zeros(len(nodes))
+    np.maximum.at(largest, row_of, np.abs(values))
+    coupled = np.abs(values) > ROUNDING * largest[row_of]
+    pairs = np.unique(np.stack([row_of[coupled], columns[coupled] // dim], axis=1), axis=0)
+    found = np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, len(nodes))))
+    return [part.astype(np.int64) for part in found[: len(nodes)]]
+
+
+def _values_at(matrix: PETSc.Mat, local: Floats, nodes: Ints, dim: int) -> Floats:
+    """Values of nodes of any rank, shape (nodes, dim), from those of all dofs (collective)."""
+    vector = matrix.createVecRight()
+    vector.setArray(local)
+    dofs = _dofs(nodes, dim)
+    wanted = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
+    here = PETSc.Vec().createSeq(len(dofs), comm=PETSc.COMM_SELF)
+    scatter = PETSc.Scatter().create(vector, wanted, here, None)
+    scatter.scatter(vector, here)
+    return here.getArray().copy().reshape(-1, dim)
+
+
+def _dofs(nodes: Ints, dim: int) -> NDArray[np.int32]:
+    dofs: NDArray[np.int32] = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
+    return dofs

@@ -1,0 +1,153 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Natural frequencies and mode shapes with SLEPc."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.common.parameters import check_count
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.joints.operator import JointTangent
+from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modes:
+    """Undamped modes, K phi = omega^2 M phi, normalised to phi.M phi = 1.
+
+    Attributes:
+        frequencies: [Hz], ascending, shape (n,).
+        shapes: Mode shapes, n vectors.
+        participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
+        mass: Mass that moves along each axis, iota.M iota, shape (gdim,), [kg].
+    """
+
+    frequencies: NDArray[np.float64]
+    shapes: list[PETSc.Vec]
+    participation: NDArray[np.float64]
+    mass: NDArray[np.float64]
+
+    @property
+    def effective_mass(self) -> NDArray[np.float64]:
+        """Effective modal masses per axis, shape (n, gdim), [kg].
+
+        Those of all modes add up to the mass that the supports leave free.
+        """
+        return self.participation**2
+
+    @property
+    def effective_share(self) -> NDArray[np.float64]:
+        """Effective modal masses as shares of ``mass``, shape (n, gdim)."""
+        return self.effective_mass / self.mass
+
+    def report(self) -> str:
+        """A table of frequencies, effective masses and their sums."""
+        axes = "xyz"[: self.participation.shape[1]]
+        lines = ["mode  frequency  " + "  ".join(f"mass {axis}" for axis in axes)]
+        for i, frequency in enumerate(self.frequencies):
+            shares = "  ".join(
+                f"{100 * share:4.1f} %" for share in self.effective_share[i].tolist()
+            )
+            lines.append(f"{i + 1:4d} {frequency:7.3f} Hz {shares}")
+        total = "  ".join(f"{100 * s:4.1f} %" for s in self.effective_share.sum(axis=0))
+        return "\n".join([*lines, f"all             {total}"])
+
+
+def modes(system: MatrixSystem, count: int) -> Modes:
+    """The lowest modes with all joints closed and sticking (collective).
+
+    Args:
+        system: The system; its joints enter with their elastic stiffness k_n, k_s.
+        count: Number of modes.
+
+    Raises:
+        ValueError: ``count`` is not positive, or there are fewer free unknowns with mass.
+        ConvergenceError: SLEPc found fewer modes.
+        JointsError: SLEPc cannot work on the matrices.
+    """
+    from slepc4py import SLEPc
+
+    check_system(system)
+    check_count("count", count, 1, "at least one mode must be asked for", most=_most(system))
+    stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
+    if system.contact is not None:
+        free = stiffness.createVecRight()
+        free.set(1.0)
+        joint = JointTangent(system.contact.operator, free)
+        stiffness.axpy(1.0, joint.assemble(system.contact.closed_tangent()))
+    rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
+    stiffness.zeroRowsColumns(rows, diag=1.0)
+    mass.zeroRowsColumns(rows, diag=0.0)
+    solver = SLEPc.EPS().create(mass.comm)
+    solver.setOperators(stiffness, mass)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setDimensions(count)
+    solver.setTarget(0.0)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTolerances(tol=1e-10)
+    transform = solver.getST()
+    transform.setType(SLEPc.ST.Type.SINVERT)
+    ksp = transform.getKSP()
+    ksp.setType("preonly")
+    ksp.getPC().setType("cholesky")
+    ksp.getPC().setFactorSolverType("mumps")
+    try:
+        solver.solve()
+    except (PETSc.Error, SystemError) as exc:
+        code = _compat.petsc_code(exc)
+        raise JointsError(
+            "The modes could not be computed: the stiffness cannot be factored, or the body has no "
+            f"mass; SLEPc's error code is {code}."
+        ) from None
+    if solver.getConverged() < count:
+        raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
+    return _collect(solver, system, count)
+
+
+def _most(system: MatrixSystem) -> int:
+    """Number of free dofs with mass, as many as there are modes (collective)."""
+    held = np.union1d(system.constrained, system.massless)
+    free = system.mass.getLocalSize()[0] - len(held)
+    return int(sum(system.mass.comm.tompi4py().allgather(free)))
+
+
+def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:
+    """Frequencies, normalised shapes and participation factors."""
+    frequencies, shapes, factors = [], [], []
+    work = system.mass.createVecRight()
+    for i in range(count):
+        shape = system.mass.createVecRight()
+        value = solver.getEigenpair(i, shape, None)  # type: ignore[attr-defined]
+        system.mass.mult(shape, work)
+        norm = math.sqrt(shape.dot(work))
+        shape.scale(1.0 / norm)
+        work.scale(1.0 / norm)
+        frequencies.append(math.sqrt(max(value.real, 0.0)) / (2.0 * math.pi))
+        shapes.append(shape)
+        local = work.getArray(readonly=True).reshape(-1, system.components).sum(axis=0)
+        factors.append(np.sum(work.comm.tompi4py().allgather(local), axis=0))
+    return Modes(
+        frequencies=np.array(frequencies),
+        shapes=shapes,
+        participation=np.array(factors),
+        mass=_masses(system),
+    )
+
+
+def _masses(system: MatrixSystem) -> NDArray[np.float64]:
+    """iota.M iota of each axis (collective)."""
+    along = system.mass.createVecRight()
+    moved, found = along.duplicate(), []
+    for axis in range(system.components):
+        along.set(0.0)
+        along.getArray()[axis :: system.components] = 1.0
+        system.mass.mult(along, moved)
+        found.append(float(along.dot(moved)))
+    return np.array(found)

@@ -1,0 +1,309 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What can be solved and marched: matrices, joints, loads and constraints, from any source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import (
+    check_function,
+    check_kind_of,
+    check_vector,
+    finite,
+    number_at,
+    numbers_of,
+)
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.laws.law import Law
+from dolfinx_joints.joints.internal_forces import JointResistance, Resistance
+
+if TYPE_CHECKING:
+    from dolfinx_joints.body.plastic_cells import PlasticBulk
+
+if TYPE_CHECKING:
+    from dolfinx_joints.loads.water.joint_water_state import JointWaters
+
+Floats = NDArray[np.float64]
+Pattern = tuple[PETSc.Vec, Callable[[float], float]]
+
+
+def _no_dofs() -> NDArray[np.int64]:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixSystem:
+    """M a + C v + K u + B^T w t(B u) = F(time), with some dofs constrained.
+
+    A `Model` makes one from a mesh; a reduced model or a mass on a spring is as good.
+
+    Attributes:
+        mass: M [kg].
+        stiffness: K of the bulk and its springs [N/m].
+        rayleigh: Factors of M and K in C.
+        dashpots: What C holds besides, None for nothing [N s/m].
+        contact: The joints, or None.
+        bulk: Cells with plastic materials, whose elastic part K holds, or None.
+        patterns: Nodal forces [N] with their factors of time [s].
+        load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
+        constrained: Owned constrained dofs, local numbers.
+        values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
+        symmetric: Whether K and C are symmetric.
+        components: Displacement components per node.
+        water: Loads that depend on the state of the joints, None for none.
+        in_joints: All loads that are water in joints, for what records their pressures.
+    """
+
+    mass: PETSc.Mat
+    stiffness: PETSc.Mat
+    rayleigh: Rayleigh = field(default_factory=Rayleigh)
+    dashpots: PETSc.Mat | None = None
+    contact: Contact | None = None
+    bulk: PlasticBulk | None = None
+    patterns: Sequence[Pattern] = ()
+    load_names: Sequence[str] = ()
+    constrained: NDArray[np.int64] = field(default_factory=_no_dofs)
+    values: Callable[[float], Floats] | None = None
+    symmetric: bool = True
+    components: int = 1
+    water: JointWaters | None = None
+    in_joints: Sequence[Any] = ()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        mass: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike | None = None,
+        load: Callable[[float], ArrayLike] | None = None,
+        gap: ArrayLike | None = None,
+        law: Law | None = None,
+        initial_gap: float = 0.0,
+        areas: ArrayLike | None = None,
+    ) -> MatrixSystem:
+        """A small system from dense arrays, on one process.
+
+        Args:
+            mass: M, shape (n, n), [kg].
+            stiffness: K, shape (n, n), [N/m].
+            damping: C, shape (n, n), [N s/m]; zero unless given.
+            load: F at a time, shape (n,), [N]; zero unless given.
+            gap: B, three rows (n, s1, s2) per joint point, shape (3 p, n); no joint unless given.
+            law: Law of the joint points.
+            initial_gap: Initial normal gap [m].
+            areas: Area of each point, shape (p,), [m^2]; 1 unless given.
+
+        Raises:
+            ValueError: Something is not finite, or the shapes do not fit together.
+        """
+        m, k = _dense("mass", mass), _dense("stiffness", stiffness)
+        c = np.zeros_like(k) if damping is None else _dense("damping", damping)
+        size = len(m)
+        if not m.shape == k.shape == c.shape == (size, size):
+            raise ValueError(
+                f"mass, stiffness and damping have shapes {m.shape}, {k.shape}, {c.shape}; they "
+                "must be square and alike."
+            )
+        contact = None
+        if gap is not None:
+            b = _dense("gap", gap)
+            if law is None or b.shape[1] != size or b.shape[0] % 3:
+                raise ValueError(
+                    f"gap has shape {b.shape}; it needs {size} columns, three rows per joint "
+                    "point, and a law."
+                )
+            points = len(b) // 3
+            w = np.ones(points) if areas is None else check_vector("areas", areas, (points,))
+            check_kind_of("areas", areas, bool((w > 0.0).all()), "positive")
+            operator = GapOperator(_matrix(b), w, np.zeros(points, dtype=np.int64), ("joint",))
+            contact = Contact(operator, law, {"joint": initial_gap})
+        elif law is not None:
+            raise ValueError("A law is given, but no gap that it is the law of.")
+        matrix_m = _matrix(m)
+        return cls(
+            mass=matrix_m,
+            stiffness=_matrix(k),
+            dashpots=None if damping is None else _matrix(c),
+            contact=contact,
+            patterns=[] if load is None else _components(load, matrix_m),
+        )
+
+    @cached_property
+    def resistance(self) -> Resistance | None:
+        """What resists by laws: joints, plastic cells, or both; None for a linear system."""
+        if self.bulk is not None:
+            return self.bulk
+        return None if self.contact is None else JointResistance(self.contact)
+
+    @cached_property
+    def massless(self) -> NDArray[np.int64]:
+        """Owned dofs without mass, local numbers."""
+        diagonal = self.mass.getDiagonal().getArray(readonly=True)
+        return np.flatnonzero(diagonal == 0.0)
+
+    @cached_property
+    def damping(self) -> PETSc.Mat:
+        """C, added up when first asked for [N s/m] (collective)."""
+        return self.combined(0.0, 1.0, 0.0)
+
+    def combined(self, mass: float, damping: float, stiffness: float) -> PETSc.Mat:
+        """Mass M + damping C + stiffness K in the format that solvers take (collective)."""
+        of_mass, of_stiffness = self.coefficients(mass, damping, stiffness)
+        total = as_aij(self.stiffness)
+        total.scale(of_stiffness)
+        for factor, matrix in ((of_mass, self.mass), (damping, self.dashpots)):
+            if factor and matrix is not None:
+                added = as_aij(matrix)
+                total.axpy(factor, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                added.destroy()
+        return total
+
+    def coefficients(self, mass: float, damping: float, stiffness: float) -> tuple[float, float]:
+        """Factors of M and K in mass M + damping C + stiffness K, dashpots apart."""
+        return (
+            mass + damping * self.rayleigh.mass_factor,
+            stiffness + damping * self.rayleigh.stiffness_factor,
+        )
+
+    def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
+        """C v written to ``out`` [N] (collective)."""
+        of_mass, of_stiffness = self.coefficients(0.0, 1.0, 0.0)
+        work = out.duplicate()
+        out.set(0.0)
+        terms = ((of_mass, self.mass), (of_stiffness, self.stiffness), (1.0, self.dashpots))
+        for factor, matrix in terms:
+            if factor and matrix is not None:
+                matrix.mult(velocity, work)
+                out.axpy(factor, work)
+        return out
+
+    def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
+        """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
+        factors = scale * self._factors(time)
+        out.set(0.0)
+        for factor, vector in zip(factors, self._vectors, strict=True):
+            out.axpy(float(factor), vector)
+        if self.water is not None:
+            self.water.add(out, time, scale)
+        return out
+
+    def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
+        names = self.load_names or ["load"] * len(self.patterns)
+        works = dict.fromkeys(names, 0.0)
+        means = 0.5 * (self._factors(start) + self._factors(end))
+        for name, mean, vector in zip(names, means, self._vectors, strict=True):
+            if mean:
+                works[name] += float(mean * vector.dot(x))
+        return works if self.water is None else works | self.water.work(x, start, end)
+
+    @property
+    def names_of_works(self) -> list[str]:
+        """Names that `work_of_loads` gives."""
+        fixed = dict.fromkeys(self.load_names or ["load"])
+        return [*fixed, *([] if self.water is None else self.water.names)]
+
+    @cached_property
+    def _vectors(self) -> list[PETSc.Vec]:
+        return [vector for vector, _ in self.patterns]
+
+    @cached_property
+    def _factors(self) -> Callable[[float], Floats]:
+        """Factors of the patterns at a time, those of the last times kept."""
+        names = [*self.load_names, *["load"] * (len(self.patterns) - len(self.load_names))]
+        patterns = list(zip(names, (factor for _, factor in self.patterns), strict=True))
+
+        def factors(time: float) -> Floats:
+            each = [number_at(f"The factor of {name}", factor, time) for name, factor in patterns]
+            return np.array(each, dtype=np.float64)
+
+        return lru_cache(maxsize=2)(factors)
+
+    def prescribed_rates(
+        self, time: float, spacing: float
+    ) -> tuple[NDArray[Any], NDArray[Any]] | None:
+        """Velocities [m/s] and accelerations [m/s^2] of the constrained dofs, None if they rest.
+
+        From differences of their displacements at ``time`` and one and two spacings [s] before it
+        (after it where the spacing is negative), exact for quadratic motions.
+        """
+        if self.values is None:
+            return None
+        now, before, earlier = (self.values(time - k * spacing) for k in range(3))
+        velocity = (3.0 * now - 4.0 * before + earlier) / (2.0 * spacing)
+        return velocity, (now - 2.0 * before + earlier) / spacing**2
+
+    def prescribed(self, time: float, *, scale: float = 1.0) -> Floats:
+        """Displacements of the constrained dofs at a time [s], times ``scale``, [m]."""
+        if self.values is None:
+            return np.zeros(len(self.constrained))
+        return scale * self.values(time)
+
+
+def check_system(system: Any) -> None:
+    """Refuse what is no system, such as the model that makes one.
+
+    Raises:
+        ValueError: It is none.
+    """
+    good = isinstance(system, MatrixSystem)
+    check_kind_of("system", system, good, "a MatrixSystem, such as model.system()")
+
+
+def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
+    """A copy in PETSc's general format, which knows more than products (collective)."""
+    return matrix.convert("aij", PETSc.Mat())
+
+
+def _components(
+    load: Callable[[float], ArrayLike], mass: PETSc.Mat
+) -> list[tuple[PETSc.Vec, Callable[[float], float]]]:
+    """A function of time for each entry of a load, with the unit vector that it multiplies."""
+    check_function("load", load)
+    size = mass.getSize()[0]
+
+    @lru_cache(maxsize=1)
+    def forces(time: float) -> Floats:
+        return check_vector(f"load({time:g})", np.atleast_1d(load(time)), (size,))
+
+    def component(i: int) -> tuple[PETSc.Vec, Callable[[float], float]]:
+        unit = mass.createVecRight()
+        unit.setArray(np.eye(size)[i])
+        return unit, lambda time: float(forces(time)[i])
+
+    return [component(i) for i in range(size)]
+
+
+def _dense(name: str, values: Any) -> Floats:
+    """Finite numbers as a matrix.
+
+    Raises:
+        ValueError: They are none.
+    """
+    numbers = numbers_of(values)
+    good = numbers is not None and numbers.size > 0 and numbers.ndim <= 2 and finite(numbers)
+    check_kind_of(name, values, good, "a matrix of finite numbers")
+    return np.atleast_2d(np.asarray(numbers, dtype=np.float64))
+
+
+def _matrix(dense: Floats) -> PETSc.Mat:
+    """A sparse PETSc matrix on this process with every entry stored."""
+    rows, columns = dense.shape
+    starts = np.arange(0, rows * columns + 1, columns, dtype=PETSc.IntType)
+    numbers = np.tile(np.arange(columns, dtype=PETSc.IntType), rows)
+    matrix = PETSc.Mat().createAIJ(
+        (rows, columns), csr=(starts, numbers, dense.ravel()), comm=PETSc.COMM_SELF
+    )
+    matrix.assemble()
+    return matrix

@@ -1,0 +1,106 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What made a results file: versions, parameters, mesh, options and settings of a run."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import re
+import socket
+import sys
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_joints import __version__
+
+if TYPE_CHECKING:
+    from dolfinx_joints.model.model import Model
+
+# Packages whose version is that of their distribution.
+_PACKAGES = ("numpy", "scipy", "h5py", "numba", "petsc4py", "slepc4py", "mpi4py")
+
+_LONGEST = 1000  # characters of a parameter
+
+
+def manifest(
+    model: Model, settings: Mapping[str, Any], nodes: ArrayLike, surface: ArrayLike
+) -> dict[str, Any]:
+    """Facts that JSON can hold.
+
+    Args:
+        model: The model.
+        settings: Further settings by name, such as the time step.
+        nodes: Node coordinates in the order of the input mesh, shape (num_nodes, 3), [m].
+        surface: Vertices of the boundary facets, shape (num_facets, 2 to 4).
+    """
+    from petsc4py import PETSc
+
+    laws = {} if model.contact is None else model.contact.laws
+    return {
+        "versions": versions(),
+        "host": socket.gethostname(),
+        "system": platform.platform(),
+        "command": sys.argv[:50],
+        "mesh_sha256": mesh_hash(nodes, surface),
+        "material": {name or "all": told(one) for name, one in model.body.materials.items()},
+        "joint_laws": {name: told(law) for name, law in laws.items()},
+        "loads": [told(load) for load in model.loads],
+        "supports": [told(support) for support in model.supports],
+        "damping": told(model.rayleigh),
+        "settings": {name: told(value) for name, value in settings.items()},
+        "petsc_options": dict(PETSc.Options().getAll()),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes, by package."""
+    import dolfinx
+    import h5py
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+    found = {
+        "dolfinx_joints": __version__,
+        "python": sys.version.split()[0],
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(str(part) for part in PETSc.Sys.getVersion()),
+        "hdf5": h5py.version.hdf5_version,
+        "mpi": MPI.Get_library_version().split(",")[0].strip("\0 \n"),
+    }
+    if "gmsh" in sys.modules:
+        found["gmsh"] = sys.modules["gmsh"].__version__
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found
+
+
+def mesh_hash(nodes: ArrayLike, surface: ArrayLike) -> str:
+    """SHA-256 of node coordinates and boundary facets, the same on any number of ranks.
+
+    Args:
+        nodes: Shape (num_nodes, 3), [m].
+        surface: Shape (num_facets, 2 to 4); the facets' order and that of their vertices are free.
+    """
+    facets = np.sort(np.asarray(surface, dtype=np.int64), axis=1)
+    facets = facets[np.lexsort(facets.T[::-1])]
+    digest = hashlib.sha256(np.ascontiguousarray(nodes, dtype=np.float64).tobytes())
+    digest.update(np.ascontiguousarray(facets).tobytes())
+    return digest.hexdigest()
+
+
+def told(value: Any) -> Any:
+    """A value as JSON can hold it: numbers and texts as they are, others as Python shows them."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return told(value.item())
+    # Addresses differ from run to run; what stands beside them does not.
+    return re.sub(r" at 0x[0-9a-f]+", "", repr(value))[:_LONGEST]

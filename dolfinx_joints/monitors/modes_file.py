@@ -1,0 +1,78 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Natural modes as a results file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
+from dolfinx_joints.model.modes import Modes
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
+from dolfinx_joints.results.writer import ResultsWriter, check_storable
+
+
+def write_modes(
+    modes: Modes,
+    model: Model,
+    path: str | Path,
+    *,
+    metadata: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write frequencies, shapes, participation factors and effective masses (collective).
+
+    Read them with ``Results(path).static("modes/shape")`` and so on; ``dolfinx-joints csv`` writes
+    their table.
+
+    Args:
+        modes: The modes.
+        model: The model that they belong to.
+        path: The file.
+        metadata: What else to say; anything JSON can hold.
+        overwrite: Replace an existing file.
+
+    Raises:
+        ResultsError: The file exists, or cannot be written.
+        ValueError: The modes are not of this model, or the metadata cannot be stored.
+    """
+    check_path("path", path)
+    check_kind_of("modes", modes, isinstance(modes, Modes), "what modes(model) gives")
+    check_kind_of("model", model, isinstance(model, Model), "a Model")
+    check_storable("metadata", {} if metadata is None else metadata)
+    check_flag("overwrite", overwrite)
+    unknowns = {shape.getSize() for shape in modes.shapes}
+    if unknowns != {model.num_dofs}:
+        raise ValueError(
+            f"The modes have {max(unknowns, default=0)} unknowns, the model has {model.num_dofs}: "
+            "they are of another model."
+        )
+    nodes = NodeGather(model)
+    surface = boundary_facets(model, nodes)
+    shapes = [nodes.gather(shape) for shape in modes.shapes]
+    told = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}
+
+    def write() -> None:
+        with ResultsWriter(path, told, overwrite=overwrite) as writer:
+            writer.static("mesh/nodes", nodes.positions, "m", "nodes")
+            writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
+            text = "natural frequencies, all joints closed and sticking"
+            writer.static("modes/frequency", modes.frequencies, "Hz", text)
+            text = "mode shapes at the nodes, of unit modal mass"
+            writer.static("modes/shape", np.array(shapes), "kg^-1/2", text)
+            text = "participation factors per axis"
+            writer.static("modes/participation", modes.participation, "kg^1/2", text)
+            text = "effective modal masses per axis"
+            writer.static("modes/effective_mass", modes.effective_mass, "kg", text)
+            text = "effective modal masses per axis, shares of the mass"
+            writer.static("modes/effective_share", modes.effective_share, "-", text)
+            writer.start()
+            writer.finish("complete", {})
+
+    on_root(model.jointed.mesh.comm, write)

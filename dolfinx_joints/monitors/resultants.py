@@ -1,0 +1,367 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Resultants of joints and of the blocks between them while a model runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.simulation.construction import connected_blocks
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.monitors.probes import NodeGather, joint_facet_points
+from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
+from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.records import Record
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.int64]
+
+
+def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
+    """Kind, friction angle [degrees] and cohesion [Pa] of the law of each joint, for metadata.
+
+    The angle is None, and the cohesion zero, where a law has no such number.
+    """
+    found = {}
+    for joint, law in contact.laws.items():
+        inner = getattr(law, "law", law)  # of a joint with dashpots
+        found[joint] = {
+            "kind": type(law).__name__,
+            "friction_angle_deg": _number(inner, "friction_angle_deg"),
+            "cohesion": _number(inner, "cohesion") or 0.0,
+        }
+    return found
+
+
+def _number(law: Any, name: str) -> float | None:
+    value = getattr(law, name, None)  # a law of the user's own may mean anything by it
+    return float(value) if isinstance(value, Real) else None
+
+
+def broken_joints(contact: Contact) -> tuple[str, ...]:
+    """Names of the joints with cohesion and a bond that breaks."""
+    laws = strengths(contact)
+    return tuple(
+        joint
+        for joint, law in contact.laws.items()
+        if laws[joint]["cohesion"] > 0.0 and "broken" in getattr(law, "internal_variables", ())
+    )
+
+
+def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
+    """1 at local points whose bond is gone, 0 elsewhere, shape (n,)."""
+    found = np.zeros(len(joints.traction), dtype=np.int8)
+    names = contact.operator.names
+    for joint in broken_joints(contact):
+        column = contact.laws[joint].internal_variables.index("broken")  # type: ignore[attr-defined]
+        here = contact.operator.joint == names.index(joint)
+        found[here] = joints.state.internal[here, column] != 0.0
+    return found
+
+
+class JointForces:
+    """Resultants of the joints of a model in any of its states.
+
+    Args:
+        model: The model, with joints.
+
+    Attributes:
+        names: Names of the joints.
+        geometry: Centroid, mean normal and area of each joint.
+
+    Raises:
+        MeshError: The model has no joints.
+        ValueError: ``model`` is no model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Find the geometry of the joints (collective)."""
+        check_kind_of("model", model, isinstance(model, Model), "a Model")
+        if model.operator is None or model.contact is None:
+            raise MeshError("The model has no joints, so there are no resultants of joints.")
+        self._operator, self._contact = model.operator, model.contact
+        self.names = model.operator.names
+        normals, areas = model.operator.frames[:, 0], model.operator.areas[:, None]
+        sums = self._sums(np.hstack([areas, areas * model.operator.points, areas * normals]))
+        self.geometry = [
+            JointGeometry.from_sums(sums[i, 0], sums[i, 1:4], sums[i, 4:]) for i in range(len(sums))
+        ]
+        self._centroids = np.array([g.centroid for g in self.geometry])
+        self._laws = strengths(model.contact)
+
+    def __call__(
+        self, joints: Response, pressure: Floats | None = None
+    ) -> dict[str, JointResultants]:
+        """Resultants by joint, the same on every rank (collective).
+
+        Args:
+            joints: Response of the joints, such as ``StaticState.joints`` or ``Record.joints``.
+            pressure: Pressure of the water at the local joint points, shape (n,), [Pa]; without it
+                the part of the water is left out.
+        """
+        operator = self._operator
+        contact = (joints.traction[:, 0] < 0.0) * operator.areas
+        cohesion = np.array([self._laws[name]["cohesion"] for name in self.names])
+        intact = (1 - broken(self._contact, joints)) * operator.areas
+        parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
+        parts.append((cohesion[operator.joint] * intact)[:, None])
+        if pressure is not None:
+            parts.append(self.about_centroids(self.water_forces(pressure)))
+        sums = self._sums(np.hstack(parts))
+        found = {}
+        for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
+            row: Floats = sums[i]
+            angle = self._laws[name]["friction_angle_deg"]
+            water = row[8:].reshape(-1, 3)
+            found[name] = JointResultants(
+                joint=name,
+                time=None,
+                geometry=geometry,
+                force=row[0:3],
+                moment=row[3:6],
+                contact=row[6] / geometry.area,
+                bond=row[7],
+                water_force=water[0] if len(water) else None,
+                water_moment=water[1] if len(water) else None,
+                friction=np.nan if angle is None else float(np.tan(np.deg2rad(angle))),
+            )
+        return found
+
+    def forces(self, traction: Floats) -> Floats:
+        """Forces of the local points on the + side, shape (n, 3), [N]."""
+        return forces_of(self._operator.frames, self._operator.areas, traction)
+
+    def water_forces(self, pressure: Floats) -> Floats:
+        """The same of the water, of a pressure of shape (n,) [Pa]."""
+        normal: Floats = self._operator.frames[:, 0] * (self._operator.areas * pressure)[:, None]
+        return normal
+
+    def about_centroids(self, force: Floats) -> Floats:
+        """Forces (n, 3) and their moments about the centroids of their joints, shape (n, 6)."""
+        arms = self._operator.points - self._centroids[self._operator.joint]
+        return np.hstack([force, np.cross(arms, force)])
+
+    def _sums(self, values: Floats) -> Floats:
+        """Sum of values (n, m) over the points of each joint, shape (joints, m) (collective)."""
+        operator = self._operator
+        sums = np.zeros((len(operator.names), values.shape[1]))
+        np.add.at(sums, operator.joint, values)
+        return np.asarray(np.sum(operator.comm.allgather(sums), axis=0))
+
+
+class Blocks:
+    """Blocks of a model, cells connected without crossing a joint, and what joints put on them.
+
+    They are numbered by their first node in the input mesh.
+
+    Args:
+        model: The model, with joints.
+        nodes: Numbers the nodes.
+
+    Attributes:
+        mass: Shape (blocks,), [kg].
+        centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
+        sides: Block on the - and on the + side of each local joint point, shape (n, 2).
+        sides_of_all: The same of all points of all ranks.
+    """
+
+    def __init__(self, model: Model, nodes: NodeGather) -> None:
+        """Connect the cells (collective)."""
+        assert model.operator is not None
+        comm, mesh = model.jointed.mesh.comm, model.jointed.mesh
+        self._operator = model.operator
+        own_cells = mesh.topology.index_map(model.gdim).size_local
+        table = model.V.dofmap.list[:own_cells]
+        cells = comm.gather(nodes.number[table], root=0)
+        block = on_root(comm, lambda: connected_blocks(np.concatenate(cells)))[nodes.number]
+        of_cell = block[table[:, 0]]
+        self.sides_of_all = _sides(model, np.asarray(mesh.topology.original_cell_index), of_cell)
+        start = model.operator.matrix.getOwnershipRange()[0] // 3
+        self.sides: Ints = self.sides_of_all[start : start + len(model.operator.areas)]
+        own = block[: model.V.dofmap.index_map.size_local]
+        count = int(max(comm.allgather(int(own.max(initial=-1))))) + 1
+        self.mass, self.centre = _masses(model, own, count)
+
+    def __call__(self, force: Floats) -> Floats:
+        """Forces and moments on each block, shape (blocks, 6), [N, N m] (collective).
+
+        Args:
+            force: Of the local joint points on the + side, shape (n, 3), [N].
+        """
+        sums = np.zeros((len(self.mass), 6))
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            number = self.sides[:, side]
+            arms = self._operator.points - self.centre[number]
+            np.add.at(sums, number, sign * np.hstack([force, np.cross(arms, force)]))
+        return np.asarray(np.sum(self._operator.comm.allgather(sums), axis=0))
+
+
+def _sides(model: Model, original: Ints, of_cell: Ints) -> Ints:
+    """Blocks on the - and + side of all joint points, shape (points, 2) (collective)."""
+    assert model.operator is not None
+    pairs, layout = model.jointed.pairs, model.operator.layout
+    cells = np.stack([pairs.minus[:, 0], pairs.plus[:, 0]], axis=1)
+    mine = np.isin(original[: len(of_cell)], cells)
+    parts = model.jointed.mesh.comm.allgather((original[: len(of_cell)][mine], of_cell[mine]))
+    number = np.concatenate([part[0] for part in parts])
+    block = np.concatenate([part[1] for part in parts])
+    order = np.argsort(number)
+    of_facet = block[order][np.searchsorted(number[order], cells)]
+    sides = np.empty((len(layout.areas), 2), dtype=np.int64)
+    sides[layout.number] = of_facet[:, None, :]
+    return sides
+
+
+def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
+    """Masses (blocks,) [kg] and centres (blocks, 3) [m] of blocks of the owned nodes."""
+    gdim, comm = model.gdim, model.jointed.mesh.comm
+    points = model.V.tabulate_dof_coordinates()[: len(block)]
+    u = model.body_mass.createVecRight()
+    values = [np.ones((len(block), 1)), points]
+    for field in (np.ones((len(block), gdim)), points[:, :gdim]):
+        u.setArray(field.ravel())
+        values.append((model.body_mass * u).getArray().reshape(-1, gdim).copy())
+    sums = np.zeros((count, 4 + 2 * gdim))
+    np.add.at(sums, block, np.hstack(values))
+    total = np.sum(comm.allgather(sums), axis=0)
+    mass, mean = total[:, 4].copy(), total[:, 1:4] / total[:, :1]
+    heavy = mass > 0.0
+    mean[heavy, :gdim] = total[heavy, 4 + gdim :] / mass[heavy, None]
+    return mass, mean
+
+
+class ResultantsStream:
+    """Resultants of joints and blocks as a stream of a results file, at every step.
+
+    Args:
+        model: The model, with joints.
+        nodes: Numbers the nodes.
+        wet: Names of the joints with water.
+    """
+
+    def __init__(self, model: Model, nodes: NodeGather, wet: tuple[str, ...]) -> None:
+        """Find joints and blocks (collective)."""
+        self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
+        self._model, self._wet = model, wet
+        assert model.contact is not None
+        self._bonded = broken_joints(model.contact)
+
+    def declare(self, writer: ResultsWriter) -> None:
+        """Declare the stream and write the blocks; on the rank that writes."""
+        blocks = self._blocks
+        writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
+        text = "centre of mass of each block, without mass the mean of its nodes"
+        writer.static("blocks/centre", blocks.centre, "m", text)
+        assert self._model.operator is not None
+        for name, (points, _) in joint_facet_points(self._model.operator).items():
+            text = "blocks on the - and + side of each point"
+            writer.static(f"joints/{name}/blocks", blocks.sides_of_all[points], "-", text)
+            about = "about its centroid, global axes"
+            _declare(writer, f"joints/{name}", (3,), f"on the + side of {name}", about)
+            if name in self._wet:
+                what = f"of the water in {name} on its + side"
+                _declare(writer, f"joints/{name}", (3,), what, about, water=True)
+            text = "share of the area under pressure"
+            writer.series("resultants", f"joints/{name}/contact", (), "-", text)
+            if name in self._bonded:
+                text = "cohesion times the area whose bond is intact"
+                writer.series("resultants", f"joints/{name}/bond", (), "N", text)
+        shape, about = (len(blocks.mass), 3), "about its centre, global axes"
+        _declare(writer, "blocks", shape, "of the joints on each block", about)
+        if self._wet:
+            what = "of the water in joints on each block"
+            _declare(writer, "blocks", shape, what, about, water=True)
+
+    def values(self, record: Record) -> dict[str, Any]:
+        """Values of a step (collective)."""
+        assert record.joints is not None
+        pressure = record.pressure() if record.pressure is not None else None
+        found: dict[str, Any] = {}
+        for name, one in self._joints(record.joints, pressure).items():
+            parts: dict[str, Any] = {
+                "force": one.force,
+                "moment": one.moment,
+                "contact": one.contact,
+            }
+            if name in self._wet:
+                parts |= {"water_force": one.water_force, "water_moment": one.water_moment}
+            if name in self._bonded:
+                parts["bond"] = one.bond
+            found |= {f"joints/{name}/{part}": value for part, value in parts.items()}
+        sums = self._blocks(self._joints.forces(record.joints.traction))
+        found |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
+        if pressure is not None:
+            sums = self._blocks(self._joints.water_forces(pressure))
+            found |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
+        return found
+
+
+def _declare(
+    writer: ResultsWriter,
+    where: str,
+    shape: tuple[int, ...],
+    what: str,
+    about: str,
+    *,
+    water: bool = False,
+) -> None:
+    """Declare a force and a moment."""
+    prefix = "water_" if water else ""
+    text = f"force {what}" if water else f"effective force {what}"
+    writer.series("resultants", f"{where}/{prefix}force", shape, "N", text)
+    writer.series("resultants", f"{where}/{prefix}moment", shape, "N m", f"moment {what}, {about}")
+
+
+class PointExtras:
+    """What states hold of joint points besides gap, traction and status: water and broken bonds.
+
+    Args:
+        contact: The joints.
+        record: A record of the run.
+    """
+
+    def __init__(self, contact: Contact, record: Record) -> None:
+        """Find the joints concerned."""
+        self._contact = contact
+        self._of = {"pressure": record.wet_joints, "broken": broken_joints(contact)}
+
+    def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
+        """Declare the series of the stream ``states``; on the rank that writes.
+
+        Args:
+            writer: The writer.
+            joints: By joint name, the arrays of `joint_statics`.
+        """
+        told: dict[str, tuple[str, str, Any]] = {
+            "pressure": ("Pa", "pressure of the water, positive where it opens", np.float64),
+            "broken": ("-", "1 where the bond is gone", np.int8),
+        }
+        for what, names in self._of.items():
+            unit, text, dtype = told[what]
+            for name in names:
+                shape = joints[name]["areas"].shape
+                where = f"joints/{name}/{what}"
+                writer.series("states", where, shape, unit, text, dtype=dtype)
+
+    def values(self, record: Record) -> dict[str, NDArray[Any]]:
+        """Values of all points of all ranks, on rank 0, by kind; only those needed (collective)."""
+        found, gather = {}, self._contact.operator.gather
+        if self._of["pressure"] and record.pressure is not None:
+            found["pressure"] = gather(record.pressure())
+        if self._of["broken"] and record.joints is not None:
+            found["broken"] = gather(broken(self._contact, record.joints))
+        return {what: values for what, values in found.items() if values is not None}
+
+    def joints(self, what: str) -> tuple[str, ...]:
+        """Names of the joints with a kind of value."""
+        return self._of[what]

@@ -1,0 +1,406 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Monitors: results file, ParaView fields, progress bar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_count, check_flag, check_kind_of, check_path
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
+from dolfinx_joints.common.errors import MeshError, ResultsError
+from dolfinx_joints.common.file_lock import FileLock, released
+from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, strengths
+from dolfinx_joints.monitors.manifest import manifest
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.monitors.probes import (
+    NodeGather,
+    PointProbe,
+    boundary_facets,
+    checked_points,
+    joint_facet_points,
+    joint_statics,
+)
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.writer import ResultsWriter, check_storable
+from dolfinx_joints.simulation.records import Record
+from dolfinx_joints.monitors.surface_stress import StressEnvelopes
+
+Floats = NDArray[np.floating[Any]]
+
+
+class ResultsMonitor:
+    """Writes histories, energies and states to an HDF5 file as the run goes.
+
+    Every step: displacement and acceleration of the monitor points, acceleration of the ground,
+    shares of open, sticking and sliding joint points, iterations, support reactions by group,
+    energies. Every ``every`` steps: nodal displacements, joint gaps, tractions and status, facet by
+    facet; the pressures of water in joints and broken bonds, where there are any. If asked for:
+    resultants of joints and blocks at every step, and at the end envelopes of the stresses at the
+    boundary over all steps.
+
+    Args:
+        path: The file.
+        points: Monitor points by name, coordinates [m].
+        every: Steps between two states.
+        metadata: What else to say of the run; anything JSON can hold.
+        overwrite: Replace an existing file.
+        envelopes: Record envelopes of principal, arch and cantilever stresses, the static state
+            included, at the whole boundary or on the facet groups named; of models in space only.
+            Costs a product with a matrix each step.
+        resultants: Record force and moment of each joint, and on each block, at every step.
+
+    Raises:
+        ValueError: A parameter is of another kind.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        points: Mapping[str, Sequence[float]],
+        every: int = 10,
+        metadata: Mapping[str, Any] | None = None,
+        overwrite: bool = False,
+        envelopes: bool | Sequence[str] = False,
+        resultants: bool = False,
+    ) -> None:
+        """Nothing is written before the run starts."""
+        check_path("path", path)
+        check_count("every", every, 1, "states are written every 1 or more steps")
+        check_flag("overwrite", overwrite)
+        check_flag("resultants", resultants)
+        check_storable("metadata", {} if metadata is None else metadata)
+        self._path, self._points, self._every = Path(path), checked_points(points), every
+        self._metadata, self._overwrite = dict(metadata or {}), overwrite
+        self._with_envelopes, self._with_resultants = chosen_faces(envelopes), resultants
+        self._writer: ResultsWriter | None = None
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Create the file and write the mesh and the first record (collective)."""
+        self._find(model, first)
+        surface = boundary_facets(model, self._nodes)
+        joints = joint_statics(model)
+        metadata = {
+            "stage": stage,
+            "steps": steps,
+            "point_names": list(self._points),
+            "dofs": model.num_dofs,
+            "joint_points": model.operator.num_points if model.operator else 0,
+            "ranks": self._comm.size,
+            "units": "SI: m, s, N, Pa, J",
+            "laws": strengths(model.contact) if model.contact else {},
+            **self._metadata,
+        }
+
+        def create() -> None:
+            made_by = manifest(model, first.settings, self._nodes.positions, surface)
+            facts = {"manifest": made_by, **metadata}
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
+            declare_histories(writer, self._probe.positions, accelerations=True)
+            for group in self._supports:
+                text = f"force of the support {group} on the body"
+                writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
+            names = [] if model.operator is None else model.operator.names
+            declare_energy(writer, names, first.energy.input_by_load)
+            if model.bulk is not None:
+                writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
+            declare_states(writer, self._nodes.positions, surface, joints, status=True)
+            if self._extras is not None:
+                self._extras.declare(writer, joints)
+            if self._resultants is not None:
+                self._resultants.declare(writer)
+            if self._envelopes is not None:
+                found = self._envelopes
+                declare_envelopes(writer, found.nodes, found.arch, found.cantilever)
+            writer.start()
+
+        try:
+            on_root(self._comm, create)
+            self.record(first)
+        except BaseException as error:
+            if self._writer is not None:
+                self._writer.__exit__(type(error), error, None)
+                self._writer = None
+            raise
+
+    def _find(self, model: Model, first: Record) -> None:
+        """Nodes, points, supports and joints of the model (collective)."""
+        self._model, self._comm = model, model.jointed.mesh.comm
+        self._nodes = NodeGather(model)
+        self._probe = PointProbe(model, list(self._points.values()), self._nodes)
+        self._supports = model.constraints.groups
+        self._envelopes = None
+        if self._with_envelopes is not False:
+            groups = None if self._with_envelopes is True else self._with_envelopes
+            self._envelopes = StressEnvelopes(model, self._nodes, groups)
+        self._extras = PointExtras(model.contact, first) if model.contact else None
+        self._resultants: ResultantsStream | None = None
+        if self._with_resultants:
+            if model.contact is None:
+                raise MeshError("resultants=True records forces of joints; the model has none.")
+            self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
+        self._before: tuple[float, Floats] | None = None
+
+    def memory(self) -> dict[str, Any]:
+        """Records written, brought to the disk, and what the next one needs (collective)."""
+        columns = None if self._envelopes is None else self._envelopes.gather()
+        records: dict[str, int] = {}
+        with raised_together(self._comm):
+            if self._writer is not None:
+                self._writer.to_disk()
+                records = self._writer.records
+        assert self._before is not None
+        time, velocity = self._before
+        return {
+            "records": records,
+            "settings": self._settings,
+            "time": time,
+            "velocity": velocity,
+            "envelopes": columns,
+        }
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        """What a continued file must agree in."""
+        points = {name: [float(x) for x in place] for name, place in self._points.items()}
+        extra = {"envelopes": self._with_envelopes, "resultants": self._with_resultants}
+        return {"points": points, "every": self._every, **extra}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Go on with the file; records after ``last`` are cut off (collective).
+
+        Raises:
+            ResultsError: The file is not that of the run, or was recorded with other settings.
+        """
+        for name, here in self._settings.items():
+            was = memory["settings"].get(name, False)  # a checkpoint of an earlier version
+            if was != here:
+                raise ResultsError(
+                    f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
+                    f"{name}={here}."
+                )
+        self._find(model, last)
+        self._before = memory["time"], memory["velocity"]
+        self._time = last.time
+        if self._envelopes is not None:
+            self._envelopes.recall(memory["envelopes"])
+
+        def reopen() -> None:
+            self._writer = ResultsWriter.resume(self._path, memory["records"])
+
+        on_root(self._comm, reopen)
+
+    def record(self, record: Record) -> None:
+        """Append a step (collective)."""
+        counts = record.solve.counts if record.solve else None
+        contact = self._model.contact
+        if counts is None and contact is not None and record.joints is not None:
+            counts = contact.counts(record.joints.status)
+        total = max(counts.total, 1) if counts else 1
+        shares = {
+            f"joint_{name}": getattr(counts, name) / total if counts else 0.0
+            for name in ("open", "stick", "slip")
+        }
+        iterations = record.solve.iterations if record.solve else 0
+        history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
+        for group in self._supports:
+            history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
+        energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
+        names = [] if contact is None else contact.operator.names
+        for i, name in enumerate(names):
+            for term in JOINT_ENERGY_TERMS:
+                value = getattr(record.energy, f"joint_{term}")[i]
+                energies[f"joints/{name}/{term}"] = value
+        if self._model.bulk is not None:
+            energies["plastic"] = record.energy.plastic
+        for name, work in record.energy.input_by_load.items():
+            energies[f"loads/{name}"] = work
+        self._append("histories", record.time, history)
+        self._append("energy", record.time, energies)
+        if self._resultants is not None:
+            self._append("resultants", record.time, self._resultants.values(record))
+        if record.step % self._every == 0:
+            self._append_state(record)
+        if self._envelopes is not None:
+            self._envelopes.see(record.displacement, record.time)
+        self._time = record.time
+
+    def _motion(self, record: Record) -> dict[str, Floats]:
+        """Displacement and acceleration of the points, acceleration of the ground.
+
+        The acceleration is the change of velocity since the last record over the time between: the
+        mean of the step, which every scheme knows, however many pieces the step was cut into.
+        """
+        velocity = self._probe.read(record.velocity)
+        acceleration: Floats = np.zeros_like(velocity)
+        if self._before is not None:
+            time, before = self._before
+            acceleration = (velocity - before) / (record.time - time)
+        self._before = record.time, velocity
+        return {
+            "displacement": self._probe.read(record.displacement),
+            "acceleration": acceleration,
+            "ground_acceleration": record.ground_acceleration,
+        }
+
+    def _append(self, stream: str, time: float, values: dict[str, Any]) -> None:
+        """Write on rank 0; what goes wrong there stops every rank."""
+        with raised_together(self._comm):
+            if self._writer is not None:
+                self._writer.append(stream, time, values)
+
+    def _append_state(self, record: Record) -> None:
+        values = {"displacement": self._nodes.gather(record.displacement)}
+        operator = self._model.operator
+        if operator is not None and record.joints is not None:
+            gap = operator.gather(record.joints.state.gap)
+            traction = operator.gather(record.joints.traction)
+            status = operator.gather(record.joints.status)
+            assert self._extras is not None
+            extras = self._extras.values(record)
+            if gap is not None and traction is not None and status is not None:
+                for name, (points, _) in joint_facet_points(operator).items():
+                    values[f"joints/{name}/gap"] = gap[points]
+                    values[f"joints/{name}/traction"] = traction[points]
+                    values[f"joints/{name}/status"] = status[points]
+                    for what, every in extras.items():
+                        if name in self._extras.joints(what):
+                            values[f"joints/{name}/{what}"] = every[points]
+        self._append("states", record.time, values)
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Write the envelopes and close the file (collective)."""
+        columns = None if self._envelopes is None else self._envelopes.gather()
+        with raised_together(self._comm):
+            if self._writer is not None:
+                writer, self._writer = self._writer, None
+                with writer:
+                    if columns is not None:
+                        values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
+                        writer.append("envelopes", self._time, values)
+                    writer.finish(status, summary)  # type: ignore[arg-type]
+
+
+class FieldMonitor:
+    """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
+
+    A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
+    folders cannot be opened again; the times of the first after that step are there twice.
+
+    Args:
+        path: The folder; what an earlier run left there is replaced.
+        every: Steps between two times.
+    """
+
+    def __init__(self, path: str | Path, *, every: int = 10) -> None:
+        """Nothing is written before the run starts."""
+        check_path("path", path)
+        check_count("every", every, 1, "fields are written every 1 or more steps")
+        self._path, self._every = Path(path), every
+        self._lock: FileLock | None = None
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Create the folder and write the first time (collective)."""
+        self._open(self._path, model, first)
+        with released(self._lock, at_end=False):
+            self.record(first)
+
+    def _open(self, path: Path, model: Model, first: Record) -> None:
+        """Create a folder that no other run writes (collective)."""
+        from dolfinx.io import VTXWriter
+
+        def take() -> None:
+            """Find out on one rank what would leave the others waiting in the writer."""
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise ResultsError(f"{path} cannot be written: {error}.") from None
+            self._lock = FileLock(path, ResultsError)
+
+        on_root(model.jointed.mesh.comm, take)
+        with released(self._lock, at_end=False):
+            self._u = model.function(first.displacement)
+            self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Create a folder for the times after ``last`` (collective)."""
+        name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"
+        self._open(self._path.with_name(name), model, last)
+
+    def record(self, record: Record) -> None:
+        """Append a time (collective)."""
+        if record.step % self._every == 0:
+            owned = record.displacement.getLocalSize()
+            self._u.x.array[:owned] = record.displacement.getArray(readonly=True)
+            self._u.x.scatter_forward()
+            self._writer.write(record.time)
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Close the folder and let others write it (collective)."""
+        with released(self._lock, at_end=True):
+            self._writer.close()
+
+
+class ProgressMonitor:
+    """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
+
+    Args:
+        label: Text before the bar.
+    """
+
+    def __init__(self, label: str = "dynamic") -> None:
+        """The bar appears when the run starts."""
+        check_kind_of("label", label, isinstance(label, str), "a text")
+        self._label = label
+        self._bar: Any = None
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Show the bar."""
+        if model.jointed.mesh.comm.rank == 0:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
+            )
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Show the bar from the last step on."""
+        self.start(model, stage, steps, last)
+
+    def record(self, record: Record) -> None:
+        """Advance the bar."""
+        if self._bar is None or record.step == 0 or record.solve is None:
+            return
+        counts, shown = record.solve.counts, f"{record.solve.iterations} it"
+        if counts is not None and counts.total:
+            opened, sliding = counts.open / counts.total, counts.slip / counts.total
+            shown += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
+        self._bar.set_postfix_str(shown, refresh=False)
+        self._bar.update(1)
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Close the bar."""
+        if self._bar is not None:
+            self._bar.close()

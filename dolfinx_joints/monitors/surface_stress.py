@@ -1,0 +1,261 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Stresses at the vertices of the boundary from displacements, and their envelopes over a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import lasting, on_root
+from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
+from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.int64]
+
+_CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
+_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+
+class SurfaceStress:
+    """Stresses at the vertices of all exterior facets, one product with a matrix.
+
+    Those that the model's temperatures make in a body held still are taken off.
+
+    The stress at a vertex is the mean of those that the cells around it have there. As the nodes on
+    a joint are double, cells beyond the joint do not count.
+
+    Args:
+        model: The model, in space.
+        nodes: Numbers the nodes.
+        facets: Vertices of the facets concerned, shape (facets, vertices per facet), the same on
+            every rank; all exterior facets unless given.
+
+    Attributes:
+        nodes: Numbers of the vertices, rising, the same on every rank, shape (n,).
+        own: Positions in ``nodes`` of those of this rank, shape (own,).
+
+    Raises:
+        ValueError: The model is plane or has plastic cells.
+    """
+
+    def __init__(self, model: Model, nodes: NodeGather, facets: Ints | None = None) -> None:
+        """Assemble the matrix (collective)."""
+        if model.gdim != 3:
+            raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
+        if model.bulk is not None:
+            raise ValueError(
+                "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
+                "displacements alone do not tell."
+            )
+        self._comm = model.jointed.mesh.comm
+        self.nodes: Ints = np.unique(boundary_facets(model, nodes) if facets is None else facets)
+        owned = model.V.dofmap.index_map.size_local
+        self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
+        parts = self._comm.allgather(self.own)
+        self._order = np.argsort(np.concatenate(parts), kind="stable")
+        vertices = _reference_vertices(model).shape[0]
+        num_cells = model.jointed.mesh.topology.index_map(3).size_local
+        corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
+        place = np.searchsorted(self.nodes, corners)
+        met = self.nodes[np.minimum(place, len(self.nodes) - 1)] == corners
+        count = np.bincount(place[met], minlength=len(self.nodes))
+        count = np.sum(self._comm.allgather(count), axis=0)
+        place = np.where(met, place, -1)
+        self._matrix = self._assemble(model, place, count)
+        warm = [load for load in model.loads if isinstance(load, Temperature)]
+        self._thermal = [(self._blocked(model, load, place, count), load.factor) for load in warm]
+        self._stress = self._matrix.createVecLeft()
+
+    def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
+        """Rows of the own vertices, six each; ``place`` is -1 off the boundary."""
+        from scipy.sparse import coo_matrix
+
+        dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
+        evaluate = _evaluator(model)
+        cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
+        local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
+        shape, parts = (6 * len(self.nodes), local), []
+        for start in range(0, len(cells), _CHUNK):
+            chunk = cells[start : start + _CHUNK]
+            dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
+            cell, vertex = np.nonzero(place[chunk] >= 0)
+            at = place[chunk][cell, vertex]
+            values = evaluate(chunk)[cell, vertex] / count[at][:, None, None]
+            i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
+            j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
+            part = coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape)
+            part.sum_duplicates()
+            parts.append((part.data, part.row, part.col))
+        if parts:
+            data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+            summed = coo_matrix((data, (row, column)), shape).tocsr()
+        else:
+            summed = coo_matrix(shape).tocsr()
+        block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
+        rows = np.empty(len(self.nodes), dtype=np.int64)
+        rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
+        rows = (6 * rows[:, None] + np.arange(6)).ravel()
+        filled = np.flatnonzero(np.diff(summed.indptr))
+        summed = summed[filled]
+        indices = 3 * block.astype(np.int64)[summed.indices // 3] + summed.indices % 3
+        matrix = PETSc.Mat().create(comm=lasting(self._comm))
+        matrix.setSizes(((6 * len(self.own), 6 * len(self.nodes)), columns))
+        matrix.setType("aij")
+        matrix.setUp()
+        csr = (array.astype(PETSc.IntType) for array in (summed.indptr, indices))
+        matrix.setValuesIJV(*csr, summed.data, addv=True, rowmap=rows[filled].astype(PETSc.IntType))
+        matrix.assemble()
+        return matrix
+
+    def _blocked(self, model: Model, load: Temperature, place: Ints, count: Ints) -> Floats:
+        """Stress of a temperature held still, at the own vertices, shape (own,), [Pa]."""
+        warm = np.zeros(len(place), dtype=bool)
+        if load.cells is None:
+            warm[:] = True
+        else:
+            cells = model.jointed.cells(load.cells)
+            warm[cells[cells < len(place)]] = True
+        cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
+        values = _at_vertices(model, load.blocked_stress(model))(cells)
+        values = values.reshape(len(cells), place.shape[1])
+        cell, vertex = np.nonzero(place[cells] >= 0)
+        at = place[cells][cell, vertex]
+        summed = np.bincount(at, weights=values[cell, vertex], minlength=len(self.nodes))
+        total: Floats = np.sum(self._comm.allgather(summed), axis=0) / count
+        return total[self.own]
+
+    def __call__(self, u: PETSc.Vec, time: float) -> Floats:
+        """Stresses (xx, yy, zz, xy, yz, xz) at the own vertices, shape (own, 6), [Pa] (collective).
+
+        Args:
+            u: Displacement [m].
+            time: Time of the temperatures [s].
+        """
+        self._matrix.mult(u, self._stress)
+        stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
+        if self._thermal:
+            held = sum(factor(time) * blocked for blocked, factor in self._thermal)
+            stress = stress - np.outer(held, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        return stress
+
+    def gather(self, values: Floats) -> Floats | None:
+        """Rows of all vertices in the order of ``nodes`` on rank 0, None elsewhere (collective)."""
+        parts = self._comm.gather(values, root=0)
+        return None if parts is None else np.concatenate(parts)[self._order]
+
+
+def _reference_vertices(model: Model) -> Floats:
+    """Vertices of the reference cell, shape (vertices, 3)."""
+    import basix
+
+    corners: Floats = basix.geometry(model.jointed.shape.type)
+    return corners
+
+
+def _evaluator(model: Model) -> Any:
+    """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
+    stress = model.body.stress(ufl.TrialFunction(model.V))
+    evaluate = _at_vertices(model, ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
+    vertices = len(_reference_vertices(model))
+    return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
+
+
+def _at_vertices(model: Model, expression: Any) -> Any:
+    """A function of cells: the values of a UFL expression at their vertices."""
+    from dolfinx import fem
+
+    mesh = model.jointed.mesh
+    compiled = fem.Expression(expression, _reference_vertices(model), comm=mesh.comm)
+    return lambda cells: np.asarray(compiled.eval(mesh, cells))
+
+
+class StressEnvelopes:
+    """Envelopes of the stresses at the vertices of the boundary over a run.
+
+    The directions are those of the free faces: facets of joints and supports do not count. On
+    chosen groups they are those of the groups' facets.
+
+    Args:
+        model: The model, in space.
+        nodes: Numbers the nodes.
+        groups: Names of facet groups, such as ``["upstream"]``; the whole boundary unless given.
+
+    Attributes:
+        nodes: Numbers of the vertices, shape (n,).
+        arch: Arch directions, shape (n, 3), NaN where there are none.
+        cantilever: Cantilever directions likewise.
+
+    Raises:
+        MeshError: There is no such group, or it has no exterior facets.
+    """
+
+    def __init__(
+        self, model: Model, nodes: NodeGather, groups: Sequence[str] | None = None
+    ) -> None:
+        """Assemble what the recovery needs (collective)."""
+        chosen = None if groups is None else facets_of_groups(model, nodes, groups)
+        self._stress = SurfaceStress(model, nodes, chosen)
+        self.nodes = self._stress.nodes
+        free = free_facets(model, nodes) if chosen is None else chosen
+        comm = model.jointed.mesh.comm
+        self.arch, self.cantilever = on_root(
+            comm, lambda: [d[self.nodes] for d in face_directions(nodes.positions, free)]
+        )
+        own = self._stress.own
+        self._seen = Envelopes(self.arch[own], self.cantilever[own])
+
+    def see(self, u: PETSc.Vec, time: float) -> None:
+        """Take in the stresses of a displacement [m] at a time [s] (collective)."""
+        self._seen.see(self._stress(u, time))
+
+    def gather(self) -> Floats | None:
+        """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""
+        return self._stress.gather(self._seen.columns)
+
+    def recall(self, columns: Floats) -> None:
+        """Go on from the envelopes of all vertices, as ``gather`` gave them."""
+        self._seen.recall(columns[self._stress.own])
+
+
+def facets_of_groups(model: Model, nodes: NodeGather, groups: Sequence[str]) -> Ints:
+    """Vertices of the exterior facets of named groups, on every rank (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        groups: Names of facet groups.
+
+    Raises:
+        MeshError: There is no such group, or it has no exterior facets.
+    """
+    found = []
+    for group in groups:
+        facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
+        if not len(facets):
+            raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
+        found.append(facets)
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def free_facets(model: Model, nodes: NodeGather) -> Ints:
+    """Vertices of the exterior facets of no joint and no support, on every rank (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+    """
+    jointed = model.jointed
+    sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
+    taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]
+    without = np.unique(np.concatenate(taken)) if taken else np.empty(0, dtype=np.int32)
+    return boundary_facets(model, nodes, without=without)

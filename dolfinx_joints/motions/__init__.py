@@ -1,0 +1,8 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ground motions: records read from files, processed, matched to spectra. They work without
+DOLFINx."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["spectra"])

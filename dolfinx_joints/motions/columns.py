@@ -1,0 +1,188 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ground motions in plain columns of numbers, with what the numbers are said above or by the user.
+
+Lines that begin with ``#`` may stand above the numbers and say, as ``key: value``,
+
+- ``unit``: of the accelerations, for example ``cm/s^2``;
+- ``dt``: time between rows [s], where no column holds the time [s];
+- ``columns``: what each column holds, ``time`` or the direction of a component, for example
+  ``time N E UP`` or ``35 305 UP``.
+
+What the file does not say the user must; what both say must agree. Where neither names the columns,
+one is a component and two are time and a component.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.record_text import (
+    Component,
+    RecordText,
+    component,
+    direction_named,
+    unit_named,
+)
+
+_SAID = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
+_STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its place
+
+
+class Columns(NamedTuple):
+    """What the user says of plain columns; None leaves it to the file.
+
+    Attributes:
+        unit: of the accelerations.
+        dt: time between rows [s].
+        columns: what each column holds, ``time`` or a direction.
+    """
+
+    unit: str | None = None
+    dt: float | None = None
+    columns: Sequence[str | float] | None = None
+
+
+def is_columns(text: RecordText) -> bool:
+    """Whether the first line that is no comment begins with a number."""
+    first = _first_row(text)
+    return first <= len(text.lines) and bool(re.match(r"\s*[+-]?\.?\d", text.lines[first - 1]))
+
+
+def states_unit(text: RecordText) -> bool:
+    """Whether a file of columns says its unit."""
+    return "unit" in _said(text)
+
+
+def read_columns(text: RecordText, user: Columns) -> list[Component]:
+    """Components in a file of plain columns.
+
+    Args:
+        text: the file.
+        user: what the user says of it.
+    """
+    said, first = _said(text), _first_row(text)
+    unit, names = _unit(text, said, user), _names(text, said, user)
+    rows = text.rows(first, len(names), "the columns are")
+    if len(rows) < 2:
+        text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
+    is_time = [name == "time" for name in names]
+    dt = _step(text, said, user, rows[:, is_time], first)
+    return [
+        component(
+            text,
+            rows[:, place],
+            dt=dt,
+            unit=unit,
+            direction=direction_named(name),
+            record=text.path.stem,
+            header=first - 1,
+        )
+        for place, name in enumerate(names)
+        if name != "time"
+    ]
+
+
+def _first_row(text: RecordText) -> int:
+    """Number of the first line that is no comment."""
+    number = 1
+    while number <= len(text.lines) and text.lines[number - 1].lstrip()[:1] in ("#", "%", ""):
+        number += 1
+    return number
+
+
+def _said(text: RecordText) -> dict[str, tuple[int, str]]:
+    """Line number and value of what the file says of itself."""
+    said: dict[str, tuple[int, str]] = {}
+    for number in range(1, _first_row(text)):
+        match = _SAID.match(text.lines[number - 1].strip())
+        if match is None:
+            continue
+        key = "unit" if match[1].lower() == "units" else match[1].lower()
+        if key in said:
+            text.fail(
+                number, f"{key} is said again; line {said[key][0]} says {shown(said[key][1])}."
+            )
+        said[key] = (number, match[2].strip())
+    return said
+
+
+def _unit(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> str:
+    here = None
+    if "unit" in said:
+        number, written = said["unit"]
+        here = unit_named(written, f"{text.path}, line {number}")
+    given = None if user.unit is None else unit_named(user.unit, "unit")
+    if here is None and given is None:
+        raise RecordError(
+            f"{text.path} does not say the unit of its columns; say unit=, or write "
+            "'# unit: cm/s^2' above the numbers."
+        )
+    if None not in (here, given) and here != given:
+        text.fail(said["unit"][0], f"the unit is {here}, but unit={shown(user.unit)} was given.")
+    return here or given or ""
+
+
+def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> list[str]:
+    """What each column holds: unless said, one is a component, two are time and a component."""
+    here = said["columns"][1].lower().split() if "columns" in said else None
+    given = None if user.columns is None else [str(name).lower() for name in user.columns]
+    if here is not None and given is not None and here != given:
+        text.fail(
+            said["columns"][0],
+            f"the columns are {shown(' '.join(here), str)}, but columns="
+            f"{shown(' '.join(given))} was given.",
+        )
+    names = here or given
+    if names is None:
+        width = len(text.words(_first_row(text))) if _first_row(text) <= len(text.lines) else 0
+        if width not in (1, 2):
+            raise RecordError(
+                f"{text.path} has {width} columns and does not say what they hold; say columns=, "
+                "or write '# columns: time N E UP' above the numbers."
+            )
+        return ["time", "?"][-width:]
+    known = [name for name in names if name == "time" or direction_named(name) is not None]
+    if known != names or names.count("time") > 1 or len(set(names)) < len(names):
+        raise RecordError(
+            f"{text.path}: columns must be 'time' once at most and different directions (N, E, S, "
+            f"W, UP, DOWN or azimuths), got {shown(' '.join(names), str)}."
+        )
+    return names
+
+
+def _step(
+    text: RecordText,
+    said: dict[str, tuple[int, str]],
+    user: Columns,
+    time: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    first: int,
+) -> float:
+    """Time between rows [s]."""
+    here = text.positive(*said["dt"], "dt") if "dt" in said else None
+    if None not in (here, user.dt) and here != user.dt:
+        text.fail(said["dt"][0], f"dt is {here} s, but dt={user.dt} was given.")
+    dt = here or user.dt
+    if time.shape[1] == 0:
+        if dt is None:
+            raise RecordError(
+                f"{text.path} has no column of time; say dt=, or write '# dt: 0.01' above the "
+                "numbers."
+            )
+        return float(dt)
+    times = time[:, 0]
+    mean = float((times[-1] - times[0]) / (len(times) - 1))
+    if mean <= 0.0:
+        text.fail(first, f"the times must rise, got {times[0]} to {times[-1]} s.")
+    step = mean if dt is None else float(dt)
+    missed = np.abs(times - times[0] - step * np.arange(len(times)))
+    if missed.max() > _STEP_TOLERANCE * step:
+        row = int(np.argmax(missed > _STEP_TOLERANCE * step))
+        text.fail(
+            first + row, f"the times must rise by equal steps of {step:.6g} s, got {times[row]}."
+        )
+    return step

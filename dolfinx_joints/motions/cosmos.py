@@ -1,0 +1,150 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Files of ground motions in the COSMOS format, version 1.20: one channel or several.
+
+A channel is text, 100 whole numbers, 100 real ones, comments, then blocks of values; each part
+says how many lines or numbers it has and in which format. V1 (uncorrected) and V2 (corrected)
+accelerations are read. A V2 channel may go on with velocity and displacement, which are left out;
+raw counts (V0) are refused.
+"""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.motions.formats import Format
+from dolfinx_joints.motions.record_text import Component, Direction, RecordText, component, record_named
+
+_TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
+_PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)
+_COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
+_BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
+_END = re.compile(r"\bEnd.of.data\b", re.I)
+_WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
+_BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d{1,3})\s*\)", re.I)
+_UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
+
+
+def _matches(text: RecordText) -> bool:
+    return _TITLE.search(text.lines[0]) is not None
+
+
+def _record(text: RecordText) -> str:
+    """Station and starting time, from two lines of text that have their place."""
+    station, start = text.line(5, "the station"), text.line(8, "the starting time")
+    code = re.search(r"Code:\s*(\S+)", station) or re.search(r"Statn No:\s*(\S+)", station)
+    time = re.search(r"time:\s*([\d/]+)[,\s]+([\d:.]+)", start)
+    place = text.path.stem if code is None else code[1]
+    return place if time is None else record_named(place, time[1], time[2])
+
+
+def _read(text: RecordText) -> list[Component]:
+    return list(_channels(text))
+
+
+def _channels(text: RecordText) -> Iterator[Component]:
+    line = 1
+    while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
+        first = line + int(title[1])
+        whole, second = _header(text, first)
+        real, after = _header(text, second)
+        for number, header in ((first, whole), (second, real)):
+            if len(header) < 62:
+                text.fail(number, f"the header must have 62 numbers or more, got {len(header)}.")
+        unit = _unit(text, first + 1, whole)
+        step = text.positive(second + 1, real[61], "the time step [ms], 62nd real number,")
+        after = _after_comments(text, after)
+        values, line = _blocks(text, after, int(whole[2]))
+        yield component(
+            text,
+            values,
+            dt=1e-3 * step,
+            unit=unit,
+            direction=_direction(whole[53]),
+            record=_record(text),
+            header=after - 1,
+        )
+
+
+def _unit(text: RecordText, number: int, whole: list[str]) -> str:
+    """Name of the unit, by the second and third whole number, which are on a line."""
+    if whole[1] not in ("1", "-999"):  # acceleration, or not said here
+        text.fail(
+            number, f"the channel must hold acceleration, code 1, got {shown(whole[1], str)}."
+        )
+    known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
+    for code, name in _UNIT_CODES.items():
+        if whole[2] == str(code):
+            return name
+    text.fail(
+        number,
+        f"the unit has the code {shown(whole[2], str)}; known are {known} (50 is raw counts).",
+    )
+
+
+def _header(text: RecordText, number: int) -> tuple[list[str], int]:
+    """Numbers of a header, as text, and the line after it."""
+    line = text.line(number, "'100 ...-header values follow on ... lines'")
+    part, width = _PART.match(line), _WIDTH.search(line)
+    if part is None or width is None:
+        text.fail(
+            number,
+            f"must say how many header values follow and their format, got {shown(line.strip())}.",
+        )
+    count, lines = text.count(number, part[1]), text.count(number, part[2], "the number of lines")
+    text.line(number + lines, "the end of the header")
+    rows = range(number + 1, number + lines + 1)
+    words = [word for row in rows for word in text.words(row, int(width[2])) if word]
+    if len(words) != count:
+        text.fail(number + lines, f"{len(words)} header values, line {number} announces {count}.")
+    return words, number + lines + 1
+
+
+def _after_comments(text: RecordText, number: int) -> int:
+    line = text.line(number, "the number of comments")
+    match = _COMMENTS.match(line)
+    if match is None:
+        text.fail(number, f"must say how many comment lines follow, got {shown(line.strip())}.")
+    return number + int(match[1]) + 1
+
+
+def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64], int]:
+    """Accelerations of a channel, and the line after its last block."""
+    acceleration, number = None, first
+    while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):
+        line = text.lines[number - 1]
+        if _END.search(line):
+            number += 1
+            continue
+        block, width = _BLOCK.match(line), _WIDTH.search(line)
+        if block is None or width is None:
+            text.fail(number, f"must announce values and their format, got {shown(line.strip())}.")
+        count = text.count(number, block[1])
+        last = number + -(-count // int(width[1]))
+        values = text.values(number + 1, count, number, width=int(width[2]), last=last)
+        if block[2].lower() == "acceleration" and acceleration is None:
+            unit = _BLOCK_UNIT.search(line)
+            if unit is not None and int(unit[1]) != code:
+                text.fail(
+                    number, f"the unit has the code {int(unit[1])} here and {code} in the header."
+                )
+            acceleration = values
+        number = last + 1
+    if acceleration is None:
+        text.fail(number - 1, "the channel ends here without accelerations.")
+    return acceleration, number
+
+
+def _direction(code: str) -> Direction | None:
+    """Direction by the 54th whole number: 1 to 360 an azimuth, 400 up, 401 down."""
+    azimuth = int(code) if re.fullmatch(r"\d{1,4}", code) else 0
+    if 1 <= azimuth <= 360:
+        return float(azimuth % 360)
+    vertical: dict[int, Direction] = {400: "up", 401: "down"}
+    return vertical.get(azimuth)
+
+
+COSMOS = Format("COSMOS", _matches, _record, _read)

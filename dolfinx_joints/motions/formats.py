@@ -1,0 +1,241 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Files of ground motions with one component each: PEER AT2, ESM/ITACA, K-NET and KiK-net, SMC.
+
+Each format is recognised by what its first lines say, and read after its published description.
+Values are kept as recorded: K-NET's, for one, have an offset of their own.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.record_text import (
+    Component,
+    Direction,
+    RecordText,
+    component,
+    direction_named,
+    record_named,
+    unit_named,
+)
+
+
+class Format(NamedTuple):
+    """A file format.
+
+    Attributes:
+        name: what to call it.
+        matches: whether a file, or its first lines, is of this format.
+        record: name of the record that a file belongs to, from its first lines; None where it
+            cannot be part of one.
+        read: the components in a file.
+    """
+
+    name: str
+    matches: Callable[[RecordText], bool]
+    record: Callable[[RecordText], str | None]
+    read: Callable[[RecordText], list[Component]]
+
+
+_COUNT_AND_STEP = (
+    re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)(?:\s|,|SEC|$)", re.I),
+    re.compile(r"^\s*(\d+)\s+([\d.]+(?:E[+-]?\d+)?)\s+NPTS\s*,\s*DT\b", re.I),
+)
+_UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
+_AT2_STEM = re.compile(
+    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|[-_.](V|NS|EW|[NESW]|\d{1,2}))", re.I
+)
+_ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
+_SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
+_ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
+_KNET_DIRECTIONS: dict[str, Direction] = {
+    **dict.fromkeys(("N-S", "1", "4"), 0.0),
+    **dict.fromkeys(("E-W", "2", "5"), 90.0),
+    **dict.fromkeys(("U-D", "3", "6"), "up"),
+}
+
+
+def _at2_matches(text: RecordText) -> bool:
+    head = " ".join(text.lines[:4]).upper()
+    return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
+
+
+def _at2_parts(path: Path) -> tuple[str, Direction | None]:
+    """Name of the record and direction of the component, from the name of the file."""
+    match = _AT2_STEM.fullmatch(path.stem)
+    found = None if match is None else direction_named(match[2] or match[3])
+    return (path.stem, None) if match is None or found is None else (match[1], found)
+
+
+def at2_record(path: Path) -> str | None:
+    """Name of the record that an AT2 file belongs to, or None if its name says no component."""
+    record, direction = _at2_parts(path)
+    return None if direction is None else record
+
+
+def _read_at2(text: RecordText) -> list[Component]:
+    unit_line = text.line(3, "the unit, 'UNITS OF G'")
+    if not _UNIT_IS_G.search(unit_line):
+        text.fail(3, f"must say 'UNITS OF G', got {shown(unit_line.strip())}.")
+    line = text.line(4, "'NPTS= count, DT= step SEC'")
+    match = next(filter(None, (pattern.search(line) for pattern in _COUNT_AND_STEP)), None)
+    if match is None:
+        text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
+    count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
+    record, direction = _at2_parts(text.path)
+    said = direction_named(text.lines[1].rpartition(",")[2])
+    if None not in (said, direction) and said != direction:
+        text.fail(2, "names another component than the file name does.")
+    values = text.values(5, count, 4)
+    direction = said if direction is None else direction
+    return [component(text, values, dt=dt, unit="g", direction=direction, record=record, header=4)]
+
+
+def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
+    """Line number and value of each key of an ESM header."""
+    keys = {}
+    for number, line in enumerate(text.lines, start=1):
+        match = _ESM_KEY.match(line)
+        if match is None:
+            break
+        keys[match[1]] = (number, match[2].strip())
+    return keys
+
+
+def _esm_matches(text: RecordText) -> bool:
+    keys = _keys(text)
+    return "EVENT_NAME" in keys or "SAMPLING_INTERVAL_S" in keys
+
+
+def _esm_record(text: RecordText) -> str | None:
+    keys = _keys(text)
+    if keys.get("DATA_TYPE", (0, ""))[1] != "ACCELERATION":
+        return None
+    network, station, day, time = (
+        keys.get(key, (0, ""))[1]
+        for key in ("NETWORK", "STATION_CODE", "EVENT_DATE_YYYYMMDD", "EVENT_TIME_HHMMSS")
+    )
+    return record_named(f"{network}.{station}", day, time)
+
+
+def _read_esm(text: RecordText) -> list[Component]:
+    keys = _keys(text)
+    for key in ("SAMPLING_INTERVAL_S", "NDATA", "UNITS", "DATA_TYPE", "STREAM"):
+        if key not in keys:
+            raise RecordError(f"{text.path}: the header of an ESM file must have the key {key}.")
+    number, kind = keys["DATA_TYPE"]
+    if kind != "ACCELERATION":
+        text.fail(number, f"DATA_TYPE must be ACCELERATION, got {shown(kind)}.")
+    dt = text.positive(*keys["SAMPLING_INTERVAL_S"], "SAMPLING_INTERVAL_S")
+    count = text.count(*keys["NDATA"], "NDATA")
+    number, unit = keys["UNITS"]
+    unit = unit_named(unit, f"{text.path}, line {number}")
+    return [
+        component(
+            text,
+            text.values(len(keys) + 1, count, keys["NDATA"][0]),
+            dt=dt,
+            unit=unit,
+            direction=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
+            record=_esm_record(text) or text.path.stem,
+            header=len(keys),
+        )
+    ]
+
+
+def _knet(text: RecordText, key: str) -> tuple[int, str]:
+    """Line number and value of a key of a K-NET header."""
+    for number, line in enumerate(text.lines[:17], start=1):
+        if line.startswith(key):
+            return number, line[len(key) :].strip()
+    raise RecordError(f"{text.path}: the header of a K-NET file must have the line {key!r}.")
+
+
+def _knet_matches(text: RecordText) -> bool:
+    return text.lines[0].startswith("Origin Time")
+
+
+def _knet_record(text: RecordText) -> str:
+    station, time = _knet(text, "Station Code")[1], _knet(text, "Origin Time")[1]
+    below = "underground" if _knet(text, "Dir.")[1] in ("1", "2", "3") else ""
+    return record_named(station, time, below)
+
+
+def _read_knet(text: RecordText) -> list[Component]:
+    text.line(18, "the first values")
+    number, rate = _knet(text, "Sampling Freq(Hz)")
+    frequency = text.positive(number, rate.removesuffix("Hz").strip(), "the sampling frequency")
+    number, seconds = _knet(text, "Duration Time")
+    seconds = seconds.removeprefix("(s)").strip()
+    duration = text.positive(number, seconds, "the duration")
+    count = text.count(number, f"{duration * frequency:.0f}", "duration times sampling frequency")
+    line, scale = _knet(text, "Scale Factor")
+    match = _SCALE.fullmatch(scale)
+    if match is None:
+        text.fail(line, f"Scale Factor must be as 3920(gal)/6182761, got {shown(scale)}.")
+    unit = unit_named(match[2], f"{text.path}, line {line}")
+    factor = text.positive(line, match[1], "scale") / text.positive(line, match[3], "scale")
+    return [
+        component(
+            text,
+            factor * text.values(18, count, number),
+            dt=1.0 / frequency,
+            unit=unit,
+            direction=_KNET_DIRECTIONS.get(_knet(text, "Dir.")[1]),
+            record=_knet_record(text),
+            header=17,
+        )
+    ]
+
+
+def _smc_matches(text: RecordText) -> bool:
+    return re.match(r"\s*\d\s+[A-Z ]+$", text.lines[0]) is not None and text.lines[1:2] == ["*"]
+
+
+def _smc_record(text: RecordText) -> str:
+    day = "-".join(text.line(4, "the date of the event").split()[:3])
+    station = text.line(6, "the station").partition("component")[0]
+    return record_named(station.removeprefix("station ="), day)
+
+
+def _read_smc(text: RecordText) -> list[Component]:
+    kind = text.lines[0].strip()
+    if kind != "2 CORRECTED ACCELEROGRAM":
+        text.fail(
+            1, f"must say '2 CORRECTED ACCELEROGRAM', as others can be uneven, got {shown(kind)}."
+        )
+    text.line(27, "the end of the headers")
+    whole = [word for number in range(12, 18) for word in text.words(number, 10)]
+    if len(whole) != 48:
+        text.fail(17, f"48 numbers on lines 12 to 17 make the integer header, got {len(whole)}.")
+    if whole[17] == "1":
+        text.fail(14, "the file flags a problem of the record (18th whole number is 1).")
+    rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
+    count = text.count(14, whole[16])
+    if not re.fullmatch(r"\d{1,4}", whole[15]):
+        text.fail(13, f"the number of comments must be a whole number, got {shown(whole[15])}.")
+    comments = int(whole[15])
+    tilt, azimuth = (text.number(13, word, "orientation") for word in whole[12:14])
+    sideways = direction_named(f"{azimuth:g}") if tilt == 90.0 else None
+    vertical: dict[float, Direction] = {0.0: "up", 180.0: "down"}
+    return [
+        component(
+            text,
+            text.values(28 + comments, count, 14, width=10),
+            dt=1.0 / rate,
+            unit="cm/s^2",
+            direction=vertical.get(tilt, sideways),
+            record=_smc_record(text),
+            header=27 + comments,
+        )
+    ]
+
+
+AT2 = Format("PEER AT2", _at2_matches, lambda text: at2_record(text.path), _read_at2)
+ESM = Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm)
+KNET = Format("K-NET", _knet_matches, _knet_record, _read_knet)
+SMC = Format("SMC", _smc_matches, _smc_record, _read_smc)

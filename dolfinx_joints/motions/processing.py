@@ -1,0 +1,153 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Signals of ground motions: integrate, resample, filter, take off baselines; functions of arrays.
+
+Signals run along the first axis, shape (n, 3), and are linear between samples. The doors that
+check what a user asks for are the methods of :class:`~dolfinx_joints.motions.motion.Motion`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""Part of a sample by which a time may miss a sample and still mean it."""
+
+
+def fall(x: NDArray[np.floating[Any]], start: float, end: float) -> Floats:
+    """Half a cosine that falls from 1 at ``start`` to 0 at ``end``.
+
+    Args:
+        x: where to evaluate it, shape (n,).
+        start: up to here it is 1.
+        end: from here on it is 0.
+    """
+    share = np.clip((x - start) / (end - start), 0.0, 1.0)
+    values: Floats = np.cos(0.5 * np.pi * share) ** 2
+    return np.where(share == 1.0, 0.0, values)
+
+
+def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Velocity and displacement from rest, exact for a piecewise linear acceleration.
+
+    Args:
+        acceleration: shape (n, k), [m/s^2].
+        dt: time between samples [s].
+
+    Returns:
+        Velocity [m/s] and displacement [m], both of shape (n, k) and zero at the first sample.
+    """
+    before, after = acceleration[:-1], acceleration[1:]
+    velocity, displacement = np.zeros_like(acceleration), np.zeros_like(acceleration)
+    np.cumsum(0.5 * dt * (before + after), axis=0, out=velocity[1:])
+    steps = dt * velocity[:-1] + dt**2 / 6.0 * (2.0 * before + after)
+    np.cumsum(steps, axis=0, out=displacement[1:])
+    return velocity, displacement
+
+
+def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floats:
+    """Band-limited interpolation at the times 0, dt, ..., (count - 1) dt.
+
+    The samples, followed by as many zeros, are one period of a Fourier series. With a coarser
+    step the series is cut at the new Nyquist frequency, by half a cosine from 80 % of it.
+
+    Args:
+        acceleration: shape (n, k).
+        old_dt: time between these samples [s].
+        dt: time between the new ones [s].
+        count: number of new samples.
+    """
+    from scipy.fft import next_fast_len
+    from scipy.signal import czt
+
+    period = next_fast_len(2 * len(acceleration), real=True)
+    spectrum = np.fft.rfft(acceleration, n=period, axis=0) / period
+    frequency = np.fft.rfftfreq(period, old_dt)
+    # Each term but the mean, and the one at Nyquist, stands for its conjugate as well.
+    weight = np.where((frequency == 0.0) | (2 * frequency * old_dt >= 1.0), 1.0, 2.0)
+    if dt > old_dt:
+        weight = weight * fall(frequency, 0.8 * 0.5 / dt, 0.5 / dt)
+    turn = np.exp(2j * np.pi * dt / (period * old_dt))
+    values: Floats = czt(weight[:, None] * spectrum, m=count, w=turn, axis=0).real
+    return values
+
+
+def without_line(acceleration: Floats, dt: float) -> Floats:
+    """The signal less the straight line that fits each column best (least squares).
+
+    Args:
+        acceleration: shape (n, k).
+        dt: time between samples [s].
+    """
+    time = np.arange(len(acceleration), dtype=np.float64) * dt
+    centred = time - time.mean()
+    slope = centred @ acceleration / (centred @ centred)
+    line: Floats = acceleration.mean(axis=0) + np.outer(centred, slope)
+    return acceleration - line
+
+
+def without_baseline(acceleration: Floats, degree: int) -> Floats:
+    """The signal less the polynomial whose velocity fits its own velocity best (least squares).
+
+    Args:
+        acceleration: shape (n, k), n at least ``degree`` + 2.
+        degree: of the polynomial in acceleration; its velocity is zero at the first sample.
+    """
+    place = np.linspace(-1.0, 1.0, len(acceleration))
+    shapes: Floats = np.polynomial.legendre.legvander(place, degree)
+    # Trapezoids on both sides: what is added to a signal as a sampled polynomial goes exactly.
+    velocities, velocity = integrate(shapes, 1.0)[0], integrate(acceleration, 1.0)[0]
+    coefficients = np.linalg.lstsq(velocities, velocity, rcond=None)[0]
+    corrected: Floats = acceleration - shapes @ coefficients
+    return corrected
+
+
+def band_pass(
+    acceleration: Floats, dt: float, low: float | None, high: float | None, order: int
+) -> Floats:
+    """Butterworth filter, once forwards and once backwards, so that no phase is shifted.
+
+    Zeros are added at both ends, 1.5 ``order`` periods of the lowest corner long, and cut off
+    afterwards.
+
+    Args:
+        acceleration: shape (n, k).
+        dt: time between samples [s].
+        low: lower corner [Hz]; None lets everything below pass.
+        high: upper corner [Hz]; None lets everything above pass.
+        order: of one of the two passes.
+    """
+    from scipy.signal import butter, sosfilt
+
+    corner: Any = (low, high) if low and high else low or high
+    kind = "bandpass" if low and high else "highpass" if low else "lowpass"
+    sections = butter(order, corner, btype=kind, fs=1.0 / dt, output="sos")
+    pad = int(np.ceil(1.5 * order / (low or high or 1.0) / dt))
+    padded = np.pad(acceleration, ((pad, pad), (0, 0)))
+    forwards = sosfilt(sections, padded, axis=0)
+    both: Floats = sosfilt(sections, forwards[::-1], axis=0)[::-1]
+    return both[pad:-pad]
+
+
+def without_drift(values: Floats, envelope: Floats, dt: float) -> Floats:
+    """Take off (b + c t) envelope so that the final velocity and displacement vanish.
+
+    Args:
+        values: shape (n, k).
+        envelope: shape (n,).
+        dt: time between samples [s].
+    """
+    time = np.arange(len(values)) * dt
+    shapes = envelope[:, None] * np.stack([np.ones_like(time), time], axis=1)
+    # Integrals of a and of t a over a piecewise linear a: trapezoids, and t's own hat functions.
+    ends = np.full(len(values), dt)
+    ends[[0, -1]] *= 0.5
+    moments = time * dt
+    moments[0], moments[-1] = dt**2 / 6.0, (0.5 * time[-1] - dt / 6.0) * dt
+    integrals = np.stack([ends, moments])
+    coefficients = np.linalg.solve(integrals @ shapes, integrals @ values)
+    corrected: Floats = values - shapes @ coefficients
+    return corrected

@@ -1,0 +1,253 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ground motions from files: which files belong together, and which axis each component is.
+
+The format of a file is found by what it says, not by its name. Units are converted when a file is
+read; behind this door all is in m/s^2 and in right-handed axes with z up. Azimuths count clockwise
+from north, seen from above.
+"""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import check_kind_of, check_number, check_path, shown
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.columns import Columns, is_columns, read_columns, states_unit
+from dolfinx_joints.motions.cosmos import COSMOS
+from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
+from dolfinx_joints.motions.record_text import Component, Direction, RecordText, direction_named, unit_named
+from dolfinx_joints.motions.motion import Motion
+
+FORMATS = (KNET, COSMOS, SMC, ESM, AT2)
+_HEAD = 20_000  # bytes that hold the header of any format
+_ANGLE = 1e-6  # degrees by which a right angle may be missed
+
+
+def read_components(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    dt: float | None = None,
+    columns: Sequence[str | float] | None = None,
+) -> list[Component]:
+    """Read the components in one file, whatever its format.
+
+    Args:
+        path: a file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
+            (corrected), or in plain columns.
+        unit: of plain columns, where the file does not say it; any other file must agree.
+        dt: time between rows of plain columns [s], where the file has no column of time.
+        columns: what the plain columns hold, ``"time"`` or directions, where the file does not
+            say it.
+
+    Raises:
+        RecordError: with file, line and reason, where the file is anything else.
+        ValueError: ``dt`` is no positive number.
+    """
+    if dt is not None:
+        check_number("dt", dt, lambda step: step > 0.0, "a positive number of seconds")
+    text = RecordText(path)
+    known = next((each for each in FORMATS if each.matches(text)), None)
+    if known is None and is_columns(text):
+        return read_columns(text, Columns(unit, dt, columns))
+    if known is None:
+        names = ", ".join(each.name for each in FORMATS)
+        raise RecordError(
+            f"{text.path} is in no known format ({names}, plain columns); it begins with "
+            f"{text.lines[0][:40]!r}."
+        )
+    if columns is not None:
+        raise RecordError(f"{text.path} is a file of {known.name}, which has no columns to name.")
+    found = known.read(text)
+    for each in found:
+        if unit is not None and unit_named(unit, "unit") != each.unit:
+            raise RecordError(f"{path} is in {each.unit}, but unit={shown(unit)} was given.")
+        if dt is not None and abs(dt - each.dt) > 1e-6 * each.dt:
+            raise RecordError(f"{path} has a time step of {each.dt:.6g} s, but dt={dt} was given.")
+    return found
+
+
+def read_record(
+    source: str | Path | Sequence[str | Path],
+    *,
+    name: str | None = None,
+    unit: str | None = None,
+    dt: float | None = None,
+    columns: Sequence[str | float] | None = None,
+    directions: Sequence[str | float] | None = None,
+    stream_azimuth_deg: float | None = None,
+) -> Motion:
+    """Read the three components of one record.
+
+    Of the horizontal components x is the one that has y at a right angle to its left, seen from
+    above, which makes x, y, z right-handed: azimuths 0 and 270 become x and y, and so do east
+    and north. A downward component changes its sign. With ``stream_azimuth_deg`` the horizontal
+    axes are then turned until x points downstream. Components of different length are cut to the
+    shortest.
+
+    Args:
+        source: a directory, one file, or several. Of a directory those files are taken that
+            belong to one record by their headers (AT2: by their names, which differ in the
+            component at the end, as ``-UP``, ``DWN``, ``000``); subdirectories are not searched,
+            nor are plain columns that do not say their unit, unless ``unit`` does.
+        name: the name of the record or a part that no other has; needed where a directory has
+            several.
+        unit: of plain columns, see :func:`read_components`.
+        dt: of plain columns [s].
+        columns: of plain columns.
+        directions: of the components in the order of files and columns, where those do not say
+            it: ``"N"``, ``"E"``, ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"`` or an azimuth [degrees].
+        stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
+
+    Raises:
+        RecordError: no record, or several, or one that is not two horizontal components at right
+            angles and a vertical one, or with different time steps or units.
+        ValueError: ``dt`` is no positive number or the azimuth no finite one.
+    """
+    if stream_azimuth_deg is not None:
+        check_number("stream_azimuth_deg", stream_azimuth_deg, lambda _: True, "a finite number")
+    files, title = _files(source, name, unit is not None)
+    parts = [
+        part for path in files for part in read_components(path, unit=unit, dt=dt, columns=columns)
+    ]
+    title = title or parts[0].record
+    if directions is not None:
+        parts = _directed(parts, directions)
+    motion, azimuth = _assembled(parts, title)
+    if stream_azimuth_deg is None:
+        return motion
+    return motion.rotated(azimuth - stream_azimuth_deg)
+
+
+def record_names(directory: str | Path) -> list[str]:
+    """Names of the records whose files are in a directory, subdirectories left out.
+
+    Raises:
+        RecordError: there is no such directory.
+        ValueError: it is no path.
+    """
+    check_path("directory", directory)
+    return list(_records_in(Path(directory), False))
+
+
+def _files(
+    source: str | Path | Sequence[str | Path], name: str | None, any_columns: bool
+) -> tuple[list[Path], str]:
+    """Files to read, and the name of their record where it is known already."""
+    check_kind_of("name", name, name is None or isinstance(name, str), "a part of a record's name")
+    if not isinstance(source, str | Path):
+        several = isinstance(source, Iterable) and not isinstance(source, bytes)
+        check_kind_of("source", source, several, "a file, a directory or several files")
+        paths = list(source)
+        for path in paths:
+            check_path("A file of source", path)
+        if not paths:
+            raise RecordError("At least one file is needed, got none.")
+        return [Path(path) for path in paths], ""
+    path = Path(source)
+    if os.path.isfile(path):
+        return [path], ""
+    records = _records_in(path, any_columns)
+    chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
+    chosen = [stem for stem in chosen if stem == name] or chosen
+    if not chosen:
+        known = ", ".join(records) or "none"
+        wanted = "" if name is None else f" with {name!r} in its name"
+        raise RecordError(f"{path} has no record{wanted}; it has {known}.")
+    if len(chosen) > 1:
+        raise RecordError(f"{path} has several records, choose by name=: {', '.join(chosen)}.")
+    return records[chosen[0]], chosen[0]
+
+
+def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
+    """Files of each record; what is no record is left out."""
+    try:
+        paths = sorted(directory.iterdir())
+    except (FileNotFoundError, NotADirectoryError):
+        raise RecordError(f"There is no file or directory {directory}.") from None
+    except OSError as error:
+        raise RecordError(f"{directory} cannot be read: {error.strerror}.") from None
+    records: dict[str, list[Path]] = {}
+    for path in paths:
+        record = _record_of(path, any_columns)
+        if record is not None:
+            records.setdefault(record, []).append(path)
+    return records
+
+
+def _record_of(path: Path, any_columns: bool) -> str | None:
+    """Name of the record that a file belongs to, from its first lines; None if it has none."""
+    try:
+        text = RecordText(path, head=_HEAD)
+        known = next((each for each in FORMATS if each.matches(text)), None)
+        if known is not None:
+            return known.record(text)
+        return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
+    except RecordError:  # an AT2 file is known by its name too, and refused when it is read
+        return at2_record(path) if path.suffix.upper() == ".AT2" else None
+
+
+def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
+    """Components with the directions that the user says, where their files say none."""
+    if len(directions) != len(parts):
+        raise RecordError(
+            f"directions has {len(directions)} entries, the files have {len(parts)} components."
+        )
+    directed = []
+    for part, said in zip(parts, directions, strict=True):
+        direction = direction_named(str(said))
+        if direction is None:
+            raise RecordError(
+                "directions must be N, E, S, W, UP, DOWN or azimuths from 0 to 360, got "
+                f"{shown(said)}."
+            )
+        if part.direction not in (None, direction):
+            raise RecordError(
+                f"{part.path} says that its direction is {_said(part.direction)}, but "
+                f"{shown(said)} was given."
+            )
+        directed.append(replace(part, direction=direction))
+    return directed
+
+
+def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
+    """The motion along x, y, z, and the azimuth of x [degrees]."""
+    found = ", ".join(f"{part.path.name} ({_said(part.direction)})" for part in parts)
+    upright = [part for part in parts if part.direction in ("up", "down")]
+    flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
+    pairs = [
+        (a, b, azimuth)
+        for a, azimuth in flat
+        for b, other in flat
+        if abs((azimuth - other + 90.0) % 360.0 - 180.0) < _ANGLE  # b is 90 degrees to the left
+    ]
+    if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
+        raise RecordError(
+            "A record is a vertical component and two horizontal ones at right angles, "
+            f"{shown(title)} is {found}; directions= says what the files do not."
+        )
+    ((x, y, azimuth),) = pairs
+    for what, values in (("time steps [s]", "dt"), ("units", "unit")):
+        different = {getattr(part, values) for part in parts}
+        if len(different) != 1:
+            listed = ", ".join(sorted(map(str, different)))
+            raise RecordError(f"The components of {shown(title)} have different {what}, {listed}.")
+    sign = -1.0 if upright[0].direction == "down" else 1.0
+    length = min(len(part.acceleration) for part in parts)
+    columns = [part.acceleration[:length] for part in (x, y, upright[0])]
+    columns[2] = sign * columns[2]
+    return Motion(acceleration=np.stack(columns, axis=1), dt=x.dt, name=title), azimuth
+
+
+def _said(direction: Direction | None) -> str:
+    return (
+        direction
+        if isinstance(direction, str)
+        else "unknown"
+        if direction is None
+        else (f"azimuth {direction:g}")
+    )

@@ -1,0 +1,280 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Text of record files: lines, numbers, counts, units and directions, checked where they enter.
+
+Nothing is allocated on the word of a file: its size is looked at before it is read, and a count in
+a header before values are. Every refusal names the file, the line, what it has and what it should.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+
+MAX_BYTES = 50_000_000
+"""Largest file that is read [bytes]; an hour at 200 samples per second takes 12e6."""
+
+STEPS = (1e-6, 100.0)
+"""Shortest and longest time between samples that is believed [s]."""
+
+MAX_PEAK_G = 20.0
+"""Largest acceleration that is believed, in units of g; the strongest ever recorded is below 5."""
+
+UNITS = {"m/s^2": 1.0, "cm/s^2": 0.01, "mm/s^2": 0.001, "gal": 0.01}
+UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
+"""Names of units of acceleration, and one of each in m/s^2."""
+
+Direction = float | Literal["up", "down"]
+"""Azimuth, clockwise from north and from 0 to below 360 degrees, or up or down."""
+
+_TEXT = bytes({*range(9, 14), *range(32, 256)} - {0x7F})  # tab to return, printable
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
+_NAMES: dict[str, Direction] = {
+    **dict.fromkeys(("UP", "V", "VER", "VERT", "UD", "U", "Z"), "up"),
+    **dict.fromkeys(("DWN", "DOWN", "DN"), "down"),
+    **dict.fromkeys(("N", "NS"), 0.0),
+    **dict.fromkeys(("E", "EW"), 90.0),
+    **dict.fromkeys(("S", "SN"), 180.0),
+    **dict.fromkeys(("W", "WE"), 270.0),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Component:
+    """One component of a record, as its file has it but in m/s^2.
+
+    Attributes:
+        acceleration: shape (n,), [m/s^2].
+        dt: time between samples [s].
+        unit: name of the unit in the file.
+        direction: of positive values; None if the file does not say.
+        record: name of the record that the component belongs to.
+        path: the file.
+        header: its header lines.
+    """
+
+    acceleration: NDArray[np.float64]
+    dt: float
+    unit: str
+    direction: Direction | None
+    record: str
+    path: Path
+    header: tuple[str, ...] = ()
+
+
+class RecordText:
+    """Lines of a text file.
+
+    Args:
+        path: the file.
+        head: how many bytes to read; all unless given.
+
+    Raises:
+        RecordError: it is no readable file, too large, empty, or not text.
+    """
+
+    def __init__(self, path: str | Path, *, head: int | None = None) -> None:
+        """Read the lines."""
+        self.path = Path(path)
+        try:
+            if not self.path.is_file():
+                reason = "is no file" if self.path.exists() else "cannot be read: No such file"
+                raise RecordError(f"{self.path} {reason}.")
+            self.size = self.path.stat().st_size
+            if self.size > MAX_BYTES and head is None:
+                raise RecordError(
+                    f"{self.path} has {self.size} bytes; a record may have {MAX_BYTES} at most."
+                )
+            with self.path.open("rb") as file:
+                data = file.read(MAX_BYTES if head is None else head)
+        except OSError as error:
+            raise RecordError(f"{self.path} cannot be read: {error.strerror}.") from error
+        if not data.strip():
+            raise RecordError(f"{self.path} is empty.")
+        strange = data.translate(None, _TEXT)
+        if strange:
+            raise RecordError(
+                f"{self.path} is not a text file: its byte {data.index(strange[0])} is "
+                f"{strange[0]:#04x}."
+            )
+        plain = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").rstrip()
+        self.lines = [line.rstrip() for line in plain.split("\n")]
+
+    def fail(self, number: int, text: str) -> NoReturn:
+        """Refuse a line; lines count from 1."""
+        raise RecordError(f"{self.path}, line {number}: {text}")
+
+    def line(self, number: int, what: str) -> str:
+        """The line of this number, counted from 1, or a refusal that says what it should hold."""
+        if number > len(self.lines):
+            raise RecordError(
+                f"{self.path} ends after line {len(self.lines)}; line {number} should hold {what}."
+            )
+        return self.lines[number - 1]
+
+    def number(self, number: int, text: str, what: str = "") -> float:
+        """A finite number in a line, or a refusal that names ``what``."""
+        value = float(text) if _NUMBER.fullmatch(text) else np.nan
+        if not np.isfinite(value):
+            self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
+        return value
+
+    def positive(self, number: int, text: str, what: str) -> float:
+        """A finite number above zero in a line."""
+        value = self.number(number, text, what)
+        if value <= 0.0:
+            self.fail(number, f"{what} must be positive, got {shown(text, str)}.")
+        return value
+
+    def count(self, number: int, text: str, what: str = "the number of values") -> int:
+        """A number of values, at least 2 and no more than the file can hold."""
+        if not re.fullmatch(r"\d+", text):
+            self.fail(number, f"{what} must be a whole number, got {shown(text)}.")
+        most = self.size // 2  # a digit and a space each
+        if len(text) > 18 or not 2 <= int(text) <= most:
+            got = shown(text, str)
+            self.fail(
+                number, f"{what} must be from 2 to {most}, which fit into the file, got {got}."
+            )
+        return int(text)
+
+    def values(
+        self, first: int, count: int, announced: int, *, width: int = 0, last: int = 0
+    ) -> NDArray[np.float64]:
+        """Numbers from one line to another, the same number on every line but the last.
+
+        Args:
+            first: number of the first line.
+            count: how many there must be.
+            announced: number of the line that says so.
+            width: characters of a number in a fixed format; free unless given.
+            last: number of the last line; the end of the file unless given.
+        """
+        last = min(last or len(self.lines), len(self.lines))
+        found = np.fromiter(self._numbers(first, last, width), dtype=np.float64)
+        if len(found) != count:
+            self.fail(
+                max(first - 1, last),
+                f"{len(found)} values up to here, line {announced} announces {count}.",
+            )
+        return found
+
+    def rows(self, first: int, columns: int, announced: str) -> NDArray[np.float64]:
+        """Numbers from a line to the end of the file, shape (lines, columns)."""
+        for number in range(first, len(self.lines) + 1):
+            found = len(self.words(number))
+            if found != columns:
+                self.fail(number, f"{found} values where {announced} {columns}.")
+        found_values = np.fromiter(self._numbers(first, len(self.lines), 0), dtype=np.float64)
+        return found_values.reshape(-1, columns)
+
+    def words(self, number: int, width: int = 0) -> list[str]:
+        """Parts of a line, between blanks or commas or of a fixed width."""
+        line = self.lines[number - 1]
+        if width:
+            return [line[i : i + width].strip() for i in range(0, len(line), width)]
+        return line.replace(",", " ").split()
+
+    def _numbers(self, first: int, last: int, width: int) -> Iterator[float]:
+        per_line = len(self.words(first, width)) if first <= last else 0
+        for number in range(first, last + 1):
+            words = self.words(number, width)
+            if len(words) > per_line or (len(words) < per_line and number < last):
+                self.fail(
+                    number, f"{len(words)} values where the lines before have {per_line} each."
+                )
+            for word in words:
+                yield self.number(number, word)
+
+
+def unit_named(text: str, where: str) -> str:
+    """Name in ``UNITS`` of a unit of acceleration, however it is written.
+
+    Args:
+        text: for example ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``.
+        where: what to begin a refusal with.
+    """
+    plain = str(text).strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
+    plain = re.sub(r"/s(/s|/?\^?2|²)$", "/s^2", plain)
+    plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
+    if plain not in UNITS:
+        raise RecordError(
+            f"{where}: {shown(str(text).strip())} is no known unit of acceleration; known are "
+            f"{', '.join(UNITS)}."
+        )
+    return plain
+
+
+def direction_named(text: str) -> Direction | None:
+    """Direction of a component by its name or azimuth; None if the text says none.
+
+    Args:
+        text: for example ``N``, ``E-W``, ``UP``, ``DWN`` or ``270``.
+    """
+    plain = text.strip().upper()
+    if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
+        return float(plain) % 360.0
+    return _NAMES.get(plain.replace("-", ""))
+
+
+def record_named(*parts: str) -> str:
+    """Name of a record that can name a file too: words joined by ``_``, times without marks.
+
+    Args:
+        parts: for example a station and a time.
+    """
+    words = (re.sub(r"[/:]", "", part) for part in parts)
+    return "_".join(filter(None, re.split(r"[^\w.+-]+", " ".join(words))))
+
+
+def component(
+    text: RecordText,
+    values: NDArray[np.float64],
+    *,
+    dt: float,
+    unit: str,
+    direction: Direction | None,
+    record: str,
+    header: int,
+) -> Component:
+    """A component in m/s^2, refused where its unit or its time step cannot be true.
+
+    Args:
+        text: the file.
+        values: shape (n,), n at least 2, [``unit``].
+        dt: time between samples [s].
+        unit: a name in ``UNITS``.
+        direction: of positive values.
+        record: name of the record.
+        header: how many lines the header has.
+    """
+    if not STEPS[0] <= dt <= STEPS[1]:
+        raise RecordError(
+            f"{text.path}: a time step of {dt:.6g} s is none of a ground motion, which has from "
+            f"{STEPS[0]:g} to {STEPS[1]:g} s."
+        )
+    with np.errstate(over="ignore"):
+        acceleration = UNITS[unit] * values
+    place = int(np.argmax(np.abs(acceleration)))
+    if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:
+        raise RecordError(
+            f"{text.path}: value {place + 1} is {values[place]:.6g} {unit}; more than "
+            f"{MAX_PEAK_G:g} g is no ground motion, the unit must be another one."
+        )
+    return Component(
+        acceleration=acceleration,
+        dt=dt,
+        unit=unit,
+        direction=direction,
+        record=record,
+        path=text.path,
+        header=tuple(text.lines[:header]),
+    )

@@ -1,0 +1,259 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files as CSV tables: one row per record or joint, units in the headers.
+
+Numbers are written with all their digits: read back, they are the same.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_flag, check_path
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.hdf5 import OTHER, DamageTold
+from dolfinx_joints.postprocessing.measures import JOINT_MEASURES, joint_measures
+from dolfinx_joints.results.requests import COMPONENTS, check_results
+from dolfinx_joints.postprocessing.resultants import (
+    RESULTANT_MEASURES,
+    block_resultants,
+    joint_resultants,
+    resultant_measures,
+)
+from dolfinx_joints.results.reader import Results, listing
+
+Floats = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        header: Names of the columns, with units.
+        rows: As many values each.
+    """
+
+    header: list[str]
+    rows: list[list[Any]]
+
+
+def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
+    """Write what a results file holds as CSV files.
+
+    - ``histories.csv``: every step, displacements and accelerations of the points, the ground's,
+      shares of joint points, reactions;
+    - ``energy.csv``: every step, the lines of the ledger;
+    - ``joints.csv``: one row per joint, `measures.joint_measures` and
+      `resultants.resultant_measures`;
+    - ``resultants.csv``: a row per joint and record of `resultants.joint_resultants`;
+    - ``blocks.csv``: a row per block and record, where the run recorded them;
+    - ``envelopes.csv``: a row per vertex, where the run recorded them;
+    - ``modes.csv``: a row per mode, of a file of modes.
+
+    The normal force of a joint is positive where it presses, other forces are global components
+    on its + side.
+
+    Args:
+        results: The run.
+        folder: Where to; made if it is missing.
+        overwrite: Replace files of these names.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ResultsError: A file exists, or cannot be written.
+        ValueError: An argument is of another kind.
+    """
+    check_path("folder", folder)
+    check_flag("overwrite", overwrite)
+    folder, tables = Path(folder), tables_of(results)
+    if not tables:
+        raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
+    paths = {name: folder / f"{name}.csv" for name in tables}
+    there = [str(path) for path in paths.values() if os.path.exists(path)]
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise ResultsError(f"{folder} is a file; the tables need a folder.")
+    if there and not overwrite:
+        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, path in paths.items():
+            _write(tables[name], path)
+    except OSError as error:
+        raise ResultsError(f"The tables cannot be written to {folder}: {error.strerror}.") from None
+    return list(paths.values())
+
+
+def tables_of(results: Results) -> dict[str, Table]:
+    """The tables of `write_csv` by name, those for which the file holds something."""
+    check_results(results)
+    streams = {name for name in results.streams if results.rows(name)}
+    with DamageTold(results.path, ResultsError, OTHER):
+        return _tables(results, streams)
+
+
+def _tables(results: Results, streams: set[str]) -> dict[str, Table]:
+    """The tables of what a file has recorded in these streams."""
+    found = {}
+    if "histories" in streams:
+        found["histories"] = _histories(results)
+    if "energy" in streams:
+        found["energy"] = _plain(results, "energy")
+    if "states" in streams and results.joints:
+        found["joints"] = _joints(results)
+        found["resultants"] = _resultants(results)
+    if "resultants" in streams:
+        found["blocks"] = _blocks(results)
+    if "envelopes" in streams:
+        found["envelopes"] = _envelopes(results)
+    if "modes/frequency" in results.statics:
+        found["modes"] = _modes(results)
+    return found
+
+
+def _write(table: Table, path: Path) -> None:
+    """Write a table whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(table.header)
+            writer.writerows(table.rows)
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
+    """A table of (name, unit, values)."""
+    header, values = [], []
+    for name, unit, column in columns:
+        header.append(f"{name} [{unit}]")
+        values.append(np.asarray(column).tolist())
+    return Table(header, [list(row) for row in zip(*values, strict=True)])
+
+
+def _parts(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]]:
+    """Columns x, y, z of vectors, shape (rows, 2 or 3)."""
+    axes = COMPONENTS[: values.shape[1]]
+    return [(f"{name} {axis}", unit, values[:, i]) for i, axis in enumerate(axes)]
+
+
+def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
+    """All series of a stream: numbers, or vectors by component."""
+    rows = results.rows(stream)  # a run that is still writing adds more
+    columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
+    for name in results.streams[stream]:
+        if name not in without:
+            values = results.series(stream, name, slice(rows))
+            unit = results.unit(stream, name)
+            columns += [(name, unit, values)] if values.ndim == 1 else _parts(name, unit, values)
+    return _columns(columns)
+
+
+def _histories(results: Results) -> Table:
+    """Motions point by point, then what is one per step."""
+    of_points = ("displacement", "acceleration")
+    rest = _plain(results, "histories", of_points)
+    columns: list[tuple[str, str, Any]] = []
+    for name in of_points:
+        if name in results.streams["histories"]:
+            values = results.series("histories", name, slice(len(rest.rows)))
+            unit = results.unit("histories", name)
+            for i, point in enumerate(results.point_names):
+                columns += _parts(f"{name} of {point}", unit, values[:, i])
+    motions = _columns(columns)
+    header = [rest.header[0], *motions.header, *rest.header[1:]]
+    both = zip(rest.rows, motions.rows, strict=True)
+    return Table(header, [[row[0], *more, *row[1:]] for row, more in both])
+
+
+def _joints(results: Results) -> Table:
+    """Extremes by joint."""
+    units = {"opening": "m", "slip": "m", "pressure": "Pa", "share": "-"}
+    units |= {"safety": "-", "normal": "N", "shear": "N", "contact": "-"}
+    names = (*JOINT_MEASURES, *RESULTANT_MEASURES)
+    header = ["joint"]
+    for name in names:
+        unit = "s" if name.endswith("_time") else units[name.split("_")[0]]
+        header.append(f"{name} [{unit}]")
+    rows, forces = [], resultant_measures(results)
+    for joint, measures in joint_measures(results).items():
+        both = measures | forces[joint]
+        rows.append([joint, *(both[name] for name in names)])
+    return Table(header, rows)
+
+
+def _resultants(results: Results) -> Table:
+    """Resultants of each joint at each record."""
+    parts, joints = [], results.joints
+    for joint in joints:
+        one = joint_resultants(results, joint)
+        assert one.time is not None
+        columns: list[tuple[str, str, Any]] = [("time", "s", one.time)]
+        columns += _parts("effective force", "N", one.force)
+        columns += _parts("moment about the centroid", "N m", one.moment)
+        columns += _parts("total force", "N", one.total_force)
+        columns += _parts("total moment about the centroid", "N m", one.total_moment)
+        columns.append(("normal force", "N", one.normal_force))
+        columns += _parts("shear force", "N", one.shear)
+        columns.append(("shear force", "N", one.shear_force))
+        columns.append(("sliding safety", "-", one.sliding_safety))
+        columns.append(("share of area under pressure", "-", one.contact))
+        columns += _parts("normal force acts at", "m", one.line_of_action)
+        parts.append(_columns(columns))
+    header = ["joint", *parts[0].header]
+    rows = [[j, *row] for j, part in zip(joints, parts, strict=True) for row in part.rows]
+    return Table(header, rows)
+
+
+def _blocks(results: Results) -> Table:
+    """What joints put on each block at each record."""
+    found = block_resultants(results)
+    parts = []
+    for i in range(len(found.mass)):
+        columns: list[tuple[str, str, Any]] = [("time", "s", found.time)]
+        columns += _parts("effective force", "N", found.force[:, i])
+        columns += _parts("total force", "N", found.total_force[:, i])
+        columns += _parts("total moment about the centre", "N m", found.total_moment[:, i])
+        count = len(found.time)
+        columns.append(("mass", "kg", np.full(count, found.mass[i])))
+        columns += _parts("centre", "m", np.tile(found.centre[i], (count, 1)))
+        parts.append(_columns(columns))
+    rows = [[i, *row] for i, part in enumerate(parts) for row in part.rows]
+    return Table(["block", *parts[0].header], rows)
+
+
+def _envelopes(results: Results) -> Table:
+    """Envelopes by vertex."""
+    numbers = results.static("envelopes/nodes")
+    columns: list[tuple[str, str, Any]] = [("node", "-", numbers)]
+    columns += _parts("position", "m", results.static("mesh/nodes")[numbers])
+    for name in ENVELOPE_NAMES:
+        columns.append((name, "Pa", results.series("envelopes", name, -1)))
+    return _columns(columns)
+
+
+def _modes(results: Results) -> Table:
+    """Frequencies, participation factors and effective masses."""
+    frequency = results.static("modes/frequency")
+    columns: list[tuple[str, str, Any]] = [
+        ("mode", "-", np.arange(1, len(frequency) + 1)),
+        ("frequency", "Hz", frequency),
+    ]
+    for name in ("participation", "effective_mass", "effective_share"):
+        where = f"modes/{name}"
+        columns += _parts(name.replace("_", " "), results.unit(where), results.static(where))
+    return _columns(columns)

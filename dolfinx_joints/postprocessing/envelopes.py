@@ -1,0 +1,167 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Envelopes of stresses at points of a surface: principal, arch and cantilever stresses.
+
+Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.results.writer import ResultsWriter
+
+Floats = NDArray[np.floating[Any]]
+
+_TEXTS = {
+    "principal": "principal stress",
+    "arch": "stress along the arch direction",
+    "cantilever": "stress along the cantilever direction",
+}
+ENVELOPE_NAMES = tuple(f"{name}_{end}" for name in _TEXTS for end in ("max", "min"))
+
+_STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction
+_SMOOTH = 0.8  # share of the mean normal: faces that meet at more than about 53 degrees are an edge
+
+
+def principal_extremes(stress: ArrayLike) -> Floats:
+    """Largest and smallest principal stress.
+
+    Args:
+        stress: Shape (n, 6), [Pa].
+
+    Returns:
+        Shape (2, n), [Pa].
+    """
+    rows = np.asarray(stress, dtype=np.float64)
+    tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
+    found: Floats = np.linalg.eigvalsh(tensors)[:, [2, 0]].T
+    return found
+
+
+def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
+    """Normal stress along a direction at each point, NaN where the direction is.
+
+    Args:
+        stress: Shape (n, 6), [Pa].
+        direction: Unit vectors, shape (n, 3).
+
+    Returns:
+        Shape (n,), [Pa].
+    """
+    x, y, z = np.asarray(direction, dtype=np.float64).T
+    factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
+    found: Floats = np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
+    return found
+
+
+def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats]:
+    """Arch and cantilever directions at the nodes of a surface.
+
+    With n the mean normal of the facets around a node, weighted by their areas, and z upwards, the
+    arch direction is z x n, horizontal in the surface, and the cantilever direction n x (z x n),
+    the steepest upwards in it. Facets within 26 degrees of the horizontal, such as a crest, do not
+    count. A node has no directions (NaN) if none is left, or if the facets meet at an edge there.
+    The arch direction points to positive y, or to positive x where it is normal to y.
+
+    Args:
+        nodes: Shape (n, 3), [m].
+        facets: Numbers of the vertices in cyclic order, shape (facets, 3 or 4).
+
+    Returns:
+        Unit vectors, both of shape (n, 3).
+    """
+    positions, vertices = np.asarray(nodes, dtype=np.float64), np.asarray(facets, dtype=np.int64)
+    corners = positions[vertices]
+    area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+    size = np.linalg.norm(area, axis=1)
+    steep = np.abs(area[:, 2]) <= _STEEP * size
+    # n n^T does not care which side of a facet its vertices were listed from.
+    tensors = np.einsum("fi,fj->fij", area[steep], area[steep]) / size[steep, None, None]
+    mean = np.zeros((len(positions), 3, 3))
+    for column in vertices[steep].T:
+        np.add.at(mean, column, tensors)
+    share, axes = np.linalg.eigh(mean)
+    total = share.sum(axis=1)
+    normal = np.where((share[:, 2] >= _SMOOTH * total) & (total > 0.0), axes[:, :, 2].T, np.nan).T
+    arch = np.cross([0.0, 0.0, 1.0], normal)
+    with np.errstate(invalid="ignore"):
+        arch /= np.linalg.norm(arch, axis=1, keepdims=True)
+        leading = np.where(np.abs(arch[:, 1]) > 1e-9, arch[:, 1], arch[:, 0])
+    arch *= np.sign(leading)[:, None]
+    cantilever = np.cross(normal, np.cross([0.0, 0.0, 1.0], normal))
+    return arch, cantilever / np.linalg.norm(cantilever, axis=1, keepdims=True)
+
+
+class Envelopes:
+    """Largest and smallest stresses seen so far at points of a surface.
+
+    Args:
+        arch: Arch directions, shape (n, 3).
+        cantilever: Cantilever directions, shape (n, 3).
+    """
+
+    def __init__(self, arch: Floats, cantilever: Floats) -> None:
+        """Nothing has been seen."""
+        self._arch, self._cantilever = arch, cantilever
+        self._largest: Floats = np.full((3, len(arch)), -np.inf)
+        self._smallest: Floats = np.full((3, len(arch)), np.inf)
+
+    def see(self, stress: Floats) -> None:
+        """Take in the stresses of a time, shape (n, 6), [Pa]."""
+        largest, smallest = principal_extremes(stress)
+        along = [stress_along(stress, d) for d in (self._arch, self._cantilever)]
+        np.maximum(self._largest, [largest, *along], out=self._largest)
+        np.minimum(self._smallest, [smallest, *along], out=self._smallest)
+
+    @property
+    def columns(self) -> Floats:
+        """Envelopes in the order of ``ENVELOPE_NAMES``, shape (n, 6), [Pa]."""
+        both: Floats = np.stack([self._largest, self._smallest], axis=1)
+        return both.reshape(6, -1).T
+
+    def recall(self, columns: Floats) -> None:
+        """Go on from what ``columns`` gave."""
+        both = columns.T.reshape(3, 2, -1)
+        self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
+
+
+def declare_envelopes(
+    writer: ResultsWriter, nodes: ArrayLike, arch: ArrayLike, cantilever: ArrayLike
+) -> None:
+    """Declare the stream ``envelopes``, one record at the end of a run.
+
+    Args:
+        writer: A writer not started yet.
+        nodes: Numbers of the nodes in ``mesh/nodes``, shape (n,).
+        arch: Arch directions, shape (n, 3), NaN where there are none.
+        cantilever: Likewise.
+    """
+    writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
+    writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
+    writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
+    shape = np.asarray(nodes).shape
+    for name in ENVELOPE_NAMES:
+        quantity, end = name.split("_")
+        text = f"{'largest' if end == 'max' else 'smallest'} {_TEXTS[quantity]} over the run"
+        writer.series("envelopes", name, shape, "Pa", text)
+
+
+def chosen_faces(envelopes: bool | Sequence[str]) -> bool | list[str]:
+    """Whether envelopes are wanted, or names of facet groups.
+
+    Raises:
+        ValueError: It is neither, or an empty list.
+    """
+    if isinstance(envelopes, bool):
+        return envelopes
+    good = isinstance(envelopes, list | tuple) and all(isinstance(n, str) for n in envelopes)
+    check_kind_of("envelopes", envelopes, good, "True, False or a list of facet groups")
+    if not envelopes:
+        raise ValueError("envelopes is an empty list; name facet groups, or pass False.")
+    return list(envelopes)

@@ -1,0 +1,177 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A joint as a drawing: its points, facets and the patch of each point in the joint's plane."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.results.requests import check_joint
+from dolfinx_joints.results.reader import Results
+
+Floats = NDArray[np.floating[Any]]
+
+
+class JointSurface:
+    """A joint in its mean plane: points, facets and the patch of each point, all (.., 2) [m].
+
+    Args:
+        results: the run.
+        joint: name of the joint.
+
+    Attributes:
+        points: joint points in the plane, shape (n, 2), [m].
+        facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
+        corners: the same in space, shape (facets, 3 or 4, 3), [m].
+        axes: unit vectors across and up the plane, rows, shape (2, 3).
+        labels: what to write on the two axes.
+    """
+
+    def __init__(self, results: Results, joint: str) -> None:
+        """Project the points and the facets of the mesh that carry them."""
+        check_joint(results, joint)
+        points = results.static(f"joints/{joint}/points")
+        frames = results.static(f"joints/{joint}/frames")
+        facet = results.static(f"joints/{joint}/facet")
+        areas = results.static(f"joints/{joint}/areas")
+        _, self._facet_of_point = np.unique(facet, return_inverse=True)
+        weight = np.bincount(self._facet_of_point, areas)
+        self._centres = np.stack(
+            [np.bincount(self._facet_of_point, areas * x) / weight for x in points.T], axis=1
+        )
+        self._corners = results.static("mesh/nodes")[results.static("mesh/surface")]
+        axes, self.labels = _plane_axes(frames[:, 0].mean(axis=0))
+        self.axes: Floats = axes
+        self.corners: Floats = self._corners[self._nearest(1)]
+        own = self.corners @ axes.T
+        origin = np.array([own[..., 0].min(), 0.0])
+        self.points: Floats = points @ axes.T - origin
+        self.facets: Floats = own - origin
+
+    def sides(self) -> NDArray[np.integer[Any]]:
+        """Numbers of the boundary facets of both sides, shape (2 facets,)."""
+        return self._nearest(2).ravel()
+
+    def patches(self) -> list[Floats]:
+        """Polygon of each point: the part of its facet nearer to it than to the others.
+
+        Nearness is that of the facet's reference coordinates, so that a skew facet is split as
+        its square is.
+        """
+        return self._patches(_Bilinear(self.facets))
+
+    def patches_in_space(self) -> list[Floats]:
+        """The same polygons in space, of shape (corners, 3), [m]."""
+        return self._patches(_Bilinear(self.corners))
+
+    def _patches(self, target: _Bilinear) -> list[Floats]:
+        shape = _Bilinear(self.facets)
+        local = shape.inverse(self.points, self._facet_of_point)
+        patches: list[Floats] = []
+        for i, facet in enumerate(self._facet_of_point):
+            polygon = shape.reference
+            for other in np.flatnonzero(self._facet_of_point == facet):
+                if other != i:
+                    polygon = _nearer_part(polygon, local[i], local[other])
+            patches.append(target(polygon, np.full(len(polygon), facet)))
+        return patches
+
+    def outlines(self) -> Floats:
+        """Closed outlines of the facets, shape (facets, corners + 1, 2)."""
+        return np.concatenate([self.facets, self.facets[:, :1]], axis=1)
+
+    def points_along(self, position: float) -> NDArray[np.integer[Any]]:
+        """Points whose patches a line at a share of the width meets, from bottom to top."""
+        from matplotlib.path import Path as Outline
+
+        height = np.linspace(self.facets[..., 1].min(), self.facets[..., 1].max(), 801)[1::2, None]
+        start = self.facets.reshape(-1, 2)
+        end = np.roll(self.facets, -1, axis=1).reshape(-1, 2)
+        rise = end[:, 1] - start[:, 1]
+        share = (height - start[:, 1]) / np.where(rise == 0.0, np.inf, rise)
+        crossed = (start[:, 1] - height) * (end[:, 1] - height) <= 0.0
+        across = start[:, 0] + share * (end[:, 0] - start[:, 0])
+        left = np.where(crossed, across, np.inf).min(axis=1)
+        right = np.where(crossed, across, -np.inf).max(axis=1)
+        # Between two columns of patches the line keeps to the left one.
+        inner = np.clip(position - 1e-6, 1e-6, 1.0 - 1e-6)
+        line = np.stack([left + inner * (right - left), height[:, 0]], axis=1)
+        met = [Outline(patch).contains_points(line).any() for patch in self.patches()]
+        numbers = np.flatnonzero(met)
+        return numbers[np.argsort(self.points[numbers, 1], kind="stable")]
+
+    def _nearest(self, count: int) -> NDArray[np.integer[Any]]:
+        """Numbers of the boundary facets whose centres are nearest to the joint's facets."""
+        from scipy.spatial import cKDTree
+
+        _, found = cKDTree(self._corners.mean(axis=1)).query(self._centres, k=count)
+        numbers: NDArray[np.integer[Any]] = np.asarray(found)
+        return numbers
+
+
+class _Bilinear:
+    """Maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
+
+    Args:
+        corners: of the facets, in cyclic order, shape (facets, 3 or 4, 2 or 3).
+    """
+
+    def __init__(self, corners: Floats) -> None:
+        """Take the coefficients from the corners."""
+        self.reference: Floats = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        self._a = corners[:, 0]
+        self._b, self._c = corners[:, 1] - self._a, corners[:, -1] - self._a
+        self._d = np.zeros_like(self._a)
+        if corners.shape[1] == 3:
+            self.reference = self.reference[[0, 1, 3]]
+        else:
+            self._d = corners[:, 2] - corners[:, 1] - self._c
+
+    def __call__(self, local: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
+        """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
+        u, v = local[:, :1], local[:, 1:]
+        linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
+        mapped: Floats = linear + u * v * self._d[facet]
+        return mapped
+
+    def inverse(self, points: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
+        """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
+        local: Floats = np.full(points.shape, 0.5)
+        for _ in range(8):  # converges quadratically; exact at once on parallelograms
+            along_u = self._b[facet] + local[:, 1:] * self._d[facet]
+            along_v = self._c[facet] + local[:, :1] * self._d[facet]
+            jacobian = np.stack([along_u, along_v], axis=2)
+            residual = points - self(local, facet)
+            local += np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
+        return local
+
+
+def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
+    """Two axes in the plane, rows, and what to write on them."""
+    normal = normal / np.linalg.norm(normal)
+    up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
+    if np.linalg.norm(up) < 0.1:  # a lift joint: seen from above, x to the right
+        across = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+        across /= np.linalg.norm(across)
+        up = np.cross(np.sign(normal[2]) * normal, across)
+        return np.stack([across, up]), ("distance downstream [m]", "distance across the valley [m]")
+    up /= np.linalg.norm(up)
+    across = np.cross(up, normal)
+    across *= 1.0 if (across[0] if abs(across[0]) > 1e-9 else across[1]) > 0.0 else -1.0
+    name = "elevation [m]" if up[2] > 0.9999 else "distance up the joint [m]"
+    return np.stack([across, up]), ("horizontal distance [m]", name)
+
+
+def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
+    """Part of a convex polygon that is nearer to one point than to another."""
+    beyond = (polygon - 0.5 * (point + other)) @ (other - point)
+    inside, following = beyond <= 0.0, np.roll(beyond, -1)
+    cut = inside != (following <= 0.0)
+    share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
+    crossing = polygon + share[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
+    both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
+    part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
+    return part

@@ -1,0 +1,397 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Response measures of a run, from its results file: histories, peaks, spectra, joints.
+
+Displacements are told from the static state, the first record of a file. What a file does not
+hold is asked for in vain: :class:`ResultsError` names it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_number
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.results.requests import (
+    COMPONENTS,
+    Component,
+    check_band,
+    check_joint,
+    check_results,
+    check_seconds,
+    column_of,
+)
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.motions.spectra import (
+    equally_spaced,
+    fourier_amplitude,
+    highest_peak,
+    running_frequency,
+    significant_duration,
+)
+
+Floats = NDArray[np.floating[Any]]
+
+SLIDING = 2  # `laws.Status.SLIP`, as files hold it
+
+JOINT_MEASURES = (
+    "opening_max",
+    "opening_time",
+    "opening_static",
+    "opening_residual",
+    "slip_max",
+    "slip_time",
+    "slip_residual",
+    "pressure_max",
+    "pressure_time",
+    "share_open",
+    "share_sliding",
+)
+
+
+class FourierPeaks(NamedTuple):
+    """Peaks of a Fourier amplitude.
+
+    Attributes:
+        frequency: Of the highest peak, NaN if there is none [Hz].
+        amplitude: There, NaN if there is none [m s].
+        bin_width: Distance of two frequencies, one over the duration [Hz]; a frequency is not
+            known better than half of it.
+        frequency_below: Of the highest peak below the frequency asked for, NaN if there is none
+            [Hz].
+        amplitude_below: There, NaN if there is none [m s].
+    """
+
+    frequency: float
+    amplitude: float
+    bin_width: float
+    frequency_below: float
+    amplitude_below: float
+
+
+class EffectivePeriod(NamedTuple):
+    """Period and damping in a window that moves along a history, each of shape (windows,).
+
+    Attributes:
+        times: Middles of the windows [s].
+        periods: Of the largest amplitude, NaN where nothing moves [s].
+        damping_ratios: Apparent, negative where the motion grows, NaN where nothing moves.
+    """
+
+    times: Floats
+    periods: Floats
+    damping_ratios: Floats
+
+
+def displacement_history(
+    results: Results, point: int | str, component: Component, *, absolute: bool = False
+) -> tuple[Floats, Floats]:
+    """Displacement of a point from the static state.
+
+    Args:
+        results: The run.
+        point: Name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        absolute: Add the displacement of the ground, its acceleration integrated twice from rest,
+            linear between records. A record whose baseline was not corrected drifts.
+
+    Returns:
+        Times [s] and displacements [m], both of shape (records,).
+    """
+    check_results(results)
+    check_flag("absolute", absolute)
+    column, time = column_of(component), results.time("histories")
+    u = results.series("histories", "displacement")[:, results.point_index(point), column]
+    relative = u - u[:1]
+    if not absolute:
+        return time, relative
+    ground, steps = results.series("histories", "ground_acceleration")[:, column], np.diff(time)
+    before, after = ground[:-1], ground[1:]
+    velocity = np.append(0.0, np.cumsum(0.5 * steps * (before + after)))
+    moved = steps * velocity[:-1] + steps**2 * (2.0 * before + after) / 6.0
+    return time, relative + np.append(0.0, np.cumsum(moved))
+
+
+def acceleration_history(
+    results: Results, point: int | str, component: Component, *, absolute: bool = True
+) -> tuple[Floats, Floats]:
+    """Acceleration of a point, the mean of each step, at the middle of the step.
+
+    Args:
+        results: The run.
+        point: Name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        absolute: Add the acceleration of the ground, the mean of the ends of the step.
+
+    Returns:
+        Times [s] and accelerations [m/s^2], both of shape (records - 1,).
+    """
+    check_results(results)
+    check_flag("absolute", absolute)
+    column, time = column_of(component), results.time("histories")
+    index = results.point_index(point)
+    a = results.series("histories", "acceleration", slice(1, None))[:, index, column]
+    if absolute:
+        ground = results.series("histories", "ground_acceleration")[:, column]
+        a = a + 0.5 * (ground[1:] + ground[:-1])
+    return 0.5 * (time[1:] + time[:-1]), a
+
+
+def peaks(
+    results: Results, point: int | str, *, strong_until: float
+) -> dict[str, dict[str, float]]:
+    """Largest absolute displacement of a point from the static state, relative to the ground [m].
+
+    Args:
+        results: The run.
+        point: Name or number of the monitor point.
+        strong_until: End of the strong motion [s].
+
+    Returns:
+        By component, ``"strong"``, up to that time, and ``"later"``, after it, NaN without records.
+    """
+    check_number("strong_until", strong_until, lambda v: True, "a finite number", unit="s")
+    found: dict[str, dict[str, float]] = {}
+    for component in COMPONENTS:
+        time, u = displacement_history(results, point, component)
+        strong = time <= strong_until
+        found[component] = {"strong": _largest(u[strong]), "later": _largest(u[~strong])}
+    return found
+
+
+def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
+    """Time at which the Arias intensity of all components together reaches a share [s].
+
+    Args:
+        source: A ground motion, or a run whose file holds that of the ground.
+        share: Of the intensity at the end, above 0 and at most 1.
+
+    Raises:
+        ValueError: The share is out of its range, or the ground does not move.
+    """
+    if isinstance(source, Motion):
+        return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
+    check_kind_of("source", source, isinstance(source, Results), "a Motion or a Results")
+    values = source.series("histories", "ground_acceleration")
+    time = source.time("histories")
+    dt, ground = equally_spaced(time, values)
+    return float(time[0]) + significant_duration(ground, dt, lower=0.0, upper=share)[1]
+
+
+def fourier_peaks(
+    results: Results, point: int | str, component: Component, *, below: float | None = None
+) -> FourierPeaks:
+    """Highest peak of the Fourier amplitude of a point's displacement.
+
+    The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
+    to which a residual displacement adds, is none.
+
+    Args:
+        results: The run.
+        point: Name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        below: Look for a second peak at frequencies below this one [Hz].
+    """
+    if below is not None:
+        check_number("below", below, lambda v: v > 0.0, "positive", unit="Hz")
+    time, u = displacement_history(results, point, component)
+    dt, values = equally_spaced(time, u)
+    frequency, amplitude = fourier_amplitude(values, dt)
+    highest = highest_peak(frequency, amplitude)
+    second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)
+    return FourierPeaks(*highest, float(frequency[1]), *second)
+
+
+def effective_period(
+    results: Results,
+    point: int | str,
+    component: Component,
+    window: float = 2.0,
+    *,
+    band: tuple[float, float] | None = None,
+    hop: float | None = None,
+) -> EffectivePeriod:
+    """Period and damping ratio of a point's displacement in a window that moves along it.
+
+    As `spectra.running_frequency` finds them.
+
+    Args:
+        results: The run.
+        point: Name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        window: Length of the window [s].
+        band: Lowest and highest frequency looked at [Hz]; from two periods in a window up to
+            Nyquist's unless given.
+        hop: Time between windows [s], an eighth of one unless given.
+    """
+    check_seconds("window", window)
+    if hop is not None:
+        check_seconds("hop", hop)
+    check_band(band)
+    time, u = displacement_history(results, point, component)
+    dt, values = equally_spaced(time, u)
+    times, frequency, damping = running_frequency(values, dt, window, band=band, hop=hop)
+    return EffectivePeriod(times + time[0], 1.0 / frequency, damping)
+
+
+def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
+    """Which joint points are open: a positive gap and no traction, shape (..., points).
+
+    Args:
+        gap: Components (n, s1, s2), shape (..., points, 3), [m].
+        traction: Likewise, in any unit.
+    """
+    # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
+    negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
+    is_open: NDArray[np.bool_] = (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
+    return is_open
+
+
+def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]:
+    """Opening and slip of the points of a joint.
+
+    The opening is the positive part of the normal gap. The slip is the tangential displacement of
+    the two sides against each other from the static state, the elastic part included, whether they
+    touch or not.
+
+    Args:
+        results: The run.
+        joint: Name of the joint.
+
+    Returns:
+        Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
+        (records, points), [m].
+    """
+    check_joint(results, joint)
+    gap = results.series("states", f"joints/{joint}/gap")
+    opening = np.maximum(gap[..., 0], 0.0)
+    slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
+    return results.time("states"), opening, slip
+
+
+def joint_measures(results: Results, *, tail: float = 1.0) -> dict[str, dict[str, float]]:
+    """What each joint went through, over the records of the stream ``states``.
+
+    Opening and slip are those of :func:`joint_history`. By joint:
+
+    - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
+      time, with their times ``opening_time``, ``slip_time`` and ``pressure_time`` [s];
+    - ``opening_static`` [m], the largest of the static state;
+    - ``opening_residual`` and ``slip_residual`` [m]: what has been added to the static state, the
+      mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
+      largest of the points. While the body still moves a mean is what it moves about;
+    - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points concerned
+      over the joint's, averaged over the records. Sliding is NaN where a file holds no ``status``.
+
+    Args:
+        results: The run.
+        tail: How long before the end residual values are averaged [s].
+    """
+    check_results(results)
+    check_number("tail", tail, lambda v: v >= 0.0, "0 s or more", unit="s")
+    return {joint: _measures_of(results, joint, tail) for joint in results.joints}
+
+
+def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
+    time, opening, slip = joint_history(results, joint)
+    gap = results.series("states", f"joints/{joint}/gap")
+    traction = results.series("states", f"joints/{joint}/traction")
+    areas = results.static(f"joints/{joint}/areas")
+    shares = areas / areas.sum()
+    late = time >= time[-1] - tail
+    drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
+    found = {
+        "opening_static": float(opening[0].max()),
+        "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
+        "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
+        "share_open": float((open_points(gap, traction) @ shares).mean()),
+        "share_sliding": np.nan,
+    }
+    for name, values in (("opening", opening), ("slip", slip), ("pressure", -traction[..., 0])):
+        largest = np.maximum(values, 0.0).max(axis=1)
+        found[f"{name}_max"] = float(largest.max())
+        found[f"{name}_time"] = float(time[np.argmax(largest)])
+    if f"joints/{joint}/status" in results.streams["states"]:
+        status = results.series("states", f"joints/{joint}/status")
+        found["share_sliding"] = float(((status == SLIDING) @ shares).mean())
+    return {name: found[name] for name in JOINT_MEASURES}
+
+
+def stress_extremes(results: Results) -> dict[str, float]:
+    """Largest of each envelope of tension and smallest of each of compression [Pa].
+
+    By the names of the stream ``envelopes``; NaN where the run recorded none, and where no point
+    has the direction.
+    """
+    check_results(results)
+    found = dict.fromkeys(ENVELOPE_NAMES, np.nan)
+    if "envelopes" in results.streams and results.rows("envelopes"):
+        for name in ENVELOPE_NAMES:
+            values = results.series("envelopes", name, -1)
+            known = values[~np.isnan(values)]
+            if known.size:
+                found[name] = float(known.max() if name.endswith("max") else known.min())
+    return found
+
+
+def summary_row(results: Results, *, strong_until: float | None = None) -> dict[str, float]:
+    """One row of a table of runs: the same names for every run with the same points.
+
+    - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration`` (largest
+      absolute one) [m/s^2], ``POINT/C/frequency`` [Hz] and ``POINT/C/amplitude`` [m s] of the
+      Fourier peak, for each point and component C;
+    - ``joints/NAME`` for each of ``JOINT_MEASURES`` but the times: the largest of all joints, of
+      the shares the mean over their area; zero without joints;
+    - ``stress/NAME`` of :func:`stress_extremes`;
+    - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN where the
+      summary of the file has none.
+
+    Args:
+        results: The run.
+        strong_until: End of the strong motion [s]; from the file's ground motion unless given.
+    """
+    check_results(results)
+    until = strong_motion_end(results) if strong_until is None else strong_until
+    row = {"strong_until": until}
+    for point in results.point_names:
+        largest = peaks(results, point, strong_until=until)
+        for component in COMPONENTS:
+            where, spectrum = f"{point}/{component}", fourier_peaks(results, point, component)
+            row[f"{where}/peak_strong"] = largest[component]["strong"]
+            row[f"{where}/peak_later"] = largest[component]["later"]
+            acceleration = acceleration_history(results, point, component)[1]
+            row[f"{where}/acceleration"] = _largest(acceleration)
+            row[f"{where}/frequency"], row[f"{where}/amplitude"] = spectrum[:2]
+    row |= {f"joints/{name}": value for name, value in all_joints(results).items()}
+    row |= {f"stress/{name}": value for name, value in stress_extremes(results).items()}
+    summary = results.summary
+    for name in ("energy_error", "iterations", "steps"):
+        row[name] = float(summary.get(name, np.nan))
+    row["seconds"] = float(sum(summary["seconds"].values())) if "seconds" in summary else np.nan
+    return row
+
+
+def all_joints(results: Results) -> dict[str, float]:
+    """Measures of all joints together: the largest, of shares the mean over the area.
+
+    By the names of ``JOINT_MEASURES`` but those of times; zero without joints.
+    """
+    names = [name for name in JOINT_MEASURES if not name.endswith("_time")]
+    each = joint_measures(results)
+    if not each:
+        return dict.fromkeys(names, 0.0)
+    areas = np.array([results.static(f"joints/{joint}/areas").sum() for joint in each])
+    found = {}
+    for name in names:
+        values = np.array([measures[name] for measures in each.values()])
+        shared = name.startswith("share_")
+        found[name] = float(values @ areas / areas.sum() if shared else values.max())
+    return found
+
+
+def _largest(values: Floats) -> float:
+    return float(np.abs(values).max()) if values.size else np.nan

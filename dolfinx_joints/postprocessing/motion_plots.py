@@ -1,0 +1,190 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Figures of ground motions: histories and response spectra, also beside a target spectrum.
+
+Functions draw as those of `plots` do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_kind_of,
+    check_number,
+    finite,
+    numbers_of,
+    shown,
+)
+from dolfinx_joints.postprocessing.plots import (
+    BLUE,
+    GREY,
+    RED,
+    check_labels,
+    chosen_axes,
+    decorate,
+    legend,
+)
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.postprocessing.response_plots import checked_periods, plain_periods
+from dolfinx_joints.results.requests import Component, column_of
+from dolfinx_joints.motions.spectra import response_spectrum
+from dolfinx_joints.motions.spectrum_matching import SpectrumMatch
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.floating[Any]]
+
+Quantity = Literal["acceleration", "velocity", "displacement"]
+_UNITS = {"acceleration": "g", "velocity": "m/s", "displacement": "m"}
+_COLOURS = {"x": BLUE, "y": RED, "z": "#238b45"}
+_AXES = {"x": "stream", "y": "cross-valley", "z": "up"}
+
+
+def history(
+    motion: Motion,
+    component: Component,
+    quantity: Quantity = "acceleration",
+    *,
+    ax: Axes | None = None,
+    reference: Motion | None = None,
+    labels: tuple[str, str] = ("processed", "as recorded"),
+) -> Axes:
+    """Acceleration [g], velocity [m/s] or displacement [m] of the ground against time.
+
+    Velocity and displacement are integrals from rest, which show how far a record drifts.
+
+    Args:
+        motion: the motion.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+        ax: where to draw.
+        reference: another motion to draw behind it.
+        labels: what to call the motion and the reference.
+    """
+    column = column_of(component)
+    check_choice("quantity", quantity, _UNITS)
+    _check_motions(motion, reference)
+    check_labels(labels)
+    ax = chosen_axes(ax)
+    for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
+        if each is None:
+            continue
+        velocity, displacement = each.integrated()
+        values = {
+            "acceleration": each.acceleration / STANDARD_GRAVITY,
+            "velocity": velocity,
+            "displacement": displacement,
+        }[quantity][:, column]
+        ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
+    decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
+    ax.set_title(f"{motion.name}: {quantity} {component}", loc="left")
+    ax.margins(x=0.0)
+    if reference is not None:
+        legend(ax)
+    return ax
+
+
+def response_spectra(
+    motion: Motion,
+    *,
+    components: str = "xyz",
+    damping_ratio: float = 0.05,
+    periods: ArrayLike | None = None,
+    target: tuple[ArrayLike, ArrayLike] | None = None,
+    ax: Axes | None = None,
+    reference: Motion | None = None,
+    reference_label: str = "as recorded",
+) -> Axes:
+    """Pseudo-acceleration of oscillators on the ground against their period [g].
+
+    Args:
+        motion: the motion.
+        components: which of ``x``, ``y``, ``z`` to draw.
+        damping_ratio: of the oscillators.
+        periods: of the oscillators [s]; 0.03 to 3 s unless given.
+        target: periods [s] and pseudo-accelerations [m/s^2] of a spectrum to compare with.
+        ax: where to draw.
+        reference: another motion, drawn in dashes behind it.
+        reference_label: what to call the reference.
+    """
+    good = isinstance(components, str) and set(components) <= set("xyz")
+    if not good or not components or len(set(components)) < len(components):
+        got = shown(components)
+        raise ValueError(f"components must be different ones of x, y, z, got {got}.")
+    _check_motions(motion, reference)
+    check_kind_of("reference_label", reference_label, isinstance(reference_label, str), "a text")
+    check_number("damping_ratio", damping_ratio, lambda v: 0.0 <= v < 1.0, "from 0 to below 1")
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else checked_periods(periods)
+    goal = None if target is None else _checked_target(target)
+    ax = chosen_axes(ax, height=3.6)
+    for each, line in ((reference, "--"), (motion, "-")):
+        if each is None:
+            continue
+        found = response_spectrum(each.acceleration, each.dt, natural, damping_ratio)
+        for component in components:
+            name = f"{component}, {_AXES[component]}"
+            label = f"{component}, {reference_label}" if each is reference else name
+            values = found.pseudo_acceleration[:, "xyz".index(component)] / STANDARD_GRAVITY
+            style = {"color": _COLOURS[component], "linestyle": line, "label": label}
+            ax.semilogx(natural, values, linewidth=0.9 if each is reference else 1.2, **style)
+    if goal is not None:
+        times, accelerations = goal
+        ax.plot(times, accelerations / STANDARD_GRAVITY, color="black", label="target")
+    decorate(ax, "period [s]", "pseudo-acceleration [g]")
+    ax.set_title(f"{motion.name}: response spectra, {damping_ratio:.0%} damping", loc="left")
+    plain_periods(ax)
+    ax.set_xlim(natural.min(), natural.max())
+    ax.set_ylim(bottom=0.0)
+    legend(ax)
+    return ax
+
+
+def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
+    """Response spectra of a motion before and after matching, and the target with its tolerance.
+
+    Args:
+        match: what :func:`~dolfinx_joints.motions.spectrum_matching.match_spectrum` has returned.
+        ax: where to draw.
+    """
+    check_kind_of("match", match, isinstance(match, SpectrumMatch), "what match_spectrum gives")
+    ax = response_spectra(
+        match.motion,
+        components=match.components,
+        damping_ratio=match.damping_ratio,
+        periods=match.periods,
+        target=(match.periods, match.target),
+        reference=match.record,
+        reference_label="as given",
+        ax=ax,
+    )
+    low, high = ((1.0 + s * match.tolerance) * match.target / STANDARD_GRAVITY for s in (-1, 1))
+    label = f"target ± {match.tolerance:.0%}"
+    ax.fill_between(match.periods, low, high, color="black", alpha=0.15, linewidth=0, label=label)
+    legend(ax)
+    return ax
+
+
+def _check_motions(motion: Any, reference: Any) -> None:
+    """Refuse what are no motions."""
+    check_kind_of("motion", motion, isinstance(motion, Motion), "a Motion")
+    if reference is not None:
+        check_kind_of("reference", reference, isinstance(reference, Motion), "a Motion, or None")
+
+
+def _checked_target(target: Any) -> tuple[Floats, Floats]:
+    """Periods [s] and pseudo-accelerations [m/s^2] of a spectrum."""
+    pair = isinstance(target, tuple | list) and len(target) == 2
+    check_kind_of("target", target, pair, "periods and as many pseudo-accelerations")
+    periods, accelerations = checked_periods(target[0]), numbers_of(target[1])
+    if accelerations is None or accelerations.shape != periods.shape or not finite(accelerations):
+        got = shown(target[1])
+        raise ValueError(
+            f"target must be {len(periods)} periods and as many pseudo-accelerations, got {got}."
+        )
+    return periods, accelerations

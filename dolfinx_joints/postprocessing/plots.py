@@ -1,0 +1,397 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
+
+Every function draws on the axes it is given, or on new ones, and returns them; nothing here uses
+matplotlib's global state. Tractions keep the sign of the files: compression is negative.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, check_path
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.postprocessing.joint_surface import JointSurface
+from dolfinx_joints.postprocessing.joint_values import (
+    LABELS,
+    Quantity,
+    colour_limits,
+    colours,
+    traction_value,
+    tractions,
+)
+from dolfinx_joints.postprocessing.measures import displacement_history
+from dolfinx_joints.results.requests import Component, check_results, column_of, record_number
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, highest_peak
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+Floats = NDArray[np.floating[Any]]
+
+BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
+
+
+def new_axes(*, width: float = 6.3, height: float = 3.2) -> Axes:
+    """Axes of a new figure of their own.
+
+    Args:
+        width: of the figure [inch].
+        height: of the figure [inch].
+
+    Raises:
+        ValueError: a size is no length of paper.
+    """
+    for name, size in (("width", width), ("height", height)):
+        check_number(name, size, lambda v: 0.5 <= v <= 100.0, "from 0.5 to 100 inch", unit="inch")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="compressed")
+    ax: Axes = figure.add_subplot()
+    return ax
+
+
+def chosen_axes(ax: Any, **size: float) -> Axes:
+    """Axes that were given, or new ones for None.
+
+    Args:
+        ax: what a function was told to draw on.
+        size: of new axes.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if ax is None:
+        return new_axes(**size)
+    from matplotlib.axes import Axes as Known
+
+    check_kind_of("ax", ax, isinstance(ax, Known), "axes of matplotlib, or None")
+    return cast("Axes", ax)
+
+
+def check_labels(labels: Any) -> None:
+    """Refuse what is not two texts.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    good = isinstance(labels, tuple | list) and len(labels) == 2
+    good = good and all(isinstance(label, str) for label in labels)
+    check_kind_of("labels", labels, good, "two texts, of the run and the reference")
+
+
+def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Path:
+    """Write a figure to a file whose ending says the format, and return its path.
+
+    Args:
+        figure: for example ``ax.figure``.
+        path: for example ``crest.pdf``.
+        dpi: dots per inch of pixel formats.
+
+    Raises:
+        ValueError: the ending is of no format, or an argument is of another kind.
+        JointsError: the file cannot be written; nothing is left of it then.
+    """
+    check_kind_of("figure", figure, hasattr(figure, "figure"), "a figure of matplotlib")
+    check_path("path", path)
+    check_number("dpi", dpi, lambda v: 10 <= v <= 2400, "from 10 to 2400")
+    whole, place = figure.figure, Path(path)
+    known = sorted(whole.canvas.get_supported_filetypes())
+    check_choice("The ending of the figure's name", place.suffix[1:].lower(), known)
+    part = place.with_name(f".{place.stem}.part{place.suffix}")
+    try:
+        whole.savefig(part, dpi=dpi)
+        part.replace(place)
+    except OSError as error:
+        raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+    return place
+
+
+def history(
+    results: Results,
+    point: int | str,
+    component: Component,
+    *,
+    ax: Axes | None = None,
+    reference: Results | None = None,
+    labels: tuple[str, str] = ("with joints", "linear"),
+) -> Axes:
+    """Displacement of a monitor point against time [1e-3 m].
+
+    Args:
+        results: the run.
+        point: name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        ax: where to draw.
+        reference: another run to draw behind it, with a monitor point of the same name.
+        labels: what to call the run and the reference.
+    """
+    lines = runs(results, reference, labels)
+    column_of(component)
+    point_name(results, point)
+    ax = chosen_axes(ax)
+    for run, style in lines:
+        time, displacement = _history(run, point, component)
+        ax.plot(time, 1e3 * displacement, **style)
+    decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
+    ax.set_title(f"{point_name(results, point)}: displacement {component}", loc="left")
+    ax.margins(x=0.0)
+    if reference is not None:
+        legend(ax, "above")
+    return ax
+
+
+def fourier(
+    results: Results,
+    point: int | str,
+    component: Component,
+    *,
+    ax: Axes | None = None,
+    reference: Results | None = None,
+    labels: tuple[str, str] = ("with joints", "linear"),
+    max_frequency: float = 15.0,
+) -> Axes:
+    """Fourier amplitude of a monitor point's displacement against frequency [1e-3 m s].
+
+    The displacement at the first record, that of the static state, is taken off. Records at
+    unequal steps are first interpolated to the shortest step. The legend gives the frequency of
+    the highest peak.
+
+    Args:
+        results: the run.
+        point: name or number of the monitor point.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        ax: where to draw.
+        reference: another run to draw behind it.
+        labels: what to call the run and the reference.
+        max_frequency: end of the frequency axis [Hz].
+    """
+    lines = runs(results, reference, labels)
+    check_number("max_frequency", max_frequency, lambda v: v > 0.0, "positive", unit="Hz")
+    displacement_history(results, point, component)
+    ax = chosen_axes(ax)
+    for run, style in lines:
+        dt, values = equally_spaced(*displacement_history(run, point, component))
+        frequency, amplitude = fourier_amplitude(values, dt)
+        shown = frequency <= max_frequency
+        frequency, amplitude = frequency[shown], amplitude[shown]
+        peak, _ = highest_peak(frequency, amplitude)
+        if np.isfinite(peak):
+            style["label"] = f"{style['label']}, peak at {peak:.2f} Hz"
+        ax.plot(frequency, 1e3 * amplitude, **style)
+    decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
+    name = point_name(results, point)
+    ax.set_title(f"{name}: Fourier amplitude of displacement {component}", loc="left")
+    ax.set_xlim(0.0, max_frequency)
+    ax.set_ylim(bottom=0.0)
+    legend(ax)
+    return ax
+
+
+def joint_traction(
+    results: Results,
+    joint: str,
+    quantity: Quantity = "normal",
+    *,
+    time: float | None = None,
+    index: int = -1,
+    ax: Axes | None = None,
+) -> Axes:
+    """Map of the traction over a joint, one patch for each joint point, open ones black.
+
+    A joint is drawn in its mean plane, horizontal distance (growing downstream) against
+    elevation. The ratio is -|t_s|/|t_n|, which is -tan(friction angle) where the joint slides.
+
+    Args:
+        results: the run.
+        joint: name of the joint.
+        quantity: ``"normal"``, ``"tangential"`` or ``"ratio"``.
+        time: draw the record of the stream ``states`` nearest to it [s].
+        index: number of the record where no time is given.
+        ax: where to draw.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    check_choice("quantity", quantity, LABELS)
+    number = record_number(results, time, index)
+    surface = JointSurface(results, joint)
+    ax = chosen_axes(ax, width=4.6, height=5.6)
+    traction, is_open = tractions(results, joint, number)
+    values = np.where(is_open, np.nan, traction_value(traction, quantity))
+    patches = PolyCollection(
+        surface.patches(), array=values, cmap=colours(dark_is_low=quantity != "tangential")
+    )
+    patches.set(edgecolor="face", linewidth=0.3)
+    patches.set_clim(*colour_limits(values))
+    ax.add_collection(patches)
+    ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    decorate(ax, *surface.labels, grid=False)
+    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s")
+    colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
+    colour_bar.set_label(LABELS[quantity])
+    areas = results.static(f"joints/{joint}/areas")
+    _open_legend(ax, float(areas[is_open].sum() / areas.sum()))
+    return ax
+
+
+def traction_profile(
+    results: Results,
+    joint: str,
+    quantity: Literal["tractions", "ratio"] = "tractions",
+    *,
+    time: float | None = None,
+    index: int = -1,
+    position: float = 0.5,
+    ax: Axes | None = None,
+) -> Axes:
+    """Tractions along the height of a joint, at a share of its width.
+
+    Draws the joint points nearest to the line, normal and tangential traction or their ratio
+    -|t_s|/|t_n|; open points are black, at zero or, as a ratio, at 1.
+
+    Args:
+        results: the run.
+        joint: name of the joint.
+        quantity: ``"tractions"`` or ``"ratio"``.
+        time: draw the record of the stream ``states`` nearest to it [s].
+        index: number of the record where no time is given.
+        position: 0 at the upstream (left) edge of the joint, 1 at the other.
+        ax: where to draw.
+    """
+    check_choice("quantity", quantity, ("tractions", "ratio"))
+    check_number("position", position, lambda v: 0.0 <= v <= 1.0, "from 0 to 1")
+    number = record_number(results, time, index)
+    surface = JointSurface(results, joint)
+    ax = chosen_axes(ax, width=4.6, height=4.6)
+    chosen = surface.points_along(position)
+    height = surface.points[chosen, 1]
+    traction, is_open = (array[chosen] for array in tractions(results, joint, number))
+    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
+    if quantity == "tractions":
+        curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
+    for name, colour, marker in curves:
+        values = traction_value(traction, name)
+        values[is_open] = 1.0 if name == "ratio" else 0.0
+        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
+        ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
+        ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
+    ax.plot([], [], "o", color="black", markersize=4.5, label="open")
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
+    unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
+    decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
+    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
+    legend(ax, "below")
+    return ax
+
+
+def energies(results: Results, *, ax: Axes | None = None) -> Axes:
+    """Energies of the ledger against time, with the largest error as a share in the legend."""
+    check_results(results)
+    time = results.time("energy")
+    ax = chosen_axes(ax, height=3.6)
+    terms = {term: results.series("energy", term) for term in ENERGY_TERMS}
+    largest = max(
+        (float(np.abs(values).max(initial=0.0)) for values in terms.values()), default=0.0
+    )
+    factor, unit = next(((f, u) for f, u in ((1e6, "MJ"), (1e3, "kJ")) if largest >= f), (1.0, "J"))
+    styles = ("-", "-", "-", "-", "--", "--", "-.", ":")
+    hues = ("#4292c6", BLUE, "#41ab5d", "black", "#fd8d3c", RED, "#807dba", GREY)
+    for (term, values), style, colour in zip(terms.items(), styles, hues, strict=True):
+        label = term
+        if term == "error" and largest > 0.0:
+            label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
+        ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
+    decorate(ax, "time [s]", f"energy [{unit}]")
+    ax.set_title("energy balance", loc="left")
+    ax.margins(x=0.0)
+    legend(ax, "below")
+    return ax
+
+
+def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
+    """Shares of the joint points that are open and that slide, against time [%]."""
+    check_results(results)
+    time = results.time("histories")
+    ax = chosen_axes(ax)
+    for state, colour, label in (("open", "black", "open"), ("slip", RED, "sliding")):
+        share = 100.0 * results.series("histories", f"joint_{state}")
+        ax.plot(time, share, color=colour, linewidth=1.0, label=label)
+    decorate(ax, "time [s]", "share of joint points [%]")
+    ax.set_title("state of the joints", loc="left")
+    ax.set_ylim(bottom=0.0)
+    ax.margins(x=0.0)
+    legend(ax, "above")
+    return ax
+
+
+def runs(
+    results: Results, reference: Results | None, labels: tuple[str, str]
+) -> list[tuple[Results, dict[str, Any]]]:
+    """Runs in drawing order, each with the style of its line."""
+    check_results(results)
+    if reference is not None:
+        check_results(reference, "reference")
+    check_labels(labels)
+    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
+    if reference is None:
+        return [own]
+    return [(reference, {"color": "#f4a261", "linewidth": 1.3, "label": labels[1]}), own]
+
+
+def _history(results: Results, point: int | str, component: Component) -> tuple[Floats, Floats]:
+    """Times [s] and one displacement component [m] of a monitor point."""
+    column = column_of(component)
+    displacement = results.series("histories", "displacement")
+    return results.time("histories"), displacement[:, results.point_index(point), column]
+
+
+def point_name(results: Results, point: int | str) -> str:
+    """Name of a monitor point given by its name or number."""
+    return results.point_names[results.point_index(point)]
+
+
+def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
+    """Label the axes and give them the look of all figures here."""
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.title.set_fontsize("medium")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    if grid:
+        ax.grid(color="0.9", linewidth=0.6)
+        ax.set_axisbelow(True)
+
+
+def legend(ax: Axes, where: str = "inside") -> None:
+    """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
+    places: dict[str, dict[str, Any]] = {
+        "inside": {"framealpha": 0.85, "edgecolor": "none"},
+        "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
+        "below": {
+            "frameon": False,
+            "ncols": 2,
+            "loc": "upper left",
+            "bbox_to_anchor": (0.0, -0.14),
+        },
+    }
+    ax.legend(fontsize="small", **places[where])
+
+
+def _open_legend(ax: Axes, share: float) -> None:
+    from matplotlib.patches import Patch
+
+    patch = Patch(color="black", label=f"open, {share:.0%} of the area")
+    place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.12), "borderaxespad": 0.0}
+    ax.legend(handles=[patch], frameon=False, fontsize="small", **place)

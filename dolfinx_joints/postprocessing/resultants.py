@@ -1,0 +1,347 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Forces and moments that joints transmit, safety against sliding, from a results file.
+
+Forces are those on the + side of a joint; the - side receives the opposite ones. Tractions of a
+joint with water are effective, the water's part is given beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_number
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.results.requests import check_joint, check_results
+from dolfinx_joints.results.reader import Results
+
+Floats = NDArray[np.floating[Any]]
+
+# Of the largest force on a joint over a run, that counts as none.
+NEGLIGIBLE = 1e-12
+
+RESULTANT_MEASURES = (
+    "safety_min",
+    "safety_time",
+    "normal_force_max",
+    "normal_force_min",
+    "shear_force_max",
+    "contact_min",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointGeometry:
+    """Where the resultants of a joint refer to.
+
+    Attributes:
+        centroid: Of the joint's area, shape (3,), [m].
+        normal: Mean normal, from the - to the + side, shape (3,); NaN where a joint closes on
+            itself and has none.
+        area: [m^2].
+    """
+
+    centroid: Floats
+    normal: Floats
+    area: float
+
+    @classmethod
+    def of(cls, points: Floats, normals: Floats, areas: Floats) -> JointGeometry:
+        """Of points (n, 3) [m], their unit normals (n, 3) and areas (n,) [m^2]."""
+        return cls.from_sums(areas.sum(), areas @ points, areas @ normals)
+
+    @classmethod
+    def from_sums(cls, area: float, first: Floats, normal: Floats) -> JointGeometry:
+        """Of the sums over the area of 1, of the position, and of the normal."""
+        length = float(np.linalg.norm(normal))
+        unit = normal / length if length > 1e-9 * area else np.full(3, np.nan)
+        return cls(centroid=first / area, normal=unit, area=float(area))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResultants:
+    """What a joint transmits to its + side, at the records of a run or in one state.
+
+    Of a run all arrays begin with an axis of records; of one state they are without it.
+
+    Attributes:
+        joint: Name.
+        time: Times, [s]; None of a single state.
+        geometry: Centroid, mean normal, area.
+        force: Effective, in global axes, shape (..., 3), [N].
+        moment: About the centroid, effective, shape (..., 3), [N m].
+        water_force: Of the water in the joint, likewise; None without.
+        water_moment: Likewise.
+        contact: Share of the area under pressure, t_n < 0, shape (...).
+        bond: Cohesion times the area whose bond is intact, shape (...), [N].
+        friction: mu, NaN where the law has no limit to the shear or is not known.
+    """
+
+    joint: str
+    time: Floats | None
+    geometry: JointGeometry
+    force: Floats
+    moment: Floats
+    water_force: Floats | None = None
+    water_moment: Floats | None = None
+    contact: Floats
+    bond: Floats
+    friction: float
+
+    @property
+    def total_force(self) -> Floats:
+        """Force with that of the water, shape (..., 3), [N]."""
+        return self.force if self.water_force is None else self.force + self.water_force
+
+    @property
+    def total_moment(self) -> Floats:
+        """Moment about the centroid with that of the water, shape (..., 3), [N m]."""
+        return self.moment if self.water_moment is None else self.moment + self.water_moment
+
+    @property
+    def normal_force(self) -> Floats:
+        """N along the mean normal, positive where it presses, shape (...), [N]."""
+        normal: Floats = self.force @ self.geometry.normal
+        return normal
+
+    @property
+    def shear(self) -> Floats:
+        """V, the force in the plane of the mean normal, global axes, shape (..., 3), [N]."""
+        return self.force - self.normal_force[..., None] * self.geometry.normal
+
+    @property
+    def shear_force(self) -> Floats:
+        """|V|, shape (...), [N]."""
+        size: Floats = np.linalg.norm(self.shear, axis=-1)
+        return size
+
+    @property
+    def sliding_safety(self) -> Floats:
+        """(mu N + bond) / |V|, shape (...).
+
+        It is infinite without shear, and NaN where nothing is transmitted or mu is not known.
+        A joint slides as a whole at 1; single points may slide before.
+        """
+        strength = self.friction * np.maximum(self.normal_force, 0.0) + self.bond
+        size = np.linalg.norm(self.force, axis=-1)
+        none = NEGLIGIBLE * np.max(size, initial=0.0)
+        shear = np.where(self.shear_force > none, self.shear_force, 0.0)
+        strength = np.where(strength <= none, 0.0, strength)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(strength / shear)
+
+    @property
+    def line_of_action(self) -> Floats:
+        """Where the normal force acts, in the mean plane through the centroid, (..., 3), [m].
+
+        NaN without a normal force. Of a plane joint; of a curved one the place in its mean plane.
+        """
+        n, normal = self.geometry.normal, self.normal_force
+        size = np.linalg.norm(self.force, axis=-1)
+        some = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
+        safe = np.where(some, normal, np.nan)[..., None]
+        return np.asarray(self.geometry.centroid + np.cross(n, self.moment) / safe)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockResultants:
+    """What its joints put on each block, cells that are connected without crossing a joint.
+
+    Attributes:
+        time: Shape (records,), [s].
+        mass: Shape (blocks,), [kg].
+        centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
+        force: Sum of the joints' effective forces, shape (records, blocks, 3), [N].
+        moment: About ``centre``, likewise [N m].
+        water_force: Of the water in the joints, None without.
+        water_moment: Likewise.
+    """
+
+    time: Floats
+    mass: Floats
+    centre: Floats
+    force: Floats
+    moment: Floats
+    water_force: Floats | None = None
+    water_moment: Floats | None = None
+
+    @property
+    def total_force(self) -> Floats:
+        """Force with that of the water, shape (records, blocks, 3), [N]."""
+        return self.force if self.water_force is None else self.force + self.water_force
+
+    @property
+    def total_moment(self) -> Floats:
+        """Moment with that of the water, shape (records, blocks, 3), [N m]."""
+        return self.moment if self.water_moment is None else self.moment + self.water_moment
+
+
+def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
+    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N].
+
+    Args:
+        frames: Rows n, s1, s2 of the points, shape (n, 3, 3).
+        areas: Shape (n,), [m^2].
+        traction: Components (n, s1, s2), shape (..., n, 3), [Pa].
+    """
+    force: Floats = -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
+    return force
+
+
+def joint_resultants(
+    results: Results, joint: str, *, friction_angle_deg: float | None = None
+) -> JointResultants:
+    """Resultants of a joint at every step if the run recorded them, else at its stored states.
+
+    Args:
+        results: The run; ``ResultsMonitor(resultants=True)`` records every step.
+        joint: Name of the joint.
+        friction_angle_deg: For the sliding safety; that of the joint's law unless given, which
+            files of earlier versions do not tell.
+
+    Raises:
+        ResultsError: There is no such joint.
+        ValueError: The angle is not from 0 to below 90 degrees.
+    """
+    check_joint(results, joint)
+    friction, cohesion = _strength(results, joint, friction_angle_deg)
+    arrays = _Arrays.of(results, joint)
+    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    where = f"joints/{joint}"
+    recorded = f"{where}/force" in results.streams.get("resultants", [])
+    stream = "resultants" if recorded else "states"
+    rows = slice(results.rows(stream))  # a run that is still writing adds more
+    time = results.time(stream)[rows]
+    if recorded:
+        names = ("force", "moment", "water_force", "water_moment", "contact", "bond")
+        parts = _recorded(results, where, names, rows)
+    else:
+        parts = _from_states(results, where, arrays, geometry, cohesion, rows)
+    parts.setdefault("bond", np.zeros(len(time)))
+    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+
+
+def block_resultants(results: Results) -> BlockResultants:
+    """What its joints put on each block at every step.
+
+    Raises:
+        ResultsError: The run did not record it.
+    """
+    check_results(results)
+    series = results.streams.get("resultants", [])
+    if "blocks/force" not in series:
+        raise ResultsError(
+            f"{results.path} has no resultants of blocks; record them with "
+            "ResultsMonitor(resultants=True)."
+        )
+    rows = slice(results.rows("resultants"))
+    names = ("force", "moment", "water_force", "water_moment")
+    return BlockResultants(
+        time=results.time("resultants")[rows],
+        mass=results.static("blocks/mass"),
+        centre=results.static("blocks/centre"),
+        **_recorded(results, "blocks", names, rows),
+    )
+
+
+def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
+    """Extremes of the resultants of each joint, over the records of `joint_resultants`.
+
+    By joint: ``safety_min``, the smallest sliding safety, with its ``safety_time`` [s], both NaN
+    where no friction angle is known; ``normal_force_max``, ``normal_force_min``,
+    ``shear_force_max`` [N]; ``contact_min``, the smallest share of the area under pressure.
+    """
+    check_results(results)
+    return {joint: _measures_of(joint_resultants(results, joint)) for joint in results.joints}
+
+
+def _measures_of(found: JointResultants) -> dict[str, float]:
+    assert found.time is not None
+    safety = found.sliding_safety
+    known = np.flatnonzero(~np.isnan(safety))
+    least = known[np.argmin(safety[known])] if known.size else None
+    values = (
+        np.nan if least is None else float(safety[least]),
+        np.nan if least is None else float(found.time[least]),
+        float(np.max(found.normal_force, initial=-np.inf)),
+        float(np.min(found.normal_force, initial=np.inf)),
+        float(np.max(found.shear_force, initial=-np.inf)),
+        float(np.min(found.contact, initial=np.inf)),
+    )
+    return dict(zip(RESULTANT_MEASURES, values, strict=True))
+
+
+@dataclass(frozen=True)
+class _Arrays:
+    """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint as a file holds them."""
+
+    points: Floats
+    frames: Floats
+    areas: Floats
+
+    @classmethod
+    def of(cls, results: Results, joint: str) -> _Arrays:
+        names = ("points", "frames", "areas")
+        return cls(*(results.static(f"joints/{joint}/{name}") for name in names))
+
+
+def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
+    """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
+    law = results.law(joint)
+    angle = law.get("friction_angle_deg") if angle is None else angle
+    cohesion = float(law.get("cohesion", 0.0))
+    if angle is None:
+        return np.nan, cohesion
+    check_number("friction_angle_deg", angle, lambda v: 0 <= v < 90, "from 0 to below 90 degrees")
+    return math.tan(math.radians(angle)), cohesion
+
+
+def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
+    """Those of the series below a name that the file has."""
+    known = results.streams["resultants"]
+    return {
+        name: results.series("resultants", f"{where}/{name}", rows)
+        for name in names
+        if f"{where}/{name}" in known
+    }
+
+
+def _from_states(
+    results: Results,
+    where: str,
+    arrays: _Arrays,
+    geometry: JointGeometry,
+    cohesion: float,
+    rows: slice,
+) -> dict[str, Any]:
+    """Resultants at the stored states."""
+    series = results.streams["states"]
+    traction = results.series("states", f"{where}/traction", rows)
+    parts = _moved(arrays, geometry, traction, "")
+    parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / geometry.area
+    if f"{where}/pressure" in series:
+        pressed = np.zeros_like(traction)
+        pressed[..., 0] = -results.series("states", f"{where}/pressure", rows)
+        parts |= _moved(arrays, geometry, pressed, "water_")
+    if f"{where}/broken" in series:
+        intact = results.series("states", f"{where}/broken", rows) == 0
+        parts["bond"] = cohesion * (intact @ arrays.areas)
+    return parts
+
+
+def _moved(
+    arrays: _Arrays, geometry: JointGeometry, traction: Floats, prefix: str
+) -> dict[str, Floats]:
+    """Force and moment of tractions (records, n, 3)."""
+    force = forces_of(arrays.frames, arrays.areas, traction)
+    arms = arrays.points - geometry.centroid
+    return {
+        f"{prefix}force": force.sum(axis=-2),
+        f"{prefix}moment": np.cross(arms, force).sum(axis=-2),
+    }

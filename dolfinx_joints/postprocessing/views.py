@@ -1,0 +1,347 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pictures in space from a results file: mesh, deformed shape, maps on joints, stress envelopes.
+
+Every function returns a figure of matplotlib, for ``plots.save``. Bodies are drawn off screen by
+VTK without perspective; no screen is needed. The arrows in a corner are the axes, to the scale of
+the picture. Tractions keep the sign of the files: compression is negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import check_choice, check_flag, check_kind_of, check_number
+from dolfinx_joints.postprocessing.joint_surface import JointSurface
+from dolfinx_joints.postprocessing.joint_values import (
+    MAP_LABELS,
+    MapQuantity,
+    colour_limits,
+    colours,
+    map_value,
+)
+from dolfinx_joints.postprocessing.pictures import colour_bar, draw, legend, round_scale, write
+from dolfinx_joints.postprocessing.rendering import Camera, Scene
+from dolfinx_joints.results.requests import check_joint, check_results, record_number
+from dolfinx_joints.results.reader import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
+
+_CONCRETE, _JOINT, _LINE = "#d9d5cc", "#b2182b", "#4d4d4d"
+_OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
+_MOST_PICTURES = 8  # side by side
+_UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
+_STATES = {"open": "black", "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
+_ENVELOPES = {
+    "principal_max": "largest principal stress",
+    "principal_min": "smallest principal stress",
+    "arch_max": "largest arch stress",
+    "arch_min": "smallest arch stress",
+    "cantilever_max": "largest cantilever stress",
+    "cantilever_min": "smallest cantilever stress",
+}
+
+
+def mesh(
+    results: Results,
+    *,
+    azimuths_deg: Sequence[float] = (_UPSTREAM, _DOWNSTREAM),
+    elevation_deg: float = 24.0,
+) -> Figure:
+    """Finite-element mesh with the outlines of its joints, named by what tells them apart.
+
+    Args:
+        results: the run.
+        azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
+        elevation_deg: of the eye above the horizon.
+    """
+    nodes, surface = _boundary(results)
+    cameras = _cameras(azimuths_deg, elevation_deg)
+    scene, names = Scene(), _short_names(results.joints)
+    shade: dict[str, Any] = {
+        "ambient": 0.45,
+        "diffuse": 0.6,
+        "show_edges": True,
+        "edge_color": _LINE,
+    }
+    scene.surface(nodes, surface, color=_CONCRETE, line_width=2.0, **shade)
+    points = {}
+    for joint in results.joints:
+        points[joint], faces = _separate(JointSurface(results, joint).corners)
+        radius = 2.5e-3 * _size(nodes)
+        scene.edges(points[joint], faces, sharper_than_deg=None, radius=radius, color=_JOINT)
+    figure, axes = draw(scene, cameras)
+    for ax, camera in zip(axes, cameras, strict=True):
+        for joint, name in names.items():
+            write(ax, _top(points[joint], camera), name, _JOINT)
+    count = f"{len(surface)} facets on the boundary, {len(nodes)} nodes"
+    if "cells" in results.metadata:
+        count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
+    title = f"finite-element mesh: {count}, {len(results.joints)} joints"
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def deformed(
+    results: Results,
+    *,
+    time: float | None = None,
+    index: int = -1,
+    scale: float | None = None,
+    azimuth_deg: float = _DOWNSTREAM,
+    elevation_deg: float = 24.0,
+) -> Figure:
+    """Deformed surface coloured by the size of its displacement, faces of open joints red.
+
+    Thin lines are the outline of the undeformed body.
+
+    Args:
+        results: the run.
+        time: draw the record of the stream ``states`` nearest to it [s].
+        index: number of the record where no time is given.
+        scale: factor on the displacements; by default a round one by which the largest becomes
+            about 6 % of the model's size.
+        azimuth_deg: of the eye, from downstream (x) towards y.
+        elevation_deg: of the eye above the horizon.
+    """
+    number = record_number(results, time, index)
+    camera = Camera(azimuth_deg, elevation_deg)
+    if scale is not None:
+        check_number("scale", scale, lambda v: abs(v) <= 1e9, "from -1e9 to 1e9")
+    nodes, surface = _boundary(results)
+    displacement = results.series("states", "displacement", number)
+    size = 1e3 * np.linalg.norm(displacement, axis=1)
+    factor = round_scale(nodes, 1e-3 * float(size.max(initial=0.0))) if scale is None else scale
+    moved = nodes + factor * displacement
+    outer, sides = _outer(results, surface), _sides(results)
+    limits = _data_limits(size[outer])
+    scene = Scene()
+    scene.surface(
+        moved, outer, nodal=size, cmap=colours(), clim=limits, show_edges=True, edge_color=_LINE
+    )
+    if sides.size:
+        scene.surface(moved, surface[sides], color=_JOINT, lighting=False)
+    scene.edges(nodes, outer, **_OUTLINE)
+    figure, axes = draw(scene, [camera])
+    colour_bar(figure, axes, colours(), limits, "displacement [mm]")
+    moment = results.time("states")[number]
+    title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
+    figure.suptitle(title + _widest(results, number), fontsize="medium")
+    return figure
+
+
+def joint_map(
+    results: Results,
+    quantity: MapQuantity = "normal",
+    *,
+    joint: str | None = None,
+    time: float | None = None,
+    index: int = -1,
+    turned: bool = True,
+    azimuth_deg: float = 0.0,
+    elevation_deg: float = 15.0,
+) -> Figure:
+    """Values on the joints, a patch for each joint point, inside the outline of the body.
+
+    The joints of a dam are seen nearly from the edge wherever the eye is. So each upright joint is
+    turned about the vertical through its middle until it faces the eye, upstream edge to the
+    left. In maps of tractions and states, open points are black.
+
+    Args:
+        results: the run.
+        quantity: ``"normal"``, ``"tangential"``, ``"ratio"`` (-|t_s|/|t_n|), ``"opening"``,
+            ``"slip"`` (tangential gap) or ``"state"``.
+        joint: name of one joint; all of them by default.
+        time: draw the record of the stream ``states`` nearest to it [s].
+        index: number of the record where no time is given.
+        turned: False leaves the joints as they stand.
+        azimuth_deg: of the eye, from downstream (x) towards y.
+        elevation_deg: of the eye above the horizon.
+    """
+    check_choice("quantity", quantity, MAP_LABELS)
+    check_flag("turned", turned)
+    camera = Camera(azimuth_deg, elevation_deg)
+    number = record_number(results, time, index)
+    nodes, surface = _boundary(results)
+    joints = results.joints if joint is None else [joint]
+    if not joints:
+        raise ValueError(f"{results.path} has no joints to draw.")
+    for name in joints:
+        check_joint(results, name)
+    values = {name: map_value(results, name, quantity, number) for name in joints}
+    style, limits = _map_style(quantity, np.concatenate(list(values.values())))
+    scene, tops = Scene(), {}
+    scene.edges(nodes, _outer(results, surface), **_OUTLINE)
+    for name, of_points in values.items():
+        joint_surface = JointSurface(results, name)
+        points, faces = _separate(joint_surface.patches_in_space())
+        if turned:
+            points = _turned(points, joint_surface.axes, camera)
+        scene.surface(points, faces, of_faces=of_points, clim=limits, **style)
+        tops[name] = _top(points, camera)
+    figure, axes = draw(scene, [camera])
+    for name, label in _short_names(joints).items():
+        write(axes[0], tops[name], label, "black")
+    if quantity == "state":
+        legend(axes[0], dict(_STATES))
+    else:
+        if quantity not in ("opening", "slip"):
+            legend(axes[0], {"open": "black"})
+        colour_bar(figure, axes, style["cmap"], limits, MAP_LABELS[quantity])
+    moment = results.time("states")[number]
+    what = ("joints" if joint is None else joint) + (", turned to the eye," if turned else "")
+    figure.suptitle(f"{what} at t = {moment:.3f} s" + _widest(results, number), fontsize="medium")
+    return figure
+
+
+def envelope(
+    results: Results,
+    name: str = "principal_max",
+    *,
+    azimuths_deg: Sequence[float] = (_UPSTREAM, _DOWNSTREAM),
+    elevation_deg: float = 24.0,
+) -> Figure:
+    """Envelope of a stress over the run on the boundary, seen from upstream and downstream.
+
+    Nodes without a value, such as those of a crest for arch stresses, are grey.
+
+    Args:
+        results: the run, with the stream ``envelopes``.
+        name: ``"principal_max"``, ``"principal_min"``, or the same of ``arch`` or ``cantilever``.
+        azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
+        elevation_deg: of the eye above the horizon.
+    """
+    check_choice("name", name, _ENVELOPES)
+    cameras = _cameras(azimuths_deg, elevation_deg)
+    nodes, surface = _boundary(results)
+    values = np.full(len(nodes), np.nan)
+    values[results.static("envelopes/nodes")] = 1e-6 * results.series("envelopes", name, -1)
+    limits = _data_limits(values)
+    cmap = colours(dark_is_low=name.endswith("min"))
+    scene = Scene()
+    style: dict[str, Any] = {
+        "cmap": cmap,
+        "clim": limits,
+        "nan_color": _CONCRETE,
+        "edge_color": _LINE,
+    }
+    scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
+    figure, axes = draw(scene, cameras)
+    colour_bar(figure, axes, cmap, limits, "[MPa], tension > 0")
+    title = f"{_ENVELOPES[name]}: {limits[0]:.2f} to {limits[1]:.2f} MPa"
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def _cameras(azimuths_deg: Any, elevation_deg: Any) -> list[Camera]:
+    """A camera for each azimuth."""
+    good = isinstance(azimuths_deg, Sequence) and not isinstance(azimuths_deg, str)
+    good = good and 1 <= len(azimuths_deg) <= _MOST_PICTURES
+    check_kind_of("azimuths_deg", azimuths_deg, good, f"a list of 1 to {_MOST_PICTURES} angles")
+    return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
+
+
+def _boundary(results: Results) -> tuple[Floats, Ints]:
+    """Nodes [m] and vertices of the boundary facets of a body in space."""
+    check_results(results)
+    nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
+    if surface.shape[1] < 3:
+        raise ValueError(
+            f"Pictures in space need a body in space; that of {results.path} is plane."
+        )
+    return nodes, surface
+
+
+def _sides(results: Results) -> Ints:
+    """Numbers of the boundary facets on both sides of the joints."""
+    sides = [JointSurface(results, joint).sides() for joint in results.joints]
+    return np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
+
+
+def _outer(results: Results, surface: Ints) -> Ints:
+    """Vertices of the boundary facets of no joint."""
+    outer: Ints = np.delete(surface, _sides(results), axis=0)
+    return outer
+
+
+def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
+    """Points of a joint turned about the vertical through their middle until it faces the eye.
+
+    A joint whose second axis is not upright stays as it is.
+    """
+    if axes[1, 2] < 0.7:
+        return points
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    old, new = axes[0, :2], camera.right[:2]
+    cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
+    rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    turned: Floats = (points - middle) @ rotation.T + middle
+    return turned
+
+
+def _top(points: Floats, camera: Camera) -> Floats:
+    """Middle of the highest points, in the picture."""
+    highest = points[:, 2] >= points[:, 2].max() - 1e-6 * _size(points)
+    return camera.project(points[highest].mean(axis=0))
+
+
+def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
+    """Points of polygons one after the other, and the numbers of each polygon's points."""
+    lengths = [len(polygon) for polygon in polygons]
+    return np.concatenate(list(polygons)), np.split(
+        np.arange(sum(lengths)), np.cumsum(lengths)[:-1]
+    )
+
+
+def _size(nodes: Floats) -> float:
+    """Diagonal of the box around the body [m]."""
+    return float(np.linalg.norm(np.ptp(nodes, axis=0)))
+
+
+def _data_limits(values: Floats) -> tuple[float, float]:
+    """Range of the values that are not NaN, widened where it is a point."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        raise ValueError("There is nothing to draw: all values are missing.")
+    low, high = float(known.min()), float(known.max())
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def _short_names(joints: Sequence[str]) -> dict[str, str]:
+    """Names without what all of them begin with."""
+    if len(joints) < 2:
+        return {joint: joint for joint in joints}
+    start = 0
+    while len({joint[: start + 1] for joint in joints}) == 1:
+        start += 1
+    return {joint: joint[start:] or joint for joint in joints}
+
+
+def _widest(results: Results, number: int) -> str:
+    """Which joint is open most at a record, to go on in a title."""
+    widest = {
+        joint: 1e3 * results.series("states", f"joints/{joint}/gap", number)[:, 0].max(initial=0.0)
+        for joint in results.joints
+    }
+    if not widest:
+        return ""
+    joint = max(widest, key=lambda name: widest[name])
+    return f"\nwidest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
+
+
+def _map_style(quantity: MapQuantity, values: Floats) -> tuple[dict[str, Any], tuple[float, float]]:
+    """How patches are coloured, and the range of the colours."""
+    if quantity == "state":
+        from matplotlib.colors import ListedColormap
+
+        return {"cmap": ListedColormap(list(_STATES.values()))}, (-0.5, 2.5)
+    limits = colour_limits(values)
+    return {"cmap": colours(dark_is_low=quantity in ("normal", "ratio"))}, limits

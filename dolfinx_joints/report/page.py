@@ -1,0 +1,245 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""HTML of a report: escaped text, tables, figures, and the page that holds everything.
+
+Whatever is text goes through :func:`text`. A second guard is the page's content security policy:
+it allows no request at all, and runs only the scripts whose hashes it names.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Cell = Any  # a number, a text, None, or a piece of HTML
+
+
+class Html(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section: a heading with an anchor, and pieces of HTML."""
+
+    name: str
+    title: str
+    pieces: Sequence[Html]
+
+
+@dataclass
+class Drawings:
+    """What the scripts of the page draw.
+
+    Attributes:
+        plots: plotly's data and layout by the id of their element.
+        scene: one entry per run for the view in space.
+        folder: where pictures are written, for the links to them.
+    """
+
+    folder: Path
+    plots: dict[str, dict[str, Any]] = field(default_factory=dict)
+    scene: list[dict[str, Any]] = field(default_factory=list)
+
+    def plot(
+        self, name: str, spec: dict[str, Any], caption: str, pictures: Sequence[Path] = ()
+    ) -> Html:
+        """An interactive plot, with links to pictures of the same."""
+        self.plots[name] = spec
+        height = spec["layout"]["height"]
+        links = [
+            f'<a href="{text(f"{self.folder.name}/{p.name}")}">{text(p.name)}</a>' for p in pictures
+        ]
+        note = f" Pictures: {', '.join(links)}." if links else ""
+        return Html(
+            f'<figure><div class="plot" id="{text(name)}" style="height:{height}px" role="img" '
+            f'aria-label="{text(caption)}"></div><figcaption>{text(caption)}{note}</figcaption>'
+            "</figure>"
+        )
+
+    def picture(self, png: Path, alt: str) -> Html:
+        """A picture, held in the page itself."""
+        data = base64.b64encode(png.read_bytes()).decode()
+        return Html(f'<img src="data:image/png;base64,{data}" alt="{text(alt)}"/>')
+
+
+def text(value: Cell) -> Html:
+    """A value as HTML: text escaped, numbers to four digits, nothing as a dash."""
+    if isinstance(value, Html):
+        return value
+    return Html(escape(plain(value), quote=True))
+
+
+def plain(value: Cell) -> str:
+    """A value as text without mark-up."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+    if isinstance(value, float | np.floating):
+        if not np.isfinite(value):
+            return "–" if np.isnan(value) else str(float(value))
+        return f"{value:.4g}".replace("e+", "e").replace("-", "\N{MINUS SIGN}")
+    if isinstance(value, list | tuple):
+        return ", ".join(plain(item) for item in value)
+    return str(value)
+
+
+def paragraph(content: Cell, kind: str = "") -> Html:
+    """A paragraph."""
+    return Html(f"<p{_class(kind)}>{text(content)}</p>")
+
+
+def bullets(items: Sequence[Cell], *, ordered: bool = False) -> Html:
+    """A list."""
+    tag = "ol" if ordered else "ul"
+    return Html(f"<{tag}>{''.join(f'<li>{text(item)}</li>' for item in items)}</{tag}>")
+
+
+def heading(content: Cell) -> Html:
+    """A heading within a section."""
+    return Html(f"<h3>{text(content)}</h3>")
+
+
+def figure(pictures: Sequence[Html], caption: str) -> Html:
+    """Pictures side by side above their caption."""
+    return Html(
+        f'<figure><div class="maps">{"".join(pictures)}</div>'
+        f"<figcaption>{text(caption)}</figcaption></figure>"
+    )
+
+
+def details(title: str, pieces: Sequence[Html], *, opened: bool = False) -> Html:
+    """Something to be opened; plots within are drawn then."""
+    state = ' open=""' if opened else ""
+    return Html(f"<details{state}><summary>{text(title)}</summary>{''.join(pieces)}</details>")
+
+
+def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> Html:
+    """A table whose first column names its rows; columns of numbers are set to the right.
+
+    A row of one cell is the heading of those that follow.
+    """
+    whole = [row for row in rows if len(row) > 1]
+    numeric = [
+        all(row[i] is None or _is_number(row[i]) for row in whole) and bool(whole)
+        for i in range(len(head))
+    ]
+    kinds = ["number" if flag else "" for flag in numeric]
+    top = "".join(
+        f'<th scope="col"{_class(kind)}>{text(cell)}</th>'
+        for cell, kind in zip(head, kinds, strict=True)
+    )
+    body = "".join(_row(row, kinds) for row in rows)
+    return Html(
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{text(caption)}"><table>'
+        f"<caption>{text(caption)}</caption>"
+        f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def floats(values: ArrayLike) -> dict[str, str]:
+    """An array as the page's script reads it, in single precision."""
+    return {"f4": base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()}
+
+
+def integers(values: ArrayLike) -> dict[str, str]:
+    """An array of integers as the page's script reads it."""
+    return {"i4": base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()}
+
+
+def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings) -> str:
+    """The whole page.
+
+    Args:
+        title: heading of the page.
+        top: what stands above the list of contents.
+        sections: in order.
+        drawings: what the scripts draw.
+
+    Returns:
+        HTML that needs no other file and asks the net for nothing.
+    """
+    data = {"plots": drawings.plots, "scene": drawings.scene}
+    script, style = _own("report.js"), _own("report.css")
+    packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
+    hashes = [_hash(script), *hashes]
+    policy = (
+        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
+        f"script-src {' '.join(hashes)}"
+    )
+    contents = "".join(f'<li><a href="#{text(s.name)}">{text(s.title)}</a></li>' for s in sections)
+    body = "".join(
+        f'<section id="{text(s.name)}"><h2>{text(s.title)}</h2>{"".join(s.pieces)}</section>\n'
+        for s in sections
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8"/>\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}"/>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"/>\n'
+        f"<title>{text(title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
+        '<a class="skip" href="#contents">Skip to the contents</a>\n'
+        f"<main>\n<h1>{text(title)}</h1>\n{''.join(top)}\n"
+        f'<nav id="contents" aria-label="Contents"><h2>Contents</h2><ol>{contents}</ol></nav>\n'
+        f"{body}</main>\n"
+        f'<script type="application/json" id="data">{_json(data)}</script>\n'
+        f'<script type="application/octet-stream" id="plotly">{packed}</script>\n'
+        f"<script>{script}</script>\n</body>\n</html>\n"
+    )
+
+
+def _row(row: Sequence[Cell], kinds: Sequence[str]) -> str:
+    if len(row) == 1:
+        span = f'scope="colgroup" class="group" colspan="{len(kinds)}"'
+        return f"<tr><th {span}>{text(row[0])}</th></tr>"
+    cells = "".join(
+        f"<td{_class(kind or 'text')}>{text(cell)}</td>"
+        for cell, kind in zip(row[1:], kinds[1:], strict=True)
+    )
+    return f'<tr><th scope="row"{_class(kinds[0])}>{text(row[0])}</th>{cells}</tr>'
+
+
+def _is_number(cell: Cell) -> bool:
+    return isinstance(cell, int | float | np.number) and not isinstance(cell, bool)
+
+
+def _class(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def _json(data: Mapping[str, Any]) -> str:
+    """JSON that no text within can end: its only mark-up character is written as a number."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _own(name: str) -> str:
+    return files("dolfinx_joints.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> tuple[str, list[str]]:
+    """Plotly's script, compressed, and the hash by which the page lets it run."""
+    from plotly.offline import get_plotlyjs
+
+    source: str = get_plotlyjs()
+    packed = gzip.compress(source.encode(), compresslevel=9, mtime=0)
+    return base64.b64encode(packed).decode(), [_hash(source)]
+
+
+def _hash(script: str) -> str:
+    """What a content security policy calls a script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

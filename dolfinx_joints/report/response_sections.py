@@ -1,0 +1,335 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Sections of a report on the response: points, spectra, joints, the body in space, stresses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.report import figures as report_figures
+from dolfinx_joints.report.page import (
+    Html,
+    Section,
+    details,
+    figure,
+    heading,
+    paragraph,
+    plain,
+    table,
+)
+from dolfinx_joints.report.runs import Run, components
+from dolfinx_joints.report.run_sections import Content, nothing
+from dolfinx_joints.motions.spectra import Floats, equally_spaced, fourier_amplitude, response_spectrum
+
+FREQUENCIES = 15.0  # end of the frequency axes [Hz]
+PERIODS = np.geomspace(0.03, 3.0, 80)
+SPECTRUM_DAMPING = 0.05
+
+
+def displacements(content: Content) -> Section:
+    """Histories and Fourier amplitudes of each point, with their peaks."""
+    runs = [run for run in content.runs if run.moves]
+    if not runs:
+        return nothing("displacements", "Displacements", "histories of two records or more")
+    pieces = [
+        paragraph(
+            "Displacements are relative to the ground and counted from the static state, the "
+            "first record. Click a name in a legend to show or hide a run; runs after the second "
+            "start hidden.",
+            "note",
+        ),
+        table(
+            "Largest displacements and Fourier peaks",
+            [
+                "point, component, run",
+                "strong phase ends [s]",
+                "largest until then [mm]",
+                "largest after it [mm]",
+                "Fourier peak at [Hz]",
+                "± [Hz]",
+                "Fourier peak [mm s]",
+            ],
+            [row for name in _points(runs) for row in _peak_rows(runs, name)],
+        ),
+        paragraph(
+            "The strong phase lasts until 95 % of the ground's Arias intensity, all components "
+            "together, have arrived; where a file holds no ground acceleration it is the whole "
+            "run. A Fourier peak is known to half the distance of two frequencies.",
+            "note",
+        ),
+    ]
+    for number, name in enumerate(_points(runs)):
+        having = [run for run in runs if name in run.results.point_names]
+        plotted = []
+        for kind, draw in (("history", _histories), ("fourier", _spectra)):
+            spec, caption = draw(having, name)
+            pictures = _pictures(content, kind, name, number)
+            plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
+        pieces.append(details(f"Plots of {name}", plotted, opened=number == 0))
+    return Section("displacements", "Displacements", pieces)
+
+
+def response_spectra(content: Content) -> Section:
+    """Absolute accelerations and response spectra of points and ground."""
+    needed = ("acceleration", "ground_acceleration")
+    runs = [run for run in content.runs if run.has("histories", *needed)]
+    runs = [run for run in runs if run.results.rows("histories") > 3]
+    title = "Accelerations and response spectra"
+    if not runs:
+        return nothing("accelerations", title, "accelerations")
+    rows: list[list[Any]] = []
+    pieces: list[Html] = []
+    ground = _ground_spectrum(runs[0])
+    for number, name in enumerate(_points(runs)):
+        having = [run for run in runs if name in run.results.point_names]
+        rows += [_acceleration_row(run, name) for run in having]
+        spectra = {run.label: _point_spectrum(run, name) for run in having}
+        spectra["ground"] = ground
+        names = components(having)
+        panels = [
+            [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
+            for column in range(len(names))
+        ]
+        spec = report_figures.panels(
+            panels,
+            [f"{component} [m/s²]" for component in names],
+            "period [s]",
+            logarithmic=True,
+        )
+        caption = (
+            f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
+            f"{name}, and on the ground of {runs[0].label} (hidden at first)."
+        )
+        plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
+        pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
+    head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
+    rows = [[*row, *[None] * (len(head) - len(row))] for row in rows]
+    pieces.insert(0, table("Largest absolute accelerations", head, rows))
+    return Section("accelerations", title, pieces)
+
+
+def joints(content: Content) -> Section:
+    """Table of the joints' measures and maps of their tractions."""
+    runs = [run for run in content.runs if run.results.joints and run.has("states")]
+    if not runs:
+        return nothing("joints", "Joints", "joints with recorded states")
+    pieces: list[Html] = []
+    for run in runs:
+        rows = [
+            [
+                name,
+                *(1e3 * m[key] for key in ("opening_static", "opening_max", "opening_residual")),
+                m["opening_time"],
+                *(1e3 * m[key] for key in ("slip_max", "slip_residual")),
+                m["slip_time"],
+                *(100.0 * m[key] for key in ("share_open", "share_sliding")),
+                1e-6 * m["pressure_max"],
+            ]
+            for name, m in measures.joint_measures(run.results).items()
+        ]
+        pieces.append(table(f"Joints of {run.label}", _JOINT_HEAD, rows))
+    pieces.append(
+        paragraph(
+            "Opening is the positive part of the normal gap. Slip is the tangential displacement "
+            "of the two sides against each other from the static state, whether they touch or "
+            "not. Residual values are what the last second's mean adds to the static state. "
+            "Shares are of area and time.",
+            "note",
+        )
+    )
+    run = content.main if content.main in runs else runs[0]
+    pieces += _maps(content, run)
+    return Section("joints", "Joints", pieces)
+
+
+_JOINT_HEAD = (
+    "joint",
+    "static opening [mm]",
+    "largest opening [mm]",
+    "residual opening [mm]",
+    "widest at [s]",
+    "largest slip [mm]",
+    "residual slip [mm]",
+    "largest slip at [s]",
+    "open [%]",
+    "sliding [%]",
+    "largest pressure [MPa]",
+)
+
+
+def _maps(content: Content, run: Run) -> list[Html]:
+    """Maps of the tractions on all joints at the largest displacement of the first point."""
+    if run.plane:
+        return [paragraph("The model is plane: its joints are lines, of which no maps are drawn.")]
+    time = largest_moment(run)
+    pieces = [heading(f"Tractions of {run.label} at t = {time:.3f} s")]
+    pieces.append(
+        paragraph(
+            "The moment of the largest recorded displacement of the first point. Compression is "
+            "negative; open areas are black.",
+            "note",
+        )
+    )
+    for number, joint in enumerate(run.results.joints):
+        pictures = []
+        for quantity in ("normal", "tangential", "ratio"):
+            drawn = plots.joint_traction(run.results, joint, quantity, time=time)
+            path = content.save(f"joint_{number + 1}_{quantity}", drawn, dpi=80)
+            alt = f"Map of the {quantity} traction on {joint}, with open areas black"
+            if quantity == "ratio":
+                alt = f"Map of the ratio of shear to normal traction on {joint}"
+            pictures.append(content.drawings.picture(path, alt))
+        shown = figure(
+            pictures, f"{joint}: normal and tangential traction, and their ratio with its sign."
+        )
+        pieces.append(details(joint, [shown]))
+    return pieces
+
+
+def largest_moment(run: Run) -> float:
+    """Time of the state nearest to the largest displacement of the first point [s]."""
+    moments = run.results.time("states")
+    if not run.has("histories", "displacement"):
+        return float(moments[-1])
+    u = run.results.series("histories", "displacement")[:, 0]
+    largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
+    time = float(run.results.time("histories")[largest])
+    return float(moments[run.results.nearest("states", time)])
+
+
+def largest_displacement(run: Run) -> str | None:
+    """Largest displacement of a monitor point, and when, in words."""
+    if not run.has("histories", "displacement"):
+        return None
+    u = run.results.series("histories", "displacement")
+    size = np.linalg.norm(u - u[:1], axis=2)
+    row, point = np.unravel_index(int(np.argmax(size)), size.shape)
+    time = float(run.results.time("histories")[row])
+    name = run.results.point_names[int(point)]
+    return f"{plain(1e3 * float(size[row, point]))} mm at {name}, t = {plain(time)} s"
+
+
+def widest_opening(run: Run) -> str | None:
+    """Largest opening of a joint, and when, in words."""
+    if not run.results.joints:
+        return "has no joints"
+    if not run.has("states"):
+        return None
+    found = measures.joint_measures(run.results)
+    name = max(found, key=lambda joint: found[joint]["opening_max"])
+    most = found[name]
+    return (
+        f"{plain(1e3 * most['opening_max'])} mm on {name}, t = {plain(most['opening_time'])} s, "
+        f"and a slip of up to {plain(1e3 * max(m['slip_max'] for m in found.values()))} mm"
+    )
+
+
+def _points(runs: Iterable[Run]) -> list[str]:
+    return list(dict.fromkeys(name for run in runs for name in run.results.point_names))
+
+
+def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
+    rows = []
+    for component in components(runs):
+        for run in runs:
+            if name not in run.results.point_names or component not in run.components:
+                continue
+            until = strong_until(run)
+            peak = measures.peaks(run.results, name, strong_until=until)[component]
+            spectrum = measures.fourier_peaks(run.results, name, component)
+            rows.append(
+                [
+                    f"{name}, {component}, {run.label}",
+                    until,
+                    1e3 * peak["strong"],
+                    1e3 * peak["later"],
+                    spectrum.frequency,
+                    0.5 * spectrum.bin_width,
+                    1e3 * spectrum.amplitude,
+                ]
+            )
+    return rows
+
+
+def strong_until(run: Run) -> float:
+    """End of the strong motion [s], that of the run if the file does not tell the motion."""
+    if not run.has("histories", "ground_acceleration"):
+        return run.end
+    if not run.results.series("histories", "ground_acceleration").any():
+        return run.end
+    return measures.strong_motion_end(run.results)
+
+
+def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
+    curves = []
+    for component in components(runs):
+        panel = []
+        for run in (run for run in runs if component in run.components):
+            time, u = measures.displacement_history(run.results, name, component)
+            panel.append((run.label, time, 1e3 * u))
+        curves.append(panel)
+    titles = [f"{component} [mm]" for component in components(runs)]
+    caption = f"Displacement of {name} from the static state over time."
+    return report_figures.panels(curves, titles, "time [s]"), caption
+
+
+def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
+    curves = []
+    for component in components(runs):
+        panel = []
+        for run in (run for run in runs if component in run.components):
+            time, u = measures.displacement_history(run.results, name, component)
+            dt, values = equally_spaced(time, u)
+            frequency, amplitude = fourier_amplitude(values, dt)
+            shown = frequency <= FREQUENCIES
+            panel.append((run.label, frequency[shown], 1e3 * amplitude[shown]))
+        curves.append(panel)
+    titles = [f"{component} [mm s]" for component in components(runs)]
+    caption = f"Fourier amplitude of the displacement of {name}, up to {FREQUENCIES:g} Hz."
+    return report_figures.panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
+
+
+def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]:
+    """Pictures of a point's histories or spectra, of the main run and its reference."""
+    main, reference = content.main, content.reference
+    if not main.moves or name not in main.results.point_names:
+        return []
+    draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
+    options: dict[str, Any] = {}
+    if reference is not None and reference.moves and name in reference.results.point_names:
+        options = {"reference": reference.results, "labels": (main.label, reference.label)}
+    return [
+        content.save(f"{kind}_{number + 1}_{c}", draw(main.results, name, c, **options))
+        for c in main.components
+    ]
+
+
+def _acceleration_row(run: Run, name: str) -> list[Any]:
+    largest = []
+    for component in run.components:
+        _, a = measures.acceleration_history(run.results, name, component)
+        largest.append(float(np.abs(a).max()))
+    return [f"{name}, {run.label}", *largest]
+
+
+def _point_spectrum(run: Run, name: str) -> Floats:
+    """Pseudo-accelerations of all components, shape (periods, components), [m/s^2]."""
+    histories = [
+        measures.acceleration_history(run.results, name, component) for component in run.components
+    ]
+    time = histories[0][0]
+    dt, values = equally_spaced(time, np.stack([a for _, a in histories], axis=1))
+    return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration
+
+
+def _ground_spectrum(run: Run) -> Floats:
+    """Likewise of the ground."""
+    ground = run.results.series("histories", "ground_acceleration")[:, : len(run.components)]
+    dt, values = equally_spaced(run.results.time("histories"), ground)
+    return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration

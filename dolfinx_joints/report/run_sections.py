@@ -1,0 +1,292 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Sections of a report on the runs themselves: parameters, cost, energies, iterations, doubts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from dolfinx_joints import __version__
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.report import figures as report_figures
+from dolfinx_joints.report.page import (
+    Drawings,
+    Section,
+    bullets,
+    paragraph,
+    plain,
+    table,
+)
+from dolfinx_joints.report.runs import Pair, Run
+from dolfinx_joints.results.reader import (
+    ENERGY_TERMS,
+    LARGE_ENERGY_ERROR,
+    LARGE_LOCAL_ERROR,
+)
+
+_PARAMETERS = {
+    "time_step": "time step [s]",
+    "size": "cell size [m]",
+    "order": "degree of the elements",
+    "active_height": "joints active below this share of the height",
+    "friction_angle_deg": "friction angle [°]",
+    "normal_stiffness": "joint stiffness k_n [Pa/m]",
+    "shear_ratio": "k_s / k_n",
+    "gap": "initial gap [m]",
+    "scale": "factor on the motion",
+    "rotate": "turn of the horizontal axes [°]",
+    "stage": "stage",
+}
+_MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
+_COUNTS = {
+    "steps": "time steps",
+    "accepted": "pieces that the steps were solved in",
+    "failed": "tries that failed",
+    "iterations": "iterations in all",
+    "solver": "solver",
+    "peak_mb": "peak memory [MB]",
+}
+_ERRORS = {
+    "energy_error": "energy error / largest energy",
+    "imbalance": "energy error / sum of all lines",
+    "local_error": "largest error of one step / largest displacement",
+}
+
+
+@dataclass(frozen=True)
+class Content:
+    """What sections are made from.
+
+    Attributes:
+        runs: in the order given.
+        drawings: what the scripts draw; sections add to it.
+        pair: the linear and the jointed run that are compared, if there are such.
+    """
+
+    runs: Sequence[Run]
+    drawings: Drawings
+    pair: Pair | None
+
+    @property
+    def main(self) -> Run:
+        """The run that pictures show: that of the pair with joints, or the first."""
+        return self.pair.joints if self.pair else self.runs[0]
+
+    @property
+    def reference(self) -> Run | None:
+        """What pictures draw behind it."""
+        return self.pair.linear if self.pair else None
+
+    def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
+        """Write a picture beside the report."""
+        self.drawings.folder.mkdir(parents=True, exist_ok=True)
+        return plots.save(drawn.figure, self.drawings.folder / f"{name}.png", dpi=dpi)
+
+
+def parameters(content: Content) -> Section:
+    """Parameters and mesh numbers as the files tell them."""
+    facts = [run.results.metadata for run in content.runs]
+    hidden = {"point_names", "units", *_MESH}
+    keys = [key for key in dict.fromkeys(k for f in facts for k in f) if key not in hidden]
+    rows = [[_PARAMETERS.get(key, key), *(_fact(f, key) for f in facts)] for key in keys]
+    mesh = [[text, *(f.get(key) for f in facts)] for key, text in _MESH.items()]
+    mesh += [
+        ["nodes in the file", *(_length(run, "mesh/nodes") for run in content.runs)],
+        ["boundary facets", *(_length(run, "mesh/surface") for run in content.runs)],
+        ["joints", *(len(run.results.joints) for run in content.runs)],
+    ]
+    return Section(
+        "parameters",
+        "Parameters and mesh",
+        [
+            table("Parameters, as the files name them", _head("parameter", content), rows),
+            table("Mesh", _head("", content), mesh),
+        ],
+    )
+
+
+def cost(content: Content) -> Section:
+    """Seconds, steps, iterations, memory."""
+    summaries = [run.results.summary for run in content.runs]
+    rows = [[text, *(s.get(key) for s in summaries)] for key, text in _COUNTS.items()]
+    each = [
+        s["iterations"] / s["accepted"] if s.get("accepted") and "iterations" in s else None
+        for s in summaries
+    ]
+    rows.append(["iterations per piece", *each])
+    stages = [s["seconds"] if isinstance(s.get("seconds"), dict) else {} for s in summaries]
+    names = dict.fromkeys(name for stage in stages for name in stage)
+    rows += [[f"seconds: {name}", *(stage.get(name) for stage in stages)] for name in names]
+    rows.append(["seconds in all", *(run.seconds for run in content.runs)])
+    return Section(
+        "cost",
+        "Cost",
+        [
+            table("Work of each run", _head("", content), rows),
+            paragraph("Seconds are those of a clock on the machine that ran it.", "note"),
+        ],
+    )
+
+
+def energies(content: Content) -> Section:
+    """Closure of the energies, and their plots."""
+    summaries = [run.results.summary for run in content.runs]
+    rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
+    pieces = [
+        table("How well the energies balance", _head("", content), rows),
+        paragraph(
+            "The error is stored energy − stored at the start − input + what damping and friction "
+            "took; a scheme that balances energies leaves rounding, about 1e-14. The local error "
+            "estimates what one step does wrong.",
+            "note",
+        ),
+    ]
+    for number, run in enumerate(content.runs):
+        if not run.has("energy", *ENERGY_TERMS):
+            pieces.append(paragraph(f"The file of {run.label} holds no energies."))
+            continue
+        time = run.results.time("energy")
+        values = {term: run.results.series("energy", term) for term in ENERGY_TERMS}
+        curves = [[(term, time, 1e-3 * v) for term, v in values.items() if term != "error"]]
+        curves.append([("error", time, values["error"])])
+        spec = report_figures.panels(
+            curves, ["energy [kJ]", "error [J]"], "time [s]", shown=len(ENERGY_TERMS)
+        )
+        picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
+        caption = f"Energies of {run.label} over time, and their error."
+        pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
+    return Section("energies", "Energies", pieces)
+
+
+def convergence(content: Content) -> Section:
+    """Iterations and states of the joints over time."""
+    names = ("joint_open", "joint_stick", "joint_slip")
+    runs = [run for run in content.runs if run.has("histories", "iterations", *names)]
+    if not runs:
+        return nothing("iterations", "Iterations and joint states", "histories")
+    panels: list[list[report_figures.Curve]] = [[] for _ in range(4)]
+    for run in runs:
+        time = run.results.time("histories")
+        panels[0].append((run.label, time, run.results.series("histories", "iterations")))
+        for panel, name in zip(panels[1:], names, strict=True):
+            if not run.results.joints:
+                continue
+            panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
+    titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
+    drawn = [(panel, title) for panel, title in zip(panels, titles, strict=True) if panel]
+    spec = report_figures.panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
+    pictures = []
+    if content.main in runs and content.main.results.joints:
+        pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
+    caption = (
+        "Iterations of each step, and shares of the joint points that are open, stick and slide."
+    )
+    return Section(
+        "iterations",
+        "Iterations and joint states",
+        [content.drawings.plot("iterations-plot", spec, caption, pictures)],
+    )
+
+
+def warnings(content: Content) -> Section:
+    """What makes a run doubtful, by its own numbers."""
+    found = [sentence for run in content.runs for sentence in doubts(run)]
+    if not found:
+        found = ["None: all runs are complete, and their errors are within the bounds below."]
+    return Section(
+        "warnings",
+        "Warnings",
+        [
+            bullets(found),
+            paragraph(
+                f"A run is doubtful where its energy error is above {LARGE_ENERGY_ERROR:.0%} of "
+                f"the largest energy or the local error of one step above "
+                f"{LARGE_LOCAL_ERROR:.0%} of the largest displacement, and where it did not reach "
+                "its end.",
+                "note",
+            ),
+        ],
+    )
+
+
+def versions(content: Content) -> Section:
+    """What wrote the files and the report."""
+    rows = [
+        [run.label, str(run.results.path), run.results.created, run.results.status]
+        for run in content.runs
+    ]
+    packages = ["numpy", "scipy", "h5py", "matplotlib", "plotly", "pyvista"]
+    return Section(
+        "versions",
+        "Files and versions",
+        [
+            table("Results files", ["run", "file", "created (UTC)", "status"], rows),
+            table(
+                "This report was written with",
+                ["package", "version"],
+                [
+                    ["dolfinx_joints", __version__],
+                    ["Python", sys.version.split()[0]],
+                    *([p, _version(p)] for p in packages),
+                ],
+            ),
+        ],
+    )
+
+
+def doubts(run: Run) -> list[str]:
+    """Sentences on what makes a run doubtful."""
+    found = [] if run.results.complete else [ending(run)]
+    summary = run.results.summary
+    energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))
+    if energy > LARGE_ENERGY_ERROR:
+        found.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
+    if local > LARGE_LOCAL_ERROR:
+        found.append(f"{run.label}: a step errs by {local:.2%} of the largest displacement.")
+    recorded = summary.get("warnings", [])
+    return found + [f"{run.label}: {text}" for text in recorded]
+
+
+def ending(run: Run) -> str:
+    """How a run that is not complete ended."""
+    steps = run.results.metadata.get("steps")
+    done = f"at t = {run.end:.4g} s"
+    if steps is not None and run.has("histories"):
+        done += f", after {run.results.rows('histories') - 1} of {steps} steps"
+    words = {
+        "running": f"still runs, or was killed; its last record is {done}",
+        "stopped": f"was stopped {done}",
+        "failed": f"failed {done}",
+    }
+    reason = run.results.summary.get("error")
+    return f"{run.label} {words[run.results.status]}{f' ({reason})' if reason else ''}."
+
+
+def nothing(name: str, title: str, what: str) -> Section:
+    """A section on what the files do not hold."""
+    return Section(name, title, [paragraph(f"The files hold no {what}.")])
+
+
+def _head(first: str, content: Content) -> list[str]:
+    return [first, *(run.label for run in content.runs)]
+
+
+def _fact(facts: dict[str, Any], key: str) -> Any:
+    value = facts.get(key)
+    return value if isinstance(value, int | float | None) else plain(value)
+
+
+def _length(run: Run, name: str) -> int | None:
+    return len(run.results.static(name)) if name in run.results.statics else None
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed as a package"

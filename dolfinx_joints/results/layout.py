@@ -1,0 +1,96 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What results files of simulations hold: streams and arrays by name, declared with a writer."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.results.writer import ResultsWriter
+
+
+def declare_histories(
+    writer: ResultsWriter, points: ArrayLike, *, accelerations: bool = False
+) -> None:
+    """Declare the stream ``histories``, one record per step.
+
+    The names of the points belong in the metadata as ``point_names``.
+
+    Args:
+        writer: a writer not started yet.
+        points: monitor points, shape (num_points, 3), [m].
+        accelerations: Declare ``acceleration`` of the points and ``ground_acceleration`` as well.
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    writer.static("histories/points", points, "m", "monitor points")
+    writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
+    if accelerations:
+        text = "acceleration of monitor points relative to the ground, mean of the step ending here"
+        writer.series("histories", "acceleration", points.shape, "m/s^2", text)
+        text = "acceleration of the ground at the time of the record"
+        writer.series("histories", "ground_acceleration", (3,), "m/s^2", text)
+    for state in ("open", "stick", "slip"):
+        text = f"share of the joint points that {state if state != 'open' else 'are open'}"
+        writer.series("histories", f"joint_{state}", (), "-", text)
+    text = "iterations of the step's solve"
+    writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
+
+
+def declare_energy(
+    writer: ResultsWriter, joints: Sequence[str] = (), loads: Iterable[str] = ()
+) -> None:
+    """Declare the stream ``energy``, one record per step, a number [J] per ledger line.
+
+    Args:
+        writer: The writer.
+        joints: Names of the joints; the lines of joints are there for each of them as well.
+        loads: Names of the loads, whose works make up the input together with moving supports.
+    """
+    for term in ENERGY_TERMS:
+        writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")
+    for joint in joints:
+        for term in JOINT_ENERGY_TERMS:
+            name = f"joints/{joint}/{term}"
+            writer.series("energy", name, (), "J", f"{term} energy of {joint}")
+    for load in loads:
+        writer.series("energy", f"loads/{load}", (), "J", f"work of {load}")
+
+
+def declare_states(
+    writer: ResultsWriter,
+    nodes: ArrayLike,
+    surface: ArrayLike,
+    joints: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    status: bool = False,
+) -> None:
+    """Declare the stream ``states``, recorded at chosen times.
+
+    Args:
+        writer: a writer not started yet.
+        nodes: shape (num_nodes, 3), [m]; the two sides of a joint have their own.
+        surface: vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4); the
+            sides of the joints belong to them.
+        joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
+            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+        status: Declare the ``status`` of the joint points as well.
+    """
+    nodes = np.asarray(nodes, dtype=np.float64)
+    writer.static("mesh/nodes", nodes, "m", "nodes")
+    writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
+    writer.series("states", "displacement", nodes.shape, "m", "displacement of the nodes")
+    for name, joint in joints.items():
+        where = f"joints/{name}"
+        writer.static(f"{where}/points", joint["points"], "m", "joint points")
+        writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
+        writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
+        writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
+        shape = np.asarray(joint["points"]).shape
+        writer.series("states", f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
+        text = "traction (n, s1, s2), compression if n < 0"
+        writer.series("states", f"{where}/traction", shape, "Pa", text)
+        if status:
+            text = "0 open, 1 sticking, 2 sliding in the step ending here"
+            writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)

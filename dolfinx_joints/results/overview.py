@@ -1,0 +1,131 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a results file holds, on one screen."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.hdf5 import OTHER, DamageTold
+from dolfinx_joints.results.reader import Results
+
+_WIDTH = 100
+_LABEL = 12
+
+# Facts that have a line of their own, and are not repeated among the others.
+_TOLD = (
+    "stage",
+    "steps",
+    "point_names",
+    "dofs",
+    "joint_points",
+    "ranks",
+    "units",
+    "laws",
+    "manifest",
+)
+_COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error", "seconds")
+
+
+def overview(path: str | Path) -> str:
+    """One screen of text: the run, how good it is, what is stored.
+
+    Joints share a line: ``joints/*/gap`` stands for the gap of each. `results.describe` tells of
+    every array.
+
+    Args:
+        path: The results file.
+
+    Raises:
+        ResultsError: It cannot be read.
+    """
+    with Results(path) as results, DamageTold(results.path, ResultsError, OTHER):
+        told, summary = results.metadata, results.summary
+        lines = [f"{results.path}: {results.status}, created {results.created}"]
+        lines += _line("run", _facts(told, ("stage", "steps", "dofs", "joint_points", "ranks")))
+        lines += _line("solution", _facts(summary, _COSTS[1:-1]))
+        seconds = summary.get("seconds", {})
+        lines += _line("seconds", [f"{phase}={s:.3g}" for phase, s in seconds.items()])
+        lines += _line("error", [str(summary["error"])] if "error" in summary else [])
+        others = {k: v for k, v in summary.items() if k not in (*_COSTS, "error")}
+        lines += _line("counts", _facts(others, others))
+        settings = {k: v for k, v in told.items() if k not in _TOLD}
+        lines += _line("settings", _facts(settings, settings))
+        lines += _made_by(told.get("manifest"))
+        lines += _line("points", told.get("point_names", []))
+        for law, joints in _by_law(results).items():
+            lines += _line("joints", [*joints[:-1], joints[-1] + law])
+        for stream, names in results.streams.items():
+            times = results.time(stream)
+            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
+            records = "1 record" if times.size == 1 else f"{times.size} records"
+            lines.append(f"stream {stream}: {records}{span}")
+            lines += _line("", _together((n, results.unit(stream, n)) for n in names))
+        found = _together((name, results.unit(name)) for name in results.statics)
+        lines += _line("written once", found)
+    return "\n".join(lines)
+
+
+def _made_by(manifest: Any) -> list[str]:
+    """What made the file, a line each; joints of equal laws share one."""
+    lines: list[str] = []
+    for label, value in manifest.items() if isinstance(manifest, dict) else ():
+        if label == "joint_laws" and isinstance(value, dict):
+            joints: dict[str, list[str]] = {}
+            for joint, law in value.items():
+                joints.setdefault(str(law), []).append(joint)
+            for i, (law, names) in enumerate(joints.items()):
+                lines += _line("" if i else label, [f"{', '.join(names)}: {law}"])
+        elif isinstance(value, dict):
+            lines += _line(label, _facts(value, value))
+        else:
+            lines += _line(label, map(str, value) if isinstance(value, list) else [str(value)])
+    return lines
+
+
+def _by_law(results: Results) -> dict[str, list[str]]:
+    """Names of joints by what is said of their law."""
+    found: dict[str, list[str]] = {}
+    for name in results.joints:
+        law, text = results.law(name), ""
+        if law:
+            angle = law["friction_angle_deg"]
+            text = f": {law['kind']}{'' if angle is None else f', {angle:g} degrees'}"
+        found.setdefault(text, []).append(name)
+    return found
+
+
+def _facts(values: Mapping[str, Any], names: Iterable[str]) -> list[str]:
+    """Names with their values, those that are there."""
+    found = []
+    for name in names:
+        if name in values:
+            value = values[name]
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            found.append(f"{name}={shown}")
+    return found
+
+
+def _together(names: Iterable[tuple[str, str]]) -> list[str]:
+    """Names with units, those of all joints and of all loads as one."""
+    found = {}
+    for name, unit in names:
+        short = re.sub(r"^(joints/)[^/]+(/.*)$", r"\1*\2", name)
+        found[short] = "" if unit == "-" else f" [{unit}]"
+    return [name + unit for name, unit in found.items()]
+
+
+def _line(label: str, parts: Iterable[str]) -> list[str]:
+    """A labelled line of parts, wrapped; none without parts."""
+    text = ", ".join(parts)
+    if not text:
+        return []
+    first, others = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
+    return textwrap.wrap(
+        text, _WIDTH, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
+    )

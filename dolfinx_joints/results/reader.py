@@ -1,0 +1,413 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Results files read: HDF5, versioned, whole while they grow and after a run was killed.
+
+Layout, version 1::
+
+    /                     attributes ``format``, ``version``, ``created``
+    /metadata             JSON text (UTF-8 bytes)
+    /status               "running", "complete", "stopped" or "failed"
+    /summary              JSON text (UTF-8 bytes, fixed size, padded with zeros)
+    /static/NAME          arrays written once; attributes ``unit``, ``description``
+    /streams/STREAM/time  one row per record; only increasing
+    /streams/STREAM/NAME  first axis grows with ``time``; attributes ``unit``, ``description``
+
+A run declares all names first and then calls ``ResultsWriter.start``, from where on the file
+is in HDF5's single-writer-multiple-reader (SWMR) mode: nothing may be created any more, which is
+why status and summary are preallocated datasets. The values of a record reach the file before
+its ``time`` does, hence a row whose time can be read is a whole row.
+
+A file whose status is still "running" belongs to a live run or to one that was killed.
+
+A simulation writes the contents named in ``declare_histories``, ``declare_energy`` and
+``declare_states`` of ``results_layout``; any other name may be added.
+"""
+
+import json
+import operator
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.parameters import LARGEST, check_file, check_path, real, shown
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.hdf5 import DamageTold, attribute, check_contents, open_growing
+
+FORMAT = "dolfinx_joints results"
+VERSION = 1
+ENERGY_TERMS = (
+    "kinetic",
+    "strain",
+    "joint",
+    "input",
+    "viscous",
+    "friction",
+    "numerical",
+    "error",
+)
+JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
+
+# Beyond these a run is doubtful: the energy error as a share of the largest energy (the paper's
+# stayed below 4 % with joints), and the error estimated for a single step as one of the largest
+# displacement.
+LARGE_ENERGY_ERROR = 0.05
+LARGE_LOCAL_ERROR = 0.05
+
+_MOST_LISTED = 12  # names in a message
+
+Index = int | slice
+
+
+class Results:
+    """Reads a results file; arrays are read only when asked for.
+
+    A file that a run is still writing can be opened; :meth:`refresh` shows the rows added since.
+
+    Args:
+        path: the file to read.
+
+    Raises:
+        ResultsError: no such file, not HDF5, not a results file, or written by a newer version.
+        ValueError: the path is none.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file."""
+        check_path("path", path)
+        self.path = Path(path)
+        self._file = _open(self.path)
+
+    def __enter__(self) -> Self:
+        """Return the reader."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def refresh(self) -> None:
+        """Look at the file again, for a run that is still writing."""
+        self._file.close()
+        self._file = _open(self.path)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What the run was, as its writer said."""
+        with self._reading():
+            return _decode_json(self._file["metadata"])
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Closing facts of the run; empty while the status is "running"."""
+        with self._reading():
+            return _decode_json(self._file["summary"])
+
+    @property
+    def status(self) -> str:
+        """The run's status; "running" also when it was killed."""
+        with self._reading():
+            return str(self._file["status"][0].decode())
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run reached its end."""
+        return self.status == "complete"
+
+    @property
+    def created(self) -> str:
+        """When the file was created, ISO 8601, UTC."""
+        return str(attribute(self._file, "created"))
+
+    @property
+    def statics(self) -> list[str]:
+        """Names of the arrays written once."""
+        return _dataset_names(self._file["static"])
+
+    @property
+    def streams(self) -> dict[str, list[str]]:
+        """Names of the series of each stream, ``time`` left out."""
+        groups = self._file["streams"]
+        return {key: [n for n in _dataset_names(groups[key]) if n != "time"] for key in groups}
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the joints of which points are stored."""
+        names = (name.split("/") for name in self.statics)
+        found = [part[1] for part in names if part[0] == "joints" and part[2:] == ["points"]]
+        return sorted(found, key=lambda name: (len(name), name))
+
+    def check_joint(self, joint: str) -> None:
+        """Refuse a joint that the file does not hold.
+
+        Raises:
+            ResultsError: It does not.
+        """
+        if not isinstance(joint, str) or joint not in self.joints:
+            raise ResultsError(
+                f"No joint {shown(joint)} in {self.path}; it has {listing(self.joints)}."
+            )
+
+    def law(self, joint: str) -> dict[str, Any]:
+        """What the file tells of a joint's law; empty if nothing, as in older files.
+
+        ``kind``, ``friction_angle_deg`` [degrees], None where the law has none, and ``cohesion``
+        [Pa].
+
+        Raises:
+            ResultsError: It tells something else, or has no such joint.
+        """
+        self.check_joint(joint)
+        laws = self.metadata.get("laws", {})
+        law = laws.get(joint, {}) if isinstance(laws, dict) else laws
+        if law == {}:
+            return {}
+        names = ("kind", "friction_angle_deg", "cohesion")
+        if isinstance(law, dict) and set(names) <= law.keys():
+            kind, angle, cohesion = (law[name] for name in names)
+            numbers = [cohesion] if angle is None else [angle, cohesion]
+            if isinstance(kind, str) and all(type(number) in (int, float) for number in numbers):
+                return law
+        raise ResultsError(
+            f"The metadata 'laws' of {self.path} are {str(law)[:80]!r} for {joint!r}; they must "
+            f"hold {listing(names)}."
+        )
+
+    @property
+    def point_names(self) -> list[str]:
+        """Names of the monitor points, from ``metadata["point_names"]`` or numbered."""
+        given = self.metadata.get("point_names")
+        if isinstance(given, list):
+            return [str(name) for name in given]
+        return [f"point {i}" for i in range(len(self.static("histories/points")))]
+
+    def point_index(self, point: int | str) -> int:
+        """Row of a monitor point given by its name or number."""
+        names = self.point_names
+        if isinstance(point, str) and point in names:
+            return names.index(point)
+        number = _whole(point)
+        if number is not None and 0 <= number < len(names):
+            return number
+        raise ResultsError(f"No monitor point {shown(point)}; the file has {listing(names)}.")
+
+    def static(self, name: str) -> NDArray[Any]:
+        """Return an array written once."""
+        dataset = self._static(name)
+        with self._reading():
+            values: NDArray[Any] = dataset[()]
+        return values
+
+    def time(self, stream: str) -> NDArray[np.float64]:
+        """Times of the whole records of a stream, shape (rows,), [s]."""
+        group, rows = self._stream(stream), self.rows(stream)
+        with self._reading():
+            times: NDArray[np.float64] = group["time"][:rows]
+        if not (np.diff(times, prepend=-np.inf) > 0.0).all():
+            raise ResultsError(
+                f"{self.path} is damaged: the times of the stream {stream!r} do not increase."
+            )
+        return times
+
+    def rows(self, stream: str) -> int:
+        """Number of whole records of a stream: those that all its datasets and its time hold."""
+        group, block = self._stream(stream), 1
+        with self._reading():
+            rows = min(len(group[name]) for name in _dataset_names(group))
+            while rows:  # the last may be extended and not filled yet
+                first = max(0, rows - block)
+                known = np.flatnonzero(~np.isnan(group["time"][first:rows]))
+                if known.size:
+                    return first + int(known[-1]) + 1
+                rows, block = first, 8 * block
+        return 0
+
+    def series(self, stream: str, name: str, index: Index = slice(None)) -> NDArray[Any]:
+        """Values of one quantity of a stream.
+
+        Args:
+            stream: name of the stream.
+            name: name of the quantity.
+            index: a record's number (negative from the end) or a slice of them; only these are
+                read.
+
+        Returns:
+            Shape (rows, ...), or that of one record if ``index`` is a number.
+        """
+        dataset, rows = self._series(stream, name), self.rows(stream)
+        if isinstance(index, slice):
+            if not all(n is None or _whole(n) is not None for n in (index.start, index.stop)):
+                raise ResultsError(f"A slice of records goes by whole numbers, got {shown(index)}.")
+            if index.step is not None and (_whole(index.step) or 0) < 1:
+                got = shown(index.step)
+                raise ResultsError(f"A slice of records must go forward, got step {got}.")
+            start, stop, step = index.indices(rows)
+            with self._reading():
+                values: NDArray[Any] = dataset[start : max(start, stop) : step]
+            return values
+        number = _whole(index)
+        if number is None or not -rows <= number < rows:
+            got = shown(index)
+            raise ResultsError(f"The stream {stream!r} has {rows} records, got number {got}.")
+        with self._reading():
+            row: NDArray[Any] = np.asarray(dataset[number % rows])
+        return row
+
+    def nearest(self, stream: str, time: float) -> int:
+        """Number of the record whose time is nearest to ``time`` [s]."""
+        times = self.time(stream)
+        if not abs(real(time)) <= LARGEST:
+            raise ResultsError(f"time is {shown(time)}; it must be a finite number [s].")
+        if not times.size:
+            raise ResultsError(f"The stream {stream!r} has no records.")
+        return int(np.argmin(np.abs(times - real(time))))
+
+    def unit(self, *where: str) -> str:
+        """Unit of an array given by its name, or of a series given by stream and name."""
+        return str(attribute(self._dataset(*where), "unit"))
+
+    def description(self, *where: str) -> str:
+        """Description of an array given by its name, or of a series by stream and name."""
+        return str(attribute(self._dataset(*where), "description"))
+
+    def _reading(self) -> DamageTold:
+        return DamageTold(self.path, ResultsError)
+
+    def _dataset(self, *where: str) -> h5py.Dataset:
+        if len(where) not in (1, 2):
+            raise ResultsError(
+                f"An array is given by its name, a series by stream and name, got {len(where)} "
+                "names."
+            )
+        return self._static(*where) if len(where) == 1 else self._series(*where)
+
+    def _static(self, name: str) -> h5py.Dataset:
+        if not isinstance(name, str) or name not in self.statics:
+            raise ResultsError(
+                f"No array {shown(name)} in {self.path}; it has {listing(self.statics)}."
+            )
+        return self._file["static"][name]
+
+    def _stream(self, stream: str) -> h5py.Group:
+        if not isinstance(stream, str) or stream not in list(self._file["streams"]):
+            known = listing(self._file["streams"])
+            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
+        return self._file["streams"][stream]
+
+    def _series(self, stream: str, name: str) -> h5py.Dataset:
+        group = self._stream(stream)
+        if not isinstance(name, str) or name not in _dataset_names(group):
+            raise ResultsError(
+                f"No series {shown(name)} in the stream {stream!r} of {self.path}; "
+                f"it has {listing(self.streams[stream])}."
+            )
+        return group[name]
+
+
+def describe(path: str | Path) -> str:
+    """Return a table of what a results file holds."""
+    with Results(path) as results:
+        lines = [f"{results.path}: {results.status}, created {results.created}"]
+        lines += _told(results.metadata) + _told(results.summary)
+        rows = [("static", name, results._static(name)) for name in results.statics]
+        for stream, names in results.streams.items():
+            times = results.time(stream)
+            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
+            lines.append(f"  stream {stream}: {times.size} records{span}")
+            rows += [(stream, name, results._series(stream, name)) for name in names]
+        width = max((len(name) for _, name, _ in rows), default=0)
+        for group, name, dataset in rows:
+            shape = dataset.shape if group == "static" else dataset.shape[1:]
+            unit, text = attribute(dataset, "unit"), attribute(dataset, "description")
+            lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
+    return "\n".join(lines)
+
+
+def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Lines on facts, those that hold others with these below them."""
+    lines = []
+    for key, value in facts.items():
+        inner = isinstance(value, dict) and len(indent) < 8
+        lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
+        lines += _told(value, indent + "  ") if inner else []
+    return lines
+
+
+def _open(path: Path) -> h5py.File:
+    check_file(path, f"There is no results file {path}.", ResultsError)
+    file = open_growing(path, ResultsError)
+    try:
+        with DamageTold(path, ResultsError):
+            _check(file, path)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _check(file: h5py.File, path: Path) -> None:
+    """Refuse what is not a results file, or not one that can be read safely."""
+    found, version = attribute(file, "format"), attribute(file, "version")
+    if found != FORMAT or not isinstance(version, int):
+        raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+    if version > VERSION:
+        raise ResultsError(
+            f"{path} has version {version} of the layout, this program reads up to {VERSION}."
+        )
+    check_contents(file, path, ResultsError)
+    if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
+        raise ResultsError(f"{path} was left incomplete before its run started.")
+    _decode_json(file["metadata"])
+    _decode_json(file["summary"])
+    if not isinstance(attribute(file, "created"), str) or file["status"].shape != (1,):
+        raise ValueError("its date or status is not what was written")
+    arrays = [file["static"][name] for name in _dataset_names(file["static"])]
+    for key, stream in file["streams"].items():
+        rows = [stream[name] for name in _dataset_names(stream)]
+        if stream["time"].ndim != 1 or not all(one.ndim for one in rows):
+            raise ValueError(f"the stream {key!r} has no rows")
+        arrays += rows
+    for array in arrays:
+        if not all(isinstance(attribute(array, key), str) for key in ("unit", "description")):
+            raise ValueError(f"{array.name!r} has no unit or no description")
+
+
+def _dataset_names(group: h5py.Group) -> list[str]:
+    names: list[str] = []
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset):
+            names.append(name)
+
+    group.visititems(visit)
+    return names
+
+
+def listing(names: Iterable[str]) -> str:
+    """Names in one line, for messages; of many the first."""
+    every = list(names)
+    more = f" and {len(every) - _MOST_LISTED} more" if len(every) > _MOST_LISTED else ""
+    return (", ".join(every[:_MOST_LISTED]) or "none") + more
+
+
+def _whole(value: Any) -> int | None:
+    """A whole number, None of anything else."""
+    try:
+        return None if isinstance(value, bool | np.ndarray) else operator.index(value)
+    except Exception:  # what a class of the user's own may raise
+        return None
+
+
+def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:
+    text = bytes(dataset[:]).rstrip(b"\0").decode()
+    decoded = json.loads(text) if text else {}
+    if not isinstance(decoded, dict):
+        raise ValueError(f"{dataset.name!r} is no JSON object")
+    return decoded

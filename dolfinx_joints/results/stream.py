@@ -1,0 +1,154 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Quantities of a results file that are recorded at the same times, row by row."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.hdf5 import set_texts
+from dolfinx_joints.results.reader import listing
+
+_CHUNK_BYTES = 65536
+_BUFFER_ROWS = 64
+_BUFFER_BYTES = 1 << 24
+
+
+class Stream:
+    """Datasets of one stream and the rows that wait to be written."""
+
+    def __init__(self, parent: h5py.Group, name: str) -> None:
+        self.name = name
+        self.rows: list[tuple[float, dict[str, NDArray[Any]]]] = []
+        self._last = -np.inf
+        self._bytes = 0
+        self._group = parent.create_group(name)
+        self._datasets: dict[str, h5py.Dataset] = {}
+        self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
+        set_texts(self._time, unit="s", description="time of each record")
+
+    @property
+    def full(self) -> bool:
+        """Whether enough rows wait to be written."""
+        return len(self.rows) >= _BUFFER_ROWS or self._bytes >= _BUFFER_BYTES
+
+    def declare(
+        self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
+    ) -> None:
+        """Make the dataset of a quantity, ``shape`` being that of one record."""
+        if dtype.kind not in "iuf":
+            raise ResultsError(f"The series {name!r} must hold real numbers, got {dtype}.")
+        dataset = extendable(self._group, name, shape, dtype)
+        set_texts(dataset, unit=unit, description=text)
+        self._datasets[name] = dataset
+
+    def append(self, time: float, values: Mapping[str, ArrayLike]) -> None:
+        """Let a row wait to be written; see `ResultsWriter.append`."""
+        if not (np.isfinite(time) and time > self._last):
+            raise ResultsError(
+                f"Times of the stream {self.name!r} must be finite and increase, got {time} s "
+                f"after {self._last} s."
+            )
+        if values.keys() != self._datasets.keys():
+            raise ResultsError(
+                f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
+            )
+        row = {}
+        for name, dataset in self._datasets.items():
+            row[name] = np.array(values[name], dtype=dataset.dtype)
+            if row[name].shape != dataset.shape[1:]:
+                raise ResultsError(
+                    f"{self.name}/{name} was declared with shape {dataset.shape[1:]}, "
+                    f"got {row[name].shape}."
+                )
+        self._last = time
+        self._bytes += sum(array.nbytes for array in row.values())
+        self.rows.append((time, row))
+
+    @property
+    def row_bytes(self) -> int:
+        """Size of one record, its time included."""
+        parts = self._datasets.values()
+        return 8 + sum(int(np.prod(d.shape[1:])) * d.dtype.itemsize for d in parts)
+
+    @property
+    def chunks(self) -> int:
+        """Bytes of one chunk of each dataset."""
+        parts = (*self._datasets.values(), self._time)
+        return sum(int(np.prod(d.chunks)) * d.dtype.itemsize for d in parts)
+
+    @property
+    def growth(self) -> int:
+        """Bytes that the file needs for the rows that wait, in whole chunks."""
+        total = 0
+        for dataset in (*self._datasets.values(), self._time):
+            rows, height = dataset.shape[0], dataset.chunks[0]
+            chunks = -(-(rows + len(self.rows)) // height) - -(-rows // height)
+            total += chunks * int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+        return total
+
+    def drop(self) -> None:
+        """Forget the rows that wait."""
+        self.rows.clear()
+        self._bytes = 0
+
+    @property
+    def records(self) -> int:
+        """Rows in the file and waiting."""
+        return len(self._time) + len(self.rows)
+
+    def copy(self, times: NDArray[np.float64], values: Mapping[str, NDArray[Any]]) -> None:
+        """Write whole rows at once, shape (rows, ...) each."""
+        start, stop = len(self._time), len(self._time) + len(times)
+        for name, dataset in (*self._datasets.items(), ("time", self._time)):
+            dataset.resize(stop, axis=0)
+            dataset[start:] = times if name == "time" else values[name]
+        self._last = float(times[-1])
+
+    def write_values(self) -> list[float]:
+        """Write the waiting values and return their times, still to be written."""
+        times = [time for time, _ in self.rows]
+        start = self._time.shape[0]
+        for name, dataset in self._datasets.items():
+            dataset.resize(start + len(times), axis=0)
+            dataset[start:] = np.stack([row[name] for _, row in self.rows])
+        self.drop()
+        return times
+
+    def write_time(self, times: Sequence[float]) -> None:
+        """Write the times of rows whose values are in the file."""
+        start = self._time.shape[0]
+        self._time.resize(start + len(times), axis=0)
+        self._time[start:] = times
+
+
+def create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
+    """A new dataset of a group."""
+    if name in group:
+        raise ResultsError(f"{name!r} is declared already, or is the path of another.")
+    try:
+        return group.create_dataset(name, **options)
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
+
+
+def extendable(
+    group: h5py.Group,
+    name: str,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    *,
+    fill: float = 0.0,
+) -> h5py.Dataset:
+    """A new dataset without rows that can grow; ``shape`` is that of one row."""
+    if any(length < 0 for length in shape):
+        raise ResultsError(f"The shape of {name!r} must have no negative length, got {shape}.")
+    row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
+    chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
+    empty, unlimited = (0, *shape), (None, *shape)
+    options = {"maxshape": unlimited, "chunks": chunks, "dtype": dtype, "fillvalue": fill}
+    return create(group, name, shape=empty, **options)

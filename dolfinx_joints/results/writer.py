@@ -1,0 +1,383 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files written, on one process and from plain arrays; `results` tells their layout."""
+
+import json
+import os
+import re
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, get_args
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.hdf5 import set_texts
+from dolfinx_joints.results.reader import FORMAT, VERSION, Results, listing
+from dolfinx_joints.results.disk_space import Room
+from dolfinx_joints.results.stream import Stream, create
+
+Status = Literal["running", "complete", "stopped", "failed"]
+
+_SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
+_COPIED_BYTES = 1 << 24  # at a time
+_NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
+
+
+class ResultsWriter:
+    """Writes one results file from plain arrays, on one process.
+
+    Use as a context manager: declare with :meth:`static` and :meth:`series`, :meth:`start`,
+    :meth:`append` as the run goes, :meth:`finish`. Leaving the block by an exception marks the
+    file "failed"; leaving it without :meth:`finish` marks it "stopped".
+
+    Args:
+        path: the file to write.
+        metadata: what the run was; anything JSON can hold, NumPy scalars and arrays included.
+        overwrite: replace an existing file instead of refusing it.
+        flush_interval: longest time that appended rows stay in memory [s], counted when the
+            next row comes.
+
+    Raises:
+        ResultsError: the file exists, is being written by another run, or cannot be created, or
+            the metadata are not JSON.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        metadata: Mapping[str, Any],
+        *,
+        overwrite: bool = False,
+        flush_interval: float = 2.0,
+    ) -> None:
+        """Create the file and write the metadata."""
+        self.path = Path(path)
+        if not flush_interval >= 0.0:
+            raise ResultsError(f"flush_interval must be 0 s or more, got {flush_interval} s.")
+        encoded = _encode_json(metadata, "metadata")
+        self._lock = FileLock(self.path, ResultsError)
+        try:
+            self._create(overwrite)
+            try:
+                self._lay_out(encoded)
+            except BaseException:
+                self._file.close()
+                self._room.close()
+                self.path.unlink()
+                raise
+        except BaseException:
+            self._lock.release()
+            raise
+        self._streams: dict[str, Stream] = {}
+        self._started = False
+        self._finished = False
+        self._flush_interval = flush_interval
+        self._flushed_at = clock.monotonic()
+
+    def _create(self, overwrite: bool) -> None:
+        """Make an empty file."""
+        if self.path.exists() and not overwrite:
+            raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
+        try:
+            if self.path.exists():
+                self.path.unlink()  # not truncated: whoever reads the old file keeps it
+            # Rows are written once: HDF5 would keep the last MB of each series in memory.
+            self._file = h5py.File(self.path, "x", libver="latest", rdcc_nbytes=0)
+            self._room = Room(self.path, self._file)
+        except OSError as error:
+            raise ResultsError(f"{self.path} cannot be created: {error}.") from error
+
+    def _lay_out(self, encoded: NDArray[np.uint8]) -> None:
+        """Make what every file has."""
+        self._room.reserve(self.path, encoded.nbytes + _SUMMARY_BYTES)
+        self._file.attrs["version"] = VERSION
+        created = datetime.now(UTC).isoformat(timespec="seconds")
+        set_texts(self._file, format=FORMAT, created=created)
+        self._file.create_dataset("metadata", data=encoded)
+        self._file.create_dataset("status", data=np.array([b"running"], dtype="S16"))
+        self._file.create_dataset("summary", data=np.zeros(_SUMMARY_BYTES, dtype=np.uint8))
+        self._file.create_group("static")
+        self._file.create_group("streams")
+
+    @classmethod
+    def resume(cls, path: str | Path, rows: Mapping[str, int]) -> Self:
+        """Go on with the file of a run that was interrupted, whatever its status.
+
+        A copy takes the place of the file at once when it is whole: a killed run leaves a file that
+        HDF5 does not open for writing.
+
+        Args:
+            path: the file.
+            rows: records to keep of each stream; what follows them is left out.
+
+        Raises:
+            ResultsError: the file has other streams or fewer records, cannot be copied, or is
+                being written by a run that is still alive.
+        """
+        path = Path(path)
+        lock = FileLock(path, ResultsError)
+        try:
+            writer = cls._copied(path, rows)
+        except BaseException:
+            lock.release()
+            raise
+        writer._lock.release()
+        writer.path, writer._lock = path, lock
+        return writer
+
+    @classmethod
+    def _copied(cls, path: Path, rows: Mapping[str, int]) -> Self:
+        """A writer of the copy that has taken the file's place."""
+        part = path.with_name(path.name + ".part")
+        with Results(path) as old:
+            found = {stream: old.rows(stream) for stream in old.streams}
+            if found.keys() != rows.keys() or any(found[s] < rows[s] for s in rows):
+                raise ResultsError(
+                    f"{path} cannot be continued: it holds {_counted(found)}, needed are "
+                    f"{_counted(rows)}."
+                )
+            writer = cls(part, old.metadata, overwrite=True)
+            try:
+                writer._copy(old, rows)
+                part.replace(path)
+            except (OSError, ResultsError) as error:
+                writer.close()
+                part.unlink(missing_ok=True)
+                raise ResultsError(f"{path} cannot be copied: {error}") from error
+        return writer
+
+    def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
+        """Declare what another file does, and take its first rows."""
+        set_texts(self._file, created=old.created)
+        for name in old.statics:
+            self.static(name, old.static(name), old.unit(name), old.description(name))
+        for stream, names in old.streams.items():
+            for name in names:
+                none = old.series(stream, name, slice(0))
+                told = old.unit(stream, name), old.description(stream, name)
+                self.series(stream, name, none.shape[1:], *told, dtype=none.dtype)
+        self.start()
+        for stream, names in old.streams.items():
+            times, new = old.time(stream)[: rows[stream]], self._streams[stream]
+            many = max(1, _COPIED_BYTES // new.row_bytes)
+            for first in range(0, len(times), many):
+                block = slice(first, min(first + many, len(times)))
+                self._room.reserve(self.path, 2 * len(times[block]) * new.row_bytes + new.chunks)
+                new.copy(times[block], {name: old.series(stream, name, block) for name in names})
+        self._file.flush()
+
+    @property
+    def records(self) -> dict[str, int]:
+        """Records of each stream so far, those that wait in memory included."""
+        return {name: stream.records for name, stream in self._streams.items()}
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write what is buffered, settle the status and close the file."""
+        try:
+            if kind is not None and not self._finished:
+                status: Status = "failed" if issubclass(kind, Exception) else "stopped"
+                self.finish(status, {"error": f"{kind.__name__}: {error}"[:2000]})
+        finally:
+            self.close()
+
+    def static(self, name: str, array: ArrayLike, unit: str, description: str) -> None:
+        """Write an array once.
+
+        Args:
+            name: path below ``static``, for example ``"mesh/nodes"``.
+            array: numbers of any shape.
+            unit: for example ``"m"``; ``"-"`` where there is none.
+            description: one line for a reader of the file.
+        """
+        self._check_declaration(name)
+        values = np.asarray(array)
+        if values.dtype.kind not in "biuf":
+            raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
+        self._room.reserve(self.path, values.nbytes)
+        dataset = create(self._file["static"], name, data=values)
+        set_texts(dataset, unit=unit, description=description)
+
+    def series(
+        self,
+        stream: str,
+        name: str,
+        shape: Sequence[int],
+        unit: str,
+        description: str,
+        *,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        """Declare a quantity of which every record of a stream holds one array.
+
+        Args:
+            stream: the group of quantities recorded at the same times; made when first named.
+            name: path below the stream, for example ``"joints/joint_1/gap"``.
+            shape: shape of one record; ``()`` for a number.
+            unit: for example ``"m"``; ``"-"`` where there is none.
+            description: one line for a reader of the file.
+            dtype: type stored, real or integer.
+        """
+        self._check_declaration(name)
+        self._check_declaration(stream)
+        if "/" in stream or name == "time":
+            raise ResultsError(
+                f"A stream's name has no '/' and no series is called 'time', got {stream!r} "
+                f"and {name!r}."
+            )
+        if stream not in self._streams:
+            self._streams[stream] = Stream(self._file["streams"], stream)
+        self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
+
+    def start(self) -> None:
+        """End the declarations; from here on others may read the file while it grows."""
+        if self._started:
+            raise ResultsError(f"{self.path} has been started already.")
+        self._room.reserve(self.path, 0)
+        self._file.flush()
+        self._file.swmr_mode = True
+        self._started = True
+
+    def append(self, stream: str, time: float, values: Mapping[str, ArrayLike]) -> None:
+        """Add one record to a stream.
+
+        Args:
+            stream: a declared stream.
+            time: time of the record [s], later than the one before.
+            values: an array for every quantity declared in the stream; copied.
+        """
+        if not self._started or self._finished:
+            state = "finished already" if self._finished else "not started"
+            raise ResultsError(f"No record can be appended: {self.path} is {state}.")
+        if stream not in self._streams:
+            raise ResultsError(f"No stream {stream!r}; declared are {listing(self._streams)}.")
+        self._streams[stream].append(float(time), values)
+        due = clock.monotonic() - self._flushed_at >= self._flush_interval
+        if due:
+            self.flush()
+        elif self._streams[stream].full:
+            self._flush_streams([self._streams[stream]])
+
+    def flush(self) -> None:
+        """Bring every appended row into the file."""
+        self._flush_streams(self._streams.values())
+        self._flushed_at = clock.monotonic()
+
+    def to_disk(self) -> None:
+        """Bring every appended row into the file, and wait until the disk has it."""
+        self.flush()
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+    def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
+        """Write the buffered rows, the summary and, last, the status.
+
+        Args:
+            status: ``"complete"``, ``"stopped"`` or ``"failed"``.
+            summary: closing facts of the run; anything JSON can hold.
+        """
+        if status not in get_args(Status) or status == "running":
+            raise ResultsError(f"status must be 'complete', 'stopped' or 'failed', got {status!r}.")
+        encoded = _encode_json(summary, "summary")
+        if encoded.size > _SUMMARY_BYTES:
+            raise ResultsError(
+                f"The summary may take {_SUMMARY_BYTES} bytes as JSON, got {encoded.size}."
+            )
+        if self._finished:
+            raise ResultsError(f"{self.path} is finished already.")
+        self._finished = True
+        self.flush()
+        self._file["summary"][: encoded.size] = encoded
+        self._file.flush()
+        self._file["status"][0] = status.encode()
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file; a run that was not finished is marked "stopped"."""
+        if not self._file:
+            return
+        try:
+            if not self._finished:
+                self.finish("stopped", {})
+        finally:
+            try:
+                self._file.close()
+            finally:
+                self._room.close()
+                self._lock.release()
+
+    def _flush_streams(self, streams: Iterable[Stream]) -> None:
+        waiting = [stream for stream in streams if stream.rows]
+        if not waiting:
+            return
+        try:
+            self._room.reserve(self.path, sum(stream.growth for stream in waiting))
+        except ResultsError:
+            for stream in waiting:
+                stream.drop()
+            raise
+        pending = [(stream, stream.write_values()) for stream in waiting]
+        self._file.flush()
+        for stream, times in pending:
+            stream.write_time(times)
+        self._file.flush()
+
+    def _check_declaration(self, name: str) -> None:
+        if self._started:
+            raise ResultsError(f"{name!r} must be declared before start.")
+        if not _NAME.fullmatch(name):
+            raise ResultsError(
+                f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."
+            )
+
+
+def _counted(rows: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} records of {name!r}" for name, count in rows.items()) or "nothing"
+
+
+def check_storable(name: str, value: Any) -> None:
+    """Refuse what a file cannot hold as facts of a run.
+
+    Raises:
+        ValueError: It is no mapping.
+        ResultsError: JSON cannot hold it.
+    """
+    check_kind_of(name, value, isinstance(value, Mapping), "values by name")
+    _encode_json(value, name)
+
+
+def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
+    try:
+        text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        said = shown(error, str)
+        raise ResultsError(f"The {what} must be what JSON can hold: {said}.") from error
+    # Names of files on the command line need not be UTF-8.
+    return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} {shown(value)} is not JSON")

@@ -1,0 +1,322 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Dynamic stages kept on the disk as they go, and continued from there.
+
+Nodal vectors are stored in the order of the input mesh's nodes and joint arrays in the global order
+of the points, so that a run can go on with another number of ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
+from dolfinx_joints.common.parameters import check_count, check_flag, check_path
+from dolfinx_joints.joints.contact import StatusCounts
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun
+from dolfinx_joints.common.errors import CheckpointError
+from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.solvers.newton import SolveReport
+from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.time_integration.states import DynamicState
+from dolfinx_joints.model.system import MatrixSystem
+
+# What every checkpoint holds.
+PARTS = ("run", "monitors", "memory", "state", "origin", "static")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Saved:
+    """What a checkpoint gives back.
+
+    Attributes:
+        state: State to go on from.
+        origin: Displacement at the start of the stage [m].
+        static: Static state that the stage started from, None without one.
+        memory: For `DynamicRun.resume`.
+    """
+
+    state: DynamicState
+    origin: PETSc.Vec
+    static: StaticState | None
+    memory: Tree
+
+
+class Checkpoints:
+    """Where and how often a dynamic stage is kept on the disk.
+
+    The first checkpoint is written before the first step, so that statics are never lost.
+
+    Args:
+        path: The file; each checkpoint replaces the one before it at once.
+        every: Steps between two checkpoints.
+        overwrite: Let a new run replace a checkpoint that is there already.
+
+    Raises:
+        ValueError: ``every`` is not positive.
+    """
+
+    def __init__(self, path: str | Path, *, every: int = 100, overwrite: bool = False) -> None:
+        """Nothing is written before the run starts."""
+        check_path("path", path)
+        check_count("every", every, 1, "checkpoints are written every 1 or more steps")
+        check_flag("overwrite", overwrite)
+        self.path, self.every, self._overwrite = Path(path), every, overwrite
+        self._lock: FileLock | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a checkpoint to go on from.
+
+        Raises:
+            CheckpointError: Its folder may not be entered.
+        """
+        try:
+            self.path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise CheckpointError(f"{self.path} cannot be read: {error.strerror}.") from None
+        return True
+
+    def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
+        """Refuse early what would be lost or could not be taken up again (collective).
+
+        From here to `release` no other run may write the checkpoint or go on from it.
+
+        Raises:
+            CheckpointError: A monitor cannot be taken up again, a new run finds a checkpoint, or
+                another run writes it.
+        """
+        for monitor in monitors:
+            if not (hasattr(monitor, "memory") and hasattr(monitor, "resume")):
+                raise CheckpointError(
+                    f"The monitor {type(monitor).__name__} has no methods memory and resume, "
+                    "which runs with checkpoints need."
+                )
+        if not resume and not self._overwrite and on_root(comm, lambda: self.found):
+            raise CheckpointError(
+                f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
+                "overwrite=True to Checkpoints to begin anew."
+            )
+
+        def lock() -> None:
+            self._lock = FileLock(self.path, CheckpointError)
+
+        on_root(comm, lock)
+
+    def release(self) -> None:
+        """Let other runs write the checkpoint."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def keeper(
+        self,
+        model: Model,
+        system: MatrixSystem,
+        settings: Mapping[str, Any],
+        motion: Callable[[float], Any] | None,
+        times: NDArray[np.float64],
+    ) -> CheckpointKeeper:
+        """What writes and reads the checkpoints of one run; see `fingerprint` (collective).
+
+        Raises:
+            CheckpointError: The model has plastic cells.
+        """
+        if model.bulk is not None:
+            raise CheckpointError(
+                "Checkpoints do not hold the state of plastic cells; run this model without them."
+            )
+        nodes = NodeGather(model)
+        facts = fingerprint(model, system, nodes, settings, motion, times)
+        return CheckpointKeeper(self, model, nodes, facts)
+
+
+class CheckpointKeeper:
+    """Writes and reads the checkpoints of one run.
+
+    Args:
+        checkpoints: Where and how often.
+        model: The model.
+        nodes: Numbers the nodes.
+        facts: `fingerprint` of the run.
+    """
+
+    def __init__(
+        self, checkpoints: Checkpoints, model: Model, nodes: NodeGather, facts: Mapping[str, Any]
+    ) -> None:
+        """Nothing is written yet."""
+        self._path, self._every = checkpoints.path, checkpoints.every
+        self._model, self._comm = model, model.jointed.mesh.comm
+        self._nodes, self._facts = nodes, facts
+
+    def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
+        """Write a checkpoint every so many steps (collective).
+
+        Raises:
+            CheckpointError: It cannot be written.
+        """
+        if run.step % self._every:
+            return
+        tree = {
+            "run": self._facts,
+            "monitors": [type(monitor).__name__ for monitor in run.monitors],
+            "memory": run.memory(),
+            "state": self._kept(run.state),
+            "origin": self._kept(run.origin),
+            "static": self._kept(static),
+        }
+        on_root(self._comm, lambda: write_checkpoint(self._path, tree))
+
+    def save_static(self, static: StaticState) -> None:
+        """Write the end of a static stage alone (collective).
+
+        Raises:
+            CheckpointError: It cannot be written.
+        """
+        tree = {"run": self._facts, "static": self._kept(static)}
+
+        def write() -> None:
+            with FileLock(self._path, CheckpointError):
+                write_checkpoint(self._path, tree)
+
+        on_root(self._comm, write)
+
+    def load_static(self) -> StaticState:
+        """What `save_static` wrote (collective).
+
+        Raises:
+            CheckpointError: There is no such file, it is damaged, or of another model.
+        """
+
+        def read() -> Tree:
+            tree = read_checkpoint(self._path, ("run", "static"))
+            difference = first_difference(tree["run"], self._facts)
+            if difference is not None:
+                raise CheckpointError(f"{self._path} is of another model; {difference}.")
+            return tree
+
+        return self._static(on_root(self._comm, read)["static"])
+
+    def load(self, monitors: list[Any]) -> _Saved:
+        """What the last checkpoint holds (collective).
+
+        Raises:
+            CheckpointError: There is none, it is damaged, or of another run.
+        """
+
+        def read() -> Tree:
+            tree = read_checkpoint(self._path, PARTS)
+            difference = first_difference(tree["run"], self._facts)
+            if difference is not None:
+                raise CheckpointError(
+                    f"The checkpoint {self._path} is of another run; {difference}."
+                )
+            names = [type(monitor).__name__ for monitor in monitors]
+            if names != tree["monitors"]:
+                raise CheckpointError(
+                    f"The checkpoint {self._path} is of a run with the monitors "
+                    f"{tree['monitors']}; this one has {names}."
+                )
+            return tree
+
+        tree = on_root(self._comm, read)
+        static = tree["static"]
+        return _Saved(
+            state=self._state(tree["state"]),
+            origin=self._vector(tree["origin"]),
+            static=None if static is None else self._static(static),
+            memory=tree["memory"],
+        )
+
+    def _kept(self, thing: Any) -> Any:
+        """A state, response or vector as a tree of arrays, whole on rank 0 (collective)."""
+        if isinstance(thing, PETSc.Vec):
+            return self._nodes.gather(thing)[:, : self._model.gdim]
+        if isinstance(thing, np.ndarray):
+            assert self._model.operator is not None
+            every = self._model.operator.gather(thing)
+            return thing if every is None else every
+        if isinstance(thing, DynamicState | Response | JointState | StaticState):
+            return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
+        if isinstance(thing, list):
+            return {str(i): asdict(each) for i, each in enumerate(thing)}
+        return thing
+
+    def _vector(self, values: NDArray[np.float64]) -> PETSc.Vec:
+        """A nodal vector of the rank's part of what is stored."""
+        vector = self._model.stiffness.createVecRight()
+        owned = self._model.V.dofmap.index_map.size_local
+        vector.setArray(values[self._nodes.number[:owned]].ravel())
+        return vector
+
+    def _state(self, tree: Tree) -> DynamicState:
+        vectors = {
+            name: self._vector(value)
+            for name, value in tree.items()
+            if name not in ("time", "joints", "water") and value is not None
+        }
+        water = tree.get("water")
+        return DynamicState(
+            time=tree["time"],
+            joints=self._response(tree["joints"]),
+            water=None if water is None else water[self._mine()],
+            **vectors,
+        )
+
+    def _static(self, tree: Tree) -> StaticState:
+        reports = []
+        for i in range(len(tree["reports"])):
+            report = tree["reports"][str(i)]
+            counts = report["counts"]
+            counts = None if counts is None else StatusCounts(**counts)
+            reports.append(SolveReport(**{**report, "counts": counts}))
+        return StaticState(
+            displacement=self._vector(tree["displacement"]),
+            joints=self._response(tree["joints"]),
+            reaction=self._vector(tree["reaction"]),
+            reports=reports,
+            joints_free=tree.get("joints_free", False),
+            missing=tuple(tree.get("missing", ())),
+        )
+
+    def _mine(self) -> slice:
+        """The rank's joint points among all (collective)."""
+        operator = self._model.operator
+        assert operator is not None
+        stop = operator.comm.scan(len(operator.areas))
+        return slice(stop - len(operator.areas), stop)
+
+    def _response(self, tree: Tree | None) -> Response | None:
+        """The response of the rank's joint points."""
+        if tree is None:
+            return None
+        mine = self._mine()
+
+        def own(part: Tree) -> Tree:
+            return {
+                # Without internal variables there are no rows to hand out.
+                name: value[mine] if isinstance(value, np.ndarray) and len(value) else value
+                for name, value in part.items()
+            }
+
+        return Response(**{**own(tree), "state": JointState(**own(tree["state"]))})
+
+
+def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
+    """What writes and reads a static state of a model (collective)."""
+    at_zero = np.zeros(1)
+    return Checkpoints(path).keeper(model, model.system(), {}, None, at_zero)

@@ -1,0 +1,236 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Blocks that stand alone before their joints are grouted, and what grout leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import check_kind_of, check_number
+from dolfinx_joints.joints.contact import Contact, no_such_joint
+from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.loads.load import Load
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.simulation.records import StaticState
+
+Rows = NDArray[np.bool_]
+
+# Stiffness against a rigid motion, relative to the sum of the block's own, taken for none.
+LOOSE = 1e-12
+
+
+def free_response(contact: Contact, u: PETSc.Vec) -> Response:
+    """Joints that carry nothing at the displacement ``u`` (collective)."""
+    state = contact.at_rest(u)
+    count = len(state.gap)
+    return Response(
+        traction=np.zeros((count, 3)),
+        tangent=np.zeros((count, 3, 3)),
+        state=state,
+        dissipation=np.zeros(count),
+        status=np.full(count, Status.OPEN, dtype=np.int8),
+    )
+
+
+def grouted(
+    model: Model, before: StaticState, names: Sequence[str] | None, gap: float
+) -> StaticState:
+    """A static state with its joints grouted; displacements and forces stay (collective).
+
+    Args:
+        model: The model.
+        before: The state that the grout comes to.
+        names: Joints to be grouted, all of them unless given.
+        gap: What the grout leaves open [m].
+
+    Raises:
+        ValueError: ``names`` is no list of names, or ``gap`` is negative.
+        MeshError: A name stands for no joint.
+        JointsError: The body has plastic cells.
+    """
+    known = model.jointed.joint_names
+    good = names is None or isinstance(names, list | tuple)
+    check_kind_of("joints", names, good, "a list of joint names")
+    check_number("gap", gap, lambda v: v >= 0, "zero or more and finite", unit="m")
+    for name in names or ():
+        if not isinstance(name, str) or name not in known:
+            raise MeshError(no_such_joint(name, known))
+    _check_elastic(model)
+    contact, response = model.contact, before.joints
+    if contact is None or response is None:
+        return replace(before, joints_free=False)
+    chosen = known if names is None else names
+    here = np.isin(contact.operator.joint, [known.index(name) for name in chosen])
+    idle: Rows = np.all(response.traction == 0.0, axis=1)
+    target = np.where(idle[:, None], response.state.gap, 0.0)
+    target[idle & here] = [gap, 0.0, 0.0]
+    # Where cantilevers have moved into each other, one was cast against the other.
+    target[idle & ~here, 0] = np.maximum(target[idle & ~here, 0], 0.0)
+    still = before.displacement.duplicate()
+    still.set(0.0)
+    fresh = contact.respond(still, contact.resting(target), "end_point")
+    joints = _chosen(idle if before.joints_free else idle & here, fresh, response)
+    # Water in a joint that was open is that of an open one until a static stage looks again.
+    wet = {
+        type(load).__name__
+        for load in model.loads
+        if hasattr(load, "in_dynamics") and getattr(load, "joint", None) in chosen
+    }
+    missing = tuple(sorted({*before.missing, *wet}))
+    return replace(before, joints=joints, joints_free=False, missing=missing)
+
+
+def _chosen(rows: Rows, one: Response, other: Response) -> Response:
+    """Rows of one response, the others of another."""
+
+    def mixed(name: str, a: Any, b: Any) -> Floats:
+        first, second = getattr(a, name), getattr(b, name)
+        shape = (-1,) + (1,) * (first.ndim - 1)
+        return np.where(rows.reshape(shape), first, second) if first.size else first
+
+    gap, slip, internal = (
+        mixed(n, one.state, other.state) for n in ("gap", "elastic_slip", "internal")
+    )
+    state = JointState(gap=gap, elastic_slip=slip, internal=internal)
+    parts = {n: mixed(n, one, other) for n in ("traction", "tangent", "dissipation")}
+    status = np.where(rows, one.status, other.status)
+    return Response(**parts, state=state, status=status)
+
+
+def check_may_be_free(model: Model, before: StaticState | None, acting: Sequence[Load]) -> None:
+    """Refuse free joints that have been active, and blocks that fall without them (collective).
+
+    Raises:
+        JointsError: They have, or a block would; a load is water in a free joint, or the body has
+            plastic cells.
+    """
+    _check_elastic(model)
+    for load in acting:
+        if hasattr(load, "joint"):
+            raise JointsError(
+                f"{type(load).__name__} acts in the joint {load.joint!r}, which is free; leave it "
+                "out of statics(loads=...) until the joints are grouted."
+            )
+    if before is not None and not before.joints_free:
+        raise JointsError(
+            "Joints cannot become free again: the last static stage left them active."
+        )
+    if before is None:
+        check_blocks_stand(model)
+
+
+def _check_elastic(model: Model) -> None:
+    """Refuse plastic cells, whose state the joints' responses would have to hold."""
+    if model.bulk is not None:
+        raise JointsError("Joints of a body with plastic cells cannot be free, nor grouted.")
+
+
+def check_blocks_stand(model: Model) -> None:
+    """Refuse blocks that would move if their joints carried nothing (collective).
+
+    Raises:
+        JointsError: A block is not held by its supports alone.
+    """
+    comm, nodes = model.jointed.mesh.comm, NodeGather(model)
+    table = model.V.dofmap.list[: model.jointed.mesh.topology.index_map(model.gdim).size_local]
+    cells = comm.gather(nodes.number[table], root=0)
+    block = on_root(comm, lambda: connected_blocks(np.concatenate(cells)))[nodes.number]
+    owned = model.V.dofmap.index_map.size_local
+    points = model.V.tabulate_dof_coordinates()[:owned, : model.gdim]
+    count = comm.allreduce(int(block.max(initial=-1)), MPI.MAX) + 1
+    stiffness, centres = _against_rigid_motions(model, block[:owned], points, count)
+    for i in range(count):
+        motions = stiffness.shape[1]
+        held = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
+        if held < motions:
+            place = ", ".join(f"{c:.4g}" for c in centres[i])
+            beside = _joints_beside(model, block, i)
+            raise JointsError(
+                f"The block around ({place}) m, at {beside}, is held by its supports alone "
+                f"against {held} of {motions} rigid motions; while joints are free each block "
+                "must stand by itself: give it a support, or keep the joints active."
+            )
+
+
+def connected_blocks(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the connected block of each node, from the nodes of the cells."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    first = np.broadcast_to(cells[:, :1], cells.shape).ravel()
+    size = int(cells.max()) + 1
+    graph = coo_matrix((np.ones(cells.size), (first, cells.ravel())), (size, size))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _against_rigid_motions(
+    model: Model, block: NDArray[np.int64], points: Floats, count: int
+) -> tuple[Floats, Floats]:
+    """What springs and supports hold of each block, and centres of the blocks (collective).
+
+    Returns:
+        Matrices over the rigid motions, shape (blocks, motions, motions), relative to the
+        stiffness of the block; centres, shape (blocks, gdim), [m].
+    """
+    comm, gdim = model.jointed.mesh.comm, model.gdim
+
+    def total(values: Floats) -> Floats:
+        """Sum of values of the owned nodes over each block."""
+        sums = np.zeros((count, *values.shape[1:]))
+        np.add.at(sums, block, values)
+        return np.asarray(np.sum(comm.allgather(sums), axis=0))
+
+    numbers = total(np.ones(len(block)))
+    centres = total(points) / numbers[:, None]
+    arms = points - centres[block]
+    size = np.sqrt(total((arms**2).sum(axis=1)) / numbers)
+    motions = _rigid_motions(arms / size[block][:, None])
+    held = np.zeros(len(block) * gdim)
+    held[model.constraints.dofs] = 1.0
+    held = held.reshape(-1, gdim)
+    diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
+    moved, forces = model.stiffness.createVecRight(), []
+    for motion in motions:
+        moved.setArray(motion.ravel())
+        forces.append((model.stiffness * moved).getArray().reshape(-1, gdim).copy())
+    springs = np.einsum("anc,bnc->nab", motions, forces)
+    supports = np.einsum("anc,bnc,nc->nab", motions, motions, held)
+    weight = total(diagonal.sum(axis=1))[:, None, None]
+    return total(springs) / weight + total(supports) / numbers[:, None, None], centres
+
+
+def _rigid_motions(arms: Floats) -> Floats:
+    """Displacements of translations and rotations, shape (motions, n, gdim)."""
+    count, gdim = arms.shape
+    motions = [np.tile(np.eye(gdim)[axis], (count, 1)) for axis in range(gdim)]
+    for a, b in ((0, 1), (1, 2), (0, 2))[: 1 if gdim == 2 else 3]:
+        turned = np.zeros((count, gdim))
+        turned[:, a], turned[:, b] = -arms[:, b], arms[:, a]
+        motions.append(turned)
+    return np.stack(motions)
+
+
+def _joints_beside(model: Model, block: NDArray[np.int64], number: int) -> str:
+    """Names of the joints that a block touches (collective)."""
+    from dolfinx import fem
+
+    names = []
+    for name in model.jointed.joint_names:
+        met = False
+        for side in "-+":
+            facets = model.jointed.facets(f"{name}{side}")
+            found = fem.locate_dofs_topological(model.V, model.gdim - 1, facets)
+            met = met or bool((block[found] == number).any())
+        if any(model.jointed.mesh.comm.allgather(met)):
+            names.append(name)
+    return ", ".join(names) or "no joint"

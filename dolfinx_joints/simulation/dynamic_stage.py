@@ -1,0 +1,304 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A dynamic stage as it goes: state, energies and counts, what monitors are told, the outcome."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.common.memory_use import peak_mb
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.arguments import check_loads, check_nodal
+from dolfinx_joints.results.reader import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
+from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+from dolfinx_joints.simulation.records import Monitor, Outcome, Record
+from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.time_integration.substeps import StepControl, Stepper
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dolfinx_joints.loads.water.water_pressures import WaterPressures
+
+# Warnings that a results file keeps, and characters of each and of the error that ended a run.
+_MOST_WARNINGS, _LONGEST_WARNING = 40, 500
+_LONGEST_ERROR = 2000
+
+
+class DynamicRun:
+    """Bookkeeping of a dynamic stage: state, energies, counts, and the monitors that are told.
+
+    Args:
+        model: The model.
+        monitors: What watches the run.
+        watch: What watches slip and opening.
+        seconds: Wall time by phase [s], told to the monitors at the end.
+        scheme: The time scheme.
+        solver: Solver of the system.
+        control: When steps are cut.
+        state: The state to begin with.
+        steps: Steps asked for.
+        motion: Ground acceleration [m/s^2] at a time [s], or None.
+        settings: How the stage is run, by name; told to the monitors.
+
+    Attributes:
+        state: Where the run is.
+        step: Number of the last step taken.
+        origin: Displacement at the start of the stage [m].
+    """
+
+    def __init__(
+        self,
+        *,
+        model: Model,
+        monitors: Sequence[Any],
+        watch: SmallDisplacements,
+        seconds: Mapping[str, float],
+        scheme: Scheme,
+        solver: StepSolver,
+        control: StepControl,
+        state: DynamicState,
+        steps: int,
+        motion: Callable[[float], Any] | None,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Start the ledger (collective)."""
+        self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
+        self.state, self.step, self._steps, self._motion = state, 0, steps, motion
+        self._solver, self._conserves = solver, scheme.conserves(solver.system)
+        self._ledger = EnergyLedger(solver.system)
+        self._ledger.start(state)
+        self._stepper = Stepper(scheme, solver, self._ledger, control)
+        contact = solver.system.contact
+        whole = scheme.rule == "step" and contact is not None
+        self._end_point_laws = contact.without_step if whole and contact else ()
+        self._iterations = 0
+        self._local_error = self._largest = 0.0
+        self.origin = state.displacement.copy()
+        self._work = state.displacement.duplicate()
+        self._started: list[Monitor] = []
+        self._settings, self._warnings = dict(settings or {}), list[str]()
+
+    def start(self) -> None:
+        """Start the monitors."""
+        first = replace(self._record(0, None, self._ledger.row, 0), settings=self._settings)
+        for monitor in self.monitors:
+            monitor.start(self.model, "dynamic", self._steps, first)
+            self._started.append(monitor)
+
+    def memory(self) -> dict[str, Any]:
+        """Everything but vectors that the rest of the run depends on (collective)."""
+        return {
+            "step": self.step,
+            "iterations": self._iterations,
+            "local_error": self._local_error,
+            "largest": self._largest,
+            "watch": self._watch.memory(),
+            "solver": self._solver.memory(),
+            "steps": self._stepper.memory(),
+            "energy": self._ledger.memory(),
+            "monitors": {str(i): monitor.memory() for i, monitor in enumerate(self.monitors)},
+        }
+
+    def resume(self, memory: Mapping[str, Any], origin: PETSc.Vec) -> None:
+        """Go on from what ``memory`` gave, the monitors as well (collective).
+
+        Args:
+            memory: Of the run to be continued, whose state this one was made with.
+            origin: Its displacement at the start of the stage [m].
+        """
+        self.origin, self.step, self._iterations = origin, memory["step"], memory["iterations"]
+        self._local_error, self._largest = memory["local_error"], memory["largest"]
+        self._watch.recall(memory["watch"])
+        self._solver.recall(memory["solver"])
+        self._stepper.recall(memory["steps"])
+        self._ledger.recall(memory["energy"])
+        last = self._record(self.step, None, self._ledger.row, 0)
+        for i, monitor in enumerate(self.monitors):
+            monitor.resume(self.model, "dynamic", self._steps, last, memory["monitors"][str(i)])
+            self._started.append(monitor)
+
+    def take(self, dt: float) -> StepReport:
+        """Take a step and account for every piece of it."""
+        self._pieces = 0
+        for after, report, row in self._stepper.advance(self.state, dt):
+            self._ledger.record(row)
+            self.state = after
+            if after.joints is not None:
+                self._watch.see(after.joints.state.gap)
+            self._pieces += 1
+            self._iterations += report.solve.iterations
+            self._local_error = max(self._local_error, report.local_error)
+            self._work.waxpy(-1.0, self.origin, after.displacement)
+            self._largest = max(self._largest, float(self._work.norm()))
+        self.step += 1
+        return report
+
+    def show(self, report: StepReport) -> None:
+        """Hand a step to the monitors."""
+        record = self._record(self.step, report.solve, self._ledger.row, self._pieces - 1)
+        for monitor in self.monitors:
+            monitor.record(record)
+
+    def _record(
+        self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
+    ) -> Record:
+        in_joints = self._solver.system.in_joints
+        return Record(
+            stage="dynamic",
+            step=step,
+            time=self.state.time,
+            displacement=self.state.displacement,
+            velocity=self.state.velocity,
+            reaction=self.state.reaction,
+            joints=self.state.joints,
+            motion=self._motion,
+            solve=solve,
+            energy=row,
+            halvings=halvings,
+            wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
+            pressure=partial(self._pressure, self.state) if in_joints else None,
+        )
+
+    @cached_property
+    def _pressures(self) -> WaterPressures:
+        """Pressures of the water in joints, found when first asked for (collective)."""
+        from dolfinx_joints.loads.water.water_pressures import WaterPressures
+
+        return WaterPressures(self.model, self._solver.system.in_joints)
+
+    def _pressure(self, state: DynamicState) -> NDArray[np.float64]:
+        return self._pressures(state.time, state.water)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Tell the monitors how the stage ended, whatever ended it."""
+        try:
+            with _heard(self._warnings):
+                yield
+                outcome = self.outcome()
+                if self.model.jointed.mesh.comm.rank == 0:
+                    warn_of(outcome)
+        except BaseException as error:
+            status = "failed" if isinstance(error, Exception) else "stopped"
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
+            raise
+        peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
+        self._finish("complete", {"peak_mb": peak})
+
+    def _finish(self, status: str, extra: dict[str, Any]) -> None:
+        outcome = self.outcome()
+        summary = {
+            "steps": outcome.steps,
+            **asdict(outcome.counts),
+            "iterations": outcome.iterations,
+            "solver": outcome.solver,
+            "energy_error": outcome.energy_error,
+            "imbalance": outcome.imbalance,
+            "local_error": outcome.local_error,
+            "seconds": dict(self._seconds),
+            **({"warnings": self._warnings} if self._warnings else {}),
+            **extra,
+        }
+        failures: list[Exception] = []
+        for monitor in self._started:
+            try:
+                monitor.finish(status, summary)
+            except Exception as failure:  # the others still have rows to write and files to close
+                failures.append(failure)
+        if failures:
+            raise failures[0]
+
+    def outcome(self) -> Outcome:
+        """Where the run stands."""
+        # A body at rest: both are rounding.
+        moved = self._largest > 1e-10 * float(self.origin.norm())
+        return Outcome(
+            state=self.state,
+            energy=self._ledger.row,
+            energy_error=self._ledger.relative_error,
+            imbalance=self._ledger.relative_imbalance if self._conserves else None,
+            local_error=self._local_error / self._largest if moved else 0.0,
+            steps=self._steps,
+            counts=self._stepper.counts,
+            iterations=self._iterations,
+            solver=self._solver.name,
+            end_point_laws=self._end_point_laws,
+        )
+
+
+def check_options(model: Model, loads: Any, scheme: Any, control: Any) -> None:
+    """Refuse loads, a scheme or a control that are no such things.
+
+    Raises:
+        ValueError: One is not.
+    """
+    check_loads(model.jointed, loads)
+    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
+    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+
+
+def check_beginning(model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any) -> None:
+    """Refuse what a dynamic stage cannot begin with (collective).
+
+    Raises:
+        ValueError: A value is of another kind or of another model, or two exclude each other.
+    """
+    known = start is None or isinstance(start, DynamicState)
+    check_kind_of("start", start, known, "the state of an earlier outcome")
+    for name, vector in (("velocity", velocity), ("start", getattr(start, "displacement", None))):
+        if vector is not None:
+            check_nodal(name, vector, model.mass)
+    if velocity is not None and start is not None:
+        raise ValueError("velocity and start are both given; start holds a velocity already.")
+    good = checkpoint is None or offers(checkpoint, "keeper")
+    check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
+    check_flag("resume", resume)
+    if resume and checkpoint is None:
+        raise ValueError("resume is True, but no checkpoint is given to go on from.")
+
+
+@contextmanager
+def _heard(said: list[str]) -> Iterator[None]:
+    """Take down the warnings of a block, which are shown as they would be without."""
+    shown = warnings.showwarning
+
+    def hear(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        text = str(message)[:_LONGEST_WARNING]
+        if text not in said and len(said) < _MOST_WARNINGS:
+            said.append(text)
+        shown(message, category, *where, **more)
+
+    warnings.showwarning = hear
+    try:
+        yield
+    finally:
+        warnings.showwarning = shown
+
+
+def warn_of(outcome: Outcome) -> None:
+    """Say what makes a run doubtful, at the line where the user's program asks for it."""
+    if outcome.energy_error > LARGE_ENERGY_ERROR:
+        warnings.warn(
+            f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
+            "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
+            "smaller step.",
+            stacklevel=5,
+        )
+    if outcome.local_error > LARGE_LOCAL_ERROR:
+        warnings.warn(
+            f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
+            "displacement; take a smaller one.",
+            stacklevel=5,
+        )

@@ -1,0 +1,148 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What stages of a run hand on: to monitors at each step, and to the caller at their end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.solvers.newton import SolveReport
+from dolfinx_joints.time_integration.states import DynamicState
+from dolfinx_joints.time_integration.substeps import StepCounts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What a monitor sees of a step.
+
+    Attributes:
+        stage: ``dynamic``; static stages are not monitored.
+        step: Number of the step, 0 for the start of the stage.
+        time: Time [s].
+        displacement: u [m].
+        velocity: v [m/s].
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
+        joints: Response of the joints, None without joints.
+        motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
+        solve: How the solve went, None at step 0 of a dynamic stage.
+        energy: Energies.
+        halvings: Pieces that this step was cut into, less one.
+        wet_joints: Names of the joints with water.
+        pressure: Gives the pressure of the water at the local joint points at the time of the
+            record, shape (n,), [Pa]; None without water in joints (collective).
+        settings: How the stage is run, by name; of the record that monitors start with.
+    """
+
+    stage: str
+    step: int
+    time: float
+    displacement: PETSc.Vec
+    velocity: PETSc.Vec
+    reaction: PETSc.Vec
+    joints: Response | None
+    motion: Callable[[float], Any] | None
+    solve: SolveReport | None
+    energy: EnergyRow
+    halvings: int
+    wet_joints: tuple[str, ...] = ()
+    pressure: Callable[[], NDArray[np.float64]] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ground_acceleration(self) -> NDArray[np.float64]:
+        """Acceleration of the ground at the time of the record, shape (3,), [m/s^2]."""
+        ground = np.zeros(3)
+        if self.motion is not None:
+            known = np.asarray(self.motion(self.time), dtype=np.float64)[:3]
+            ground[: len(known)] = known
+        return ground
+
+
+class Monitor(Protocol):
+    """Watches a run; every method is called on all ranks."""
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Called before the first step of a stage."""
+
+    def record(self, record: Record) -> None:
+        """Called after each step."""
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+
+
+class LastingMonitor(Monitor, Protocol):
+    """A monitor of runs that write checkpoints: it can be left and taken up again."""
+
+    def memory(self) -> dict[str, Any]:
+        """What it needs to go on, asked for at each checkpoint.
+
+        Names to arrays and to what JSON can hold; those of rank 0 are kept.
+        """
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Called in the place of ``start``, with the last step taken and what was kept."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticState:
+    """Equilibrium at the end of a static stage.
+
+    Attributes:
+        displacement: u [m].
+        joints: Response of the joints, None without joints.
+        reaction: Forces of the supports on the body, zero at free dofs [N].
+        reports: How the solves went, one per load step.
+        joints_free: Whether the joints carried nothing: blocks stood alone.
+        missing: Loads of the model that did not act.
+    """
+
+    displacement: PETSc.Vec
+    joints: Response | None
+    reaction: PETSc.Vec
+    reports: list[SolveReport]
+    joints_free: bool = False
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """End of a dynamic stage.
+
+    Attributes:
+        state: The last state.
+        energy: The last energies.
+        energy_error: Largest energy error relative to the largest energy, loss or input.
+        imbalance: Largest sum of all energy lines relative to the same, None where the scheme
+            loses energy of the body, which has no line.
+        local_error: Largest estimated displacement error of a step relative to the largest
+            displacement from the static state, 2-norms over all dofs.
+        steps: Steps asked for.
+        counts: Pieces taken and tried; more than ``steps`` where steps were cut.
+        iterations: Newton iterations of all pieces taken.
+        solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
+        end_point_laws: Kinds of laws that were asked for the end of steps although the scheme asks
+            for whole steps, because they know nothing else.
+    """
+
+    state: DynamicState
+    energy: EnergyRow
+    energy_error: float
+    imbalance: float | None
+    local_error: float
+    steps: int
+    counts: StepCounts
+    iterations: int
+    solver: str
+    end_point_laws: tuple[str, ...]

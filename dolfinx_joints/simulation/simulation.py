@@ -1,0 +1,403 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Stages of a run, static then dynamic, and the only time loop.
+
+The loop knows no files, plots or progress bars: monitors do.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_count,
+    check_kind_of,
+    finite,
+    numbers_of,
+    offers,
+)
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.file_lock import released
+from dolfinx_joints.loads.load import BaseMotion, Load, check_motion, in_axes
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.solvers.newton import NewtonOptions, StepSolver
+from dolfinx_joints.solvers.choice import check_kind, make_solver
+from dolfinx_joints.simulation.records import Monitor, Outcome, StaticState
+from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
+from dolfinx_joints.simulation.static_stage import check_acting, check_complete, check_grouted, march
+from dolfinx_joints.time_integration.substeps import StepControl, check_step, located
+from dolfinx_joints.model.system import MatrixSystem
+
+if TYPE_CHECKING:
+    from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints
+
+# Steps between two collections of what petsc4py keeps on several ranks.
+GARBAGE_INTERVAL = 10
+
+# Times at which functions of time are compared with those of a checkpoint.
+SAMPLES = 500
+
+
+class Simulation:
+    """Runs a model through its stages.
+
+    Args:
+        model: The model.
+        monitors: What watches the run.
+        newton: Tolerances and limits of Newton's method.
+        solver: ``auto``, ``condensed`` or ``monolithic``; see `make_solver`.
+
+    Attributes:
+        model: The model.
+        static: Result of the last static stage, None before it.
+        seconds: Wall time by phase [s].
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        monitors: Sequence[Monitor] = (),
+        newton: NewtonOptions | None = None,
+        solver: str = "auto",
+    ) -> None:
+        """Nothing is solved yet."""
+        check_kind_of("model", model, isinstance(model, Model), "a Model")
+        methods = ("start", "record", "finish")
+        good = isinstance(monitors, list | tuple) and all(offers(m, *methods) for m in monitors)
+        check_kind_of("monitors", monitors, good, "a list of monitors")
+        options = isinstance(newton, NewtonOptions | None)
+        check_kind_of("newton", newton, options, "a NewtonOptions")
+        self.model, self.monitors = model, list(monitors)
+        self.static: StaticState | None = None
+        self.seconds: dict[str, float] = {}
+        self._newton, self._kind = newton or NewtonOptions(), solver
+        self._watch = SmallDisplacements(model.contact)
+        check_kind(solver)
+
+    def statics(
+        self, *, steps: int = 1, loads: Sequence[Load] | None = None, joints: str = "active"
+    ) -> StaticState:
+        """Bring loads to their values at time zero in equal steps (collective).
+
+        Goes on from the last static stage, from zero without one: loads that acted at its end stay
+        if they are named again, and go if they are not. Friction depends on the path, so the number
+        of steps matters where joints slide.
+
+        Args:
+            steps: Number of load steps.
+            loads: Those of the model's loads that act at the end; all of them unless given.
+            joints: ``active``, or ``free``: blocks stand alone, joints carry nothing until
+                `grout`. A run may begin so.
+
+        Raises:
+            ValueError: ``steps`` is not positive, a load is not the model's, or ``joints`` is
+                unknown.
+            JointsError: Joints are free and should have been grouted, or should be free and have
+                been active; a block does not stand without its joints.
+            ConvergenceError: A load step did not converge.
+            JointsError: Water in a joint and its openings do not come to agree.
+        """
+        check_count("steps", steps, 1, "at least one load step is needed")
+        check_choice("joints", joints, ("active", "free"))
+        acting = self.model.loads if loads is None else loads
+        check_acting(self.model, acting)
+        free = joints == "free"
+        if free:
+            from dolfinx_joints.simulation.construction import check_may_be_free
+
+            check_may_be_free(self.model, self.static, acting)
+        shares = np.arange(1, steps + 1) / steps
+        return self._statics([(None, float(share)) for share in shares], acting, free=free)
+
+    def grout(self, joints: Sequence[str] | None = None, *, gap: float = 0.0) -> StaticState:
+        """Close joints free of stress where they stand after a static stage (collective).
+
+        Where a joint carries nothing, free or open, its gap and slip count anew from here; points
+        in contact stay as they are. Joints that were free and are not named stay open by what
+        their blocks have moved apart, and are active from now on as well.
+
+        Args:
+            joints: Names of the joints to be grouted, all of them unless given.
+            gap: What the grout leaves open [m].
+
+        Raises:
+            ValueError: ``gap`` is negative, or ``joints`` no list of names.
+            JointsError: There was no static stage.
+            MeshError: A name stands for no joint.
+        """
+        from dolfinx_joints.simulation.construction import grouted
+
+        if self.static is None:
+            raise JointsError("There is nothing to grout yet: run statics(joints='free') before.")
+        self.static = grouted(self.model, self.static, joints, gap)
+        return self.static
+
+    def quasi_statics(self, times: Sequence[float]) -> StaticState:
+        """Equilibrium at each of a sequence of times, in order (collective).
+
+        Loads and prescribed displacements follow their functions of time; inertia and damping are
+        left out. Continues from the last static stage if there was one.
+
+        Args:
+            times: Times [s] of the load steps.
+
+        Raises:
+            ValueError: There is no time, or one is not finite.
+            ConvergenceError: A load step did not converge.
+        """
+        path = numbers_of(times)
+        good = path is not None and path.ndim == 1 and len(path) > 0 and finite(path)
+        check_kind_of("times", times, path is not None and good, "one or more finite numbers")
+        assert path is not None
+        return self._statics([(float(t), 1.0) for t in path], self.model.loads)
+
+    def _statics(
+        self,
+        path: Sequence[tuple[float | None, float]],
+        acting: Sequence[Load],
+        *,
+        free: bool = False,
+    ) -> StaticState:
+        """March from the last static state; see `march`."""
+        if not free:
+            check_grouted(self.static)
+        with self._phase("static"):
+            self.static = march(
+                self.model,
+                self.static,
+                path,
+                acting,
+                free=free,
+                newton=self._newton,
+                kind=self._kind,
+                watch=self._watch,
+            )
+        return self.static
+
+    def save_static(self, path: str | Path) -> None:
+        """Keep the end of the last static stage in a file, to go on from it later (collective).
+
+        A file that is there already is replaced at once.
+
+        Args:
+            path: The file.
+
+        Raises:
+            JointsError: There was no static stage.
+            CheckpointError: The file cannot be written.
+        """
+        if self.static is None:
+            raise JointsError("There is no static state to save yet: run statics() before.")
+        from dolfinx_joints.simulation.checkpoint import static_keeper
+
+        static_keeper(path, self.model).save_static(self.static)
+
+    def load_static(self, path: str | Path) -> StaticState:
+        """Go on from a static state of the same model that was saved (collective).
+
+        Args:
+            path: The file that `save_static` wrote, on any number of ranks.
+
+        Raises:
+            CheckpointError: There is no such file, it is damaged, or of another model.
+        """
+        from dolfinx_joints.simulation.checkpoint import static_keeper
+
+        self.static = static_keeper(path, self.model).load_static()
+        return self.static
+
+    def dynamics(
+        self,
+        *,
+        dt: float,
+        steps: int,
+        motion: Callable[[float], Any] | None = None,
+        loads: Sequence[Load] = (),
+        scheme: Scheme | None = None,
+        control: StepControl | None = None,
+        velocity: PETSc.Vec | None = None,
+        start: DynamicState | None = None,
+        checkpoint: Checkpoints | None = None,
+        resume: bool = False,
+    ) -> Outcome:
+        """March from the static state (or from zero) with the model's loads kept (collective).
+
+        Args:
+            dt: Time step [s].
+            steps: Number of steps.
+            motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given. In 2-D x and
+                z of it move the model along x and y; two numbers are taken as they are.
+            loads: Loads of this stage besides the model's own.
+            scheme: Time scheme, `EnergyConsistent` unless given.
+            control: When steps are cut; where their solve fails unless given.
+            velocity: Initial velocity [m/s], zero unless given.
+            start: State to go on from instead, such as ``state`` of an earlier outcome.
+            checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
+            resume: Go on from that checkpoint, with the arguments and monitors of the run that
+                wrote it. Its static state is taken as well; ``velocity`` and ``start`` are not
+                looked at.
+
+        Raises:
+            ValueError: ``dt`` or ``steps`` is not positive, both ``velocity`` and ``start`` are
+                given, or ``resume`` without ``checkpoint``.
+            CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
+                another run.
+            ConvergenceError: A step did not converge however often it was halved; what had been
+                computed is with the monitors.
+        """
+        dt = check_step(dt)
+        check_count("steps", steps, 1, "at least one time step is needed")
+        scheme = EnergyConsistent() if scheme is None else scheme
+        control = StepControl() if control is None else control
+        check_options(self.model, loads, scheme, control)
+        check_beginning(self.model, velocity, start, checkpoint, resume)
+        if motion is not None:
+            check_motion(motion, self.model.gdim)
+            motion = in_axes(motion, self.model.gdim)
+            if any(getattr(load, "absolute", False) for load in (*self.model.loads, *loads)):
+                raise ValueError(
+                    "motion is given beside a FreeField, which moves the ground already; give one."
+                )
+        shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        if not resume and start is None:
+            check_grouted(self.static)
+            check_complete(self.static)
+        if checkpoint is not None:
+            checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
+        with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
+            system = self.model.system([*shaking, *loads])
+            solver = make_solver(system, self._newton, self._kind, scheme.rule)
+            facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
+            facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
+            began = start.time if start else 0.0
+            times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
+            keeper = None
+            if checkpoint is not None:
+                keeper = checkpoint.keeper(self.model, system, facts, motion, times)
+            saved = keeper.load(self.monitors) if keeper and resume else None
+            if saved is not None:
+                self.static = saved.static
+            run = DynamicRun(
+                model=self.model,
+                monitors=self.monitors,
+                watch=self._watch,
+                seconds=self.seconds,
+                scheme=scheme,
+                solver=solver,
+                control=control,
+                state=saved.state if saved else self._first_state(solver, velocity, start),
+                steps=steps,
+                motion=motion,
+                settings=facts,
+            )
+        with released(checkpoint, at_end=True), run.watched():
+            if saved is None:
+                run.start()
+                self._save(keeper, run)
+            else:
+                run.resume(saved.memory, saved.origin)
+            while run.step < steps:
+                self._step(run, dt)
+                self._save(keeper, run)
+            self._watch.warn(f"by t = {run.state.time:.4g} s")
+        return run.outcome()
+
+    def _step(self, run: DynamicRun, dt: float) -> None:
+        """One step, told to the monitors (collective)."""
+        with self._phase("time steps"):
+            try:
+                report = run.take(dt)
+            except ConvergenceError as failure:
+                self._watch.warn(f"by t = {run.state.time:.4g} s")
+                raise located(failure, stage="dynamic", step=run.step + 1) from None
+        with self._phase("monitors"):
+            run.show(report)
+        if run.step % GARBAGE_INTERVAL == 0:
+            free_petsc_garbage(self.model.jointed.mesh.comm)
+            self._watch.warn(f"by t = {run.state.time:.4g} s")
+
+    def _save(self, keeper: CheckpointKeeper | None, run: DynamicRun) -> None:
+        """Write a checkpoint where one is due (collective)."""
+        if keeper is not None:
+            with self._phase("checkpoints"):
+                keeper.save_if_due(run, self.static)
+
+    def _first_state(
+        self, solver: StepSolver, velocity: PETSc.Vec | None, start: DynamicState | None
+    ) -> DynamicState:
+        """The state a dynamic stage begins with, its acceleration in balance with its loads."""
+        origin = start or self.static
+        if origin is None:
+            return initial_state(solver, velocity=velocity)
+        if start is None:
+            self._check_prescribed(solver.system, origin.displacement)
+        # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
+        # and asked again, round-off would decide.
+        return initial_state(
+            solver,
+            time=start.time if start else 0.0,
+            displacement=origin.displacement,
+            velocity=start.velocity if start else velocity,
+            joints=origin.joints,
+            water=start.water if start else None,
+        )
+
+    def _check_prescribed(self, system: MatrixSystem, u: PETSc.Vec) -> None:
+        """Refuse prescribed displacements that jump from the static state to time zero."""
+        at_zero = system.prescribed(0.0)
+        held = u.getArray(readonly=True)[system.constrained]
+        jump = float(np.abs(at_zero - held).max(initial=0.0))
+        if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * max(u.norm(), 1e-12):
+            raise ValueError(
+                "The displacements prescribed at t = 0 differ from those of the static state that "
+                "the dynamic stage starts from; let their functions agree there."
+            )
+
+    def report(self, outcome: Outcome) -> str:
+        """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""
+        phases = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
+        counts = outcome.counts
+        mean = outcome.iterations / max(counts.accepted, 1)
+        balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
+        tried = f", {counts.rejected} more were tried and cut" if counts.rejected else ""
+        return (
+            f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
+            f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
+            f"displacement\n{outcome.steps} steps in {counts.accepted} pieces{tried}; "
+            f"{mean:.2f} Newton iterations per piece, {self._solver(outcome)}\n{phases}"
+        )
+
+    def _solver(self, outcome: Outcome) -> str:
+        """The solver of a run, and which laws left no choice."""
+        contact = self.model.contact
+        missing = () if contact is None else contact.without_local("end_point")
+        text = f"{outcome.solver} solver"
+        if outcome.solver == "monolithic" and missing:
+            text += f" (no local solution in {', '.join(missing)})"
+        if self.model.bulk is not None:
+            text += f" (plastic cells of {', '.join(self.model.bulk.kinds)})"
+        if outcome.end_point_laws:
+            text += f", end-point law in {', '.join(outcome.end_point_laws)}"
+        return text
+
+    @contextmanager
+    def _phase(self, name: str) -> Iterator[None]:
+        """Add the wall time of a block to a phase."""
+        began = clock.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began

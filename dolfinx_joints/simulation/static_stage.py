@@ -1,0 +1,163 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One static stage: from the last static state through load steps, and what may follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.solvers.direct import STATIC
+from dolfinx_joints.loads.load import Load
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.joints.internal_forces import Resistance
+from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.solvers.newton import NewtonOptions, SolveReport
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.time_integration.states import Products
+from dolfinx_joints.time_integration.substeps import located
+
+
+def march(
+    model: Model,
+    before: StaticState | None,
+    path: Sequence[tuple[float | None, float]],
+    acting: Sequence[Load],
+    *,
+    free: bool,
+    newton: NewtonOptions,
+    kind: str,
+    watch: SmallDisplacements,
+) -> StaticState:
+    """Equilibrium at each step of a path (collective).
+
+    Args:
+        model: The model.
+        before: State to go on from; zero, joints at rest, without one.
+        path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
+            the loads and prescribed displacements of ``before`` to those at this time.
+        acting: Those of the model's loads that act.
+        free: Whether joints carry nothing.
+        newton: Tolerances and limits of Newton's method.
+        kind: Of the solver; see `make_solver`.
+        watch: What warns of large slip and opening.
+
+    Raises:
+        ConvergenceError: A load step did not converge.
+    """
+    system = model.system(only=acting)
+    resistance = system.resistance
+    system = replace(system, contact=None) if free else system
+    solver = make_solver(system, newton, kind, static_steps=len(path))
+    u = system.stiffness.createVecRight()
+    u.set(0.0)
+    joints = system.resistance.at_rest(u) if system.resistance else None
+    if before is not None:
+        before.displacement.copy(u)
+        if joints is not None and before.joints:
+            joints = before.joints.state
+    if system.water is not None and joints is not None:
+        system.water.enter(joints.gap)
+        solver = system.water.settling(solver)
+    held = system.constrained
+    reports: list[SolveReport] = []
+    elastic_force, load, b, x = (u.duplicate() for _ in range(4))
+    system.stiffness.mult(u, elastic_force)
+    carried, held_before = _carried(resistance, before, elastic_force), u.getArray()[held]
+    for step, (time, share) in enumerate(path, start=1):
+        system.load(time or 0.0, load, scale=share)
+        at_supports = system.prescribed(time or 0.0, scale=share)
+        if carried is not None and share < 1.0:
+            load.axpy(1.0 - share, carried)
+            at_supports = at_supports + (1.0 - share) * held_before
+        b.waxpy(-1.0, elastic_force, load)
+        x.set(0.0)
+        x.getArray()[held] = at_supports - u.array[held]
+        try:
+            response, report = solver.solve(STATIC, b, x, joints)
+            products = Products(solver, STATIC, b, x, response)
+        except ConvergenceError as failure:
+            watch.warn("in a static stage")
+            raise located(failure, stage="static", step=step, time=time) from None
+        u.axpy(1.0, x)
+        elastic_force.axpy(1.0, products.stiffness)
+        if response:
+            joints = response.state
+            watch.see(joints.gap)
+        reports.append(report)
+    watch.warn("in a static stage")
+    if free and model.contact is not None:
+        from dolfinx_joints.simulation.construction import free_response
+
+        response = free_response(model.contact, u)
+    absent = [one for one in model.loads if not any(one is other for other in acting)]
+    free_petsc_garbage(model.jointed.mesh.comm)
+    return StaticState(
+        displacement=u,
+        joints=response,
+        reaction=products.reaction,
+        reports=reports,
+        joints_free=free,
+        missing=tuple(type(one).__name__ for one in absent),
+    )
+
+
+def _carried(
+    resistance: Resistance | None, before: StaticState | None, elastic_force: PETSc.Vec
+) -> PETSc.Vec | None:
+    """Loads that a static state carries, from its balance [N]; None without one."""
+    if before is None:
+        return None
+    force = elastic_force.copy()
+    if resistance is not None and before.joints is not None:
+        force.axpy(1.0, resistance.force(before.joints, force.duplicate()))
+    force.axpy(-1.0, before.reaction)
+    return force
+
+
+def check_acting(model: Model, loads: Any) -> None:
+    """Refuse loads of a static stage that are not the model's own.
+
+    Raises:
+        ValueError: ``loads`` is no list, or one is another.
+    """
+    check_kind_of("loads", loads, isinstance(loads, list | tuple), "a list of loads")
+    for load in loads:
+        if not any(load is one for one in model.loads):
+            raise ValueError(
+                f"A {type(load).__name__} was given to a static stage that is not among the "
+                "model's loads; give it to Model(loads=...) as well."
+            )
+
+
+def check_grouted(static: StaticState | None) -> None:
+    """Refuse to go on with joints that carry nothing.
+
+    Raises:
+        JointsError: They are free.
+    """
+    if static is not None and static.joints_free:
+        raise JointsError(
+            "The joints are still free; call grout() to close them, grout([]) to leave all of "
+            "them open by what their blocks have moved apart."
+        )
+
+
+def check_complete(static: StaticState | None) -> None:
+    """Refuse a static state without some of the loads, or with water from before the grout.
+
+    Raises:
+        JointsError: Some are missing.
+    """
+    if static is not None and static.missing:
+        raise JointsError(
+            f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
+            "which would act at once; run statics() with all loads before."
+        )

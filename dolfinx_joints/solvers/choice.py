@@ -1,0 +1,87 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which solver takes the steps of a system."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dolfinx_joints.common.parameters import check_choice
+from dolfinx_joints.joints.contact import Contact, Rule
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.newton import NewtonOptions, NewtonSolver, StepSolver
+from dolfinx_joints.model.system import MatrixSystem
+
+KINDS = ("auto", "condensed", "monolithic")
+
+
+def check_kind(kind: str) -> None:
+    """Refuse a kind of solver that does not exist.
+
+    Raises:
+        ValueError: It is not one of `KINDS`.
+    """
+    check_choice("solver", kind, KINDS)
+
+
+def make_solver(
+    system: MatrixSystem,
+    options: NewtonOptions | None = None,
+    kind: str = "auto",
+    rule: Rule = "end_point",
+    *,
+    static_steps: int = 0,
+) -> StepSolver:
+    """A solver of the steps of a system (collective).
+
+    Args:
+        system: The system.
+        options: Tolerances and limits.
+        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
+            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
+            joints of finite stiffness: near the limit of what they carry it goes further.
+        rule: What the time scheme will ask the laws for.
+        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
+
+    Raises:
+        ValueError: The kind is unknown.
+        JointsError: ``condensed`` was asked for, or a joint is rigid, and a law cannot be solved
+            locally.
+    """
+    check_kind(kind)
+    contact = system.contact
+    if system.bulk is not None:
+        if kind == "condensed" or (contact is not None and contact.rigid):
+            rigid = "" if kind == "condensed" else ", which rigid joints need,"
+            raise JointsError(
+                f"The condensed solver{rigid} takes a linear body; plastic cells (of "
+                f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "
+                "stiffness."
+            )
+        return NewtonSolver(system, options)
+    if kind == "monolithic" or contact is None:
+        return NewtonSolver(system, options)
+    missing = contact.without_local(rule)
+    if missing and (kind == "condensed" or contact.rigid):
+        rigid = "Rigid joints need the condensed solver. " if contact.rigid else ""
+        raise JointsError(
+            f"{rigid}The condensed solver needs laws with a local solution; {missing[0]} has none."
+        )
+    if missing:
+        return NewtonSolver(system, options)
+    solver = InterfaceSolver(system, _for_steps(options, contact, static_steps))
+    if static_steps and kind == "auto" and not contact.rigid and solver.has_loose_blocks():
+        return NewtonSolver(system, options)
+    return solver
+
+
+def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
+    """Options with no compliance kept where few solves do not pay for it.
+
+    A static solve takes some 250 products, and a column of the compliance in a block of them a
+    seventh of a back-substitution.
+    """
+    options = options or NewtonOptions()
+    few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
+    return replace(options, compliance="free") if few and options.compliance == "auto" else options

@@ -1,0 +1,300 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compliance of the structure at the joint points, G = B A^-1 B^T, scaled to a unit diagonal.
+
+With s the root of a point's own compliance, forces count as f = s F and gaps as g / s, both in
+[J^(1/2)], so that G becomes I + S with small entries S, which is what the joints' iteration needs.
+A vector of all points is the same on every rank; a rank keeps the rows of S of its own points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.direct import BLOCK, EffectiveMatrix
+from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix, gathered
+from dolfinx_joints.solvers.interface.unit_forces import UnitForces
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+# Beyond this size the compressed S is not only smaller, its products are also faster; a rough one
+# inside corrections pays beyond it too.
+LARGEST_DENSE = 2000
+
+# Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
+# whose products take a fifth of the time.
+TOLERANCE, ROUGH_TOLERANCE = 1e-12, 1e-4
+
+
+class Part(Protocol):
+    """Some rows and the same columns of S."""
+
+    def product(self, values: Floats) -> Floats:
+        """The part times a vector of its size (collective)."""
+
+
+class Split(Protocol):
+    """S, known by its products.
+
+    Attributes:
+        size: Number of rows.
+        nbytes: Memory of what is kept on this rank [bytes].
+    """
+
+    size: int
+    nbytes: int
+
+    def cost(self, rows: int) -> float:
+        """Entries that a product with so many nonzero values reads."""
+
+    def whole(self) -> Floats | None:
+        """The matrix, shape (size, size), None where it is not kept (collective)."""
+
+    def product(self, values: Floats, rows: Rows) -> Floats:
+        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
+
+    def block(self, rows: Rows) -> Part:
+        """The part of some rows, sorted, and the same columns (collective)."""
+
+
+class Compliance:
+    """S and its scale for one set of coefficients.
+
+    Args:
+        effective: The bulk, A.
+        operator: B with zero columns at constrained dofs, three rows per joint point.
+        joints: The joints' operator, of which areas and places are taken.
+        kind: ``dense``: all of S, one back-substitution per unknown, 8 m^2 bytes over the ranks;
+            ``compressed``: the same back-substitutions, less memory; ``free``: nothing is kept,
+            each product takes a back-substitution; ``auto``: free if the bulk is solved by
+            iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
+        largest: Own compliance to be used at most, shape (n, 2), [m/Pa].
+
+    Attributes:
+        effective: The bulk, A.
+        kind: Which of the kinds it is.
+        own: Compliance of each local point on its own area, normal and tangential (the mean of
+            the directions in which it can move), shape (n, 2), [m/Pa].
+        scale: s, three per point of all ranks, 1 where a point cannot move, [(m/N)^(1/2)].
+        dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
+            shape (points, 3).
+        split: S.
+        rough: S to `ROUGH_TOLERANCE`; None where S is small, the places of the points are not
+            known, or nothing is kept and the bulk is factored.
+    """
+
+    def __init__(
+        self,
+        effective: EffectiveMatrix,
+        operator: PETSc.Mat,
+        joints: GapOperator,
+        *,
+        kind: str = "auto",
+        largest: Floats | None = None,
+    ) -> None:
+        """Solve for unit forces (collective)."""
+        self.effective = effective
+        self._comm = operator.comm.tompi4py()
+        self._forces = UnitForces(effective, operator)
+        size = operator.getSize()[0]
+        self.kind = _chosen(kind, size, effective, joints)
+        self.split: Split
+        self.rough: Split | None = None
+        if self.kind == "dense":
+            columns = self._dense(operator, joints, largest)
+            self.split = RowMatrix(columns, self._comm)
+            if joints.points is not None and size > LARGEST_DENSE:
+                self.rough = self._rough(columns, joints)
+            return
+        self._scale(self._forces.diagonal(), joints.areas, largest)
+        if self.kind == "free":
+            self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
+            if isinstance(effective.solver, IterativeSolver):
+                rough = partial(self._forces.rough_product, tolerance=ROUGH_TOLERANCE)
+                self.rough = _Products(rough, self.scale, self.dead, self._comm)
+            return
+        scale = np.where(self.dead.ravel(), 0.0, self.scale)
+        fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
+        self.split = self._products(fine)
+        self.rough = self._products(fine.rougher(ROUGH_TOLERANCE))
+
+    def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
+        """The rank's columns of S, shape (size, local); sets the scale (collective)."""
+        columns = self._columns(operator.getSize()[0])
+        start, stop = operator.getOwnershipRange()
+        own = (np.arange(start, stop), np.arange(stop - start))
+        self._scale(columns[own], joints.areas, largest)
+        columns /= self.scale[:, None]
+        columns /= self.scale[start:stop]
+        columns[own] -= 1.0
+        columns[self.dead.ravel()] = 0.0
+        return columns
+
+    def _rough(self, columns: Floats, joints: GapOperator) -> Split:
+        """S to `ROUGH_TOLERANCE` from the rank's columns of it (collective)."""
+        stop = self._comm.scan(columns.shape[1])
+        mine = slice(stop - columns.shape[1], stop)
+
+        def of_unit_diagonal(numbers: Rows) -> Floats:
+            part = columns[numbers].T
+            here = np.flatnonzero((numbers >= mine.start) & (numbers < mine.stop))
+            part[numbers[here] - mine.start, here] += 1.0
+            return part
+
+        ones = np.ones(len(columns))
+        rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
+        return _Compressed(rough, ones, self.dead, self._comm)
+
+    def _products(self, matrix: LowRankMatrix) -> Split:
+        return _Compressed(matrix, self.scale, self.dead, self._comm)
+
+    def _columns(self, size: int) -> Floats:
+        """The rank's columns of G, shape (size, local), [m/N]."""
+        columns = np.empty((size, self._forces.local))
+        for first in range(0, size, BLOCK):
+            numbers = np.arange(first, min(first + BLOCK, size))
+            columns[numbers] = self._forces.gaps(numbers).T
+        return columns
+
+    def _compressed(
+        self,
+        columns: Callable[[Rows], Floats],
+        joints: GapOperator,
+        scale: Floats,
+        tolerance: float,
+        dtype: type = np.float64,
+    ) -> LowRankMatrix:
+        """Columns in blocks of low rank (collective)."""
+        start = self._comm.scan(len(joints.areas)) - len(joints.areas)
+        return LowRankMatrix(
+            columns,
+            np.concatenate(self._comm.allgather(joints.points)),
+            rows=None if self._comm.size == 1 else slice(start, start + len(joints.areas)),
+            scale=scale,
+            joint=np.concatenate(self._comm.allgather(joints.joint)),
+            tolerance=tolerance,
+            dtype=dtype,
+            symmetric=self.effective.symmetric,
+        )
+
+    def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
+        """Own compliances from those in each direction, shape (3 n,), [m/N]."""
+        each = diagonal.reshape(-1, 3)
+        live = np.maximum(np.count_nonzero(each[:, 1:] > 0.0, axis=1), 1)
+        own = np.column_stack([each[:, 0], (each[:, 1] + each[:, 2]) / live])
+        if largest is not None:
+            own = np.minimum(own, largest / areas[:, None])
+        self.own = areas[:, None] * own
+        roots = np.where(each > 0.0, np.sqrt(np.repeat(own, (1, 2), axis=1)), 0.0)
+        every = np.concatenate(self._comm.allgather(roots))
+        self.dead = every == 0.0
+        self.scale = np.where(self.dead, 1.0, every).ravel()
+
+    @property
+    def kept_bytes(self) -> int:
+        """Memory that S and its rough form take on this rank [bytes]."""
+        return self.split.nbytes + (self.rough.nbytes if self.rough is not None else 0)
+
+    def destroy(self) -> None:
+        """Free what the products need; the bulk's factor is left."""
+        self._forces.destroy()
+
+
+def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:
+    """The kind of compliance to be made.
+
+    Raises:
+        ValueError: It cannot be compressed.
+    """
+    if kind == "compressed" and joints.points is None:
+        raise ValueError(
+            "compliance is 'compressed', but the places of the joint points are not known: this "
+            "system comes from matrices; take 'dense' or 'free'."
+        )
+    if kind != "auto":
+        return kind
+    if isinstance(effective.solver, IterativeSolver):
+        return "free"
+    return "dense" if size <= LARGEST_DENSE or joints.points is None else "compressed"
+
+
+class _Products:
+    """S from products with G."""
+
+    def __init__(
+        self,
+        multiply: Callable[[Floats], Floats],
+        scale: Floats,
+        dead: NDArray[np.bool_],
+        comm: Any,
+    ) -> None:
+        """Keep what is needed."""
+        self._multiply, self._scale, self._comm = multiply, scale, comm
+        self._live, self.size = ~dead.ravel(), len(scale)
+        self.nbytes = 0
+
+    def product(self, values: Floats, rows: Rows) -> Floats:
+        """Times a vector, shape (size,) (collective)."""
+        gaps = gathered(self._comm, self._multiply(values / self._scale))
+        return np.where(self._live, gaps / self._scale - values, 0.0)
+
+    def block(self, rows: Rows) -> _Rows:
+        """The part of some rows and the same columns."""
+        return _Rows(self, rows)
+
+    def cost(self, rows: int) -> float:
+        """More than anything that is kept."""
+        return np.inf
+
+    def whole(self) -> Floats | None:
+        """Not kept."""
+        return None
+
+
+class _Compressed(_Products):
+    """S in blocks of low rank."""
+
+    def __init__(
+        self, matrix: LowRankMatrix, scale: Floats, dead: NDArray[np.bool_], comm: Any
+    ) -> None:
+        """Keep the matrix."""
+        super().__init__(matrix.product, scale, dead, comm)
+        self._matrix, self.nbytes = matrix, int(matrix.nbytes)
+        self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
+
+    def cost(self, rows: int) -> float:
+        """As many whatever the vector."""
+        return self._entries
+
+    def whole(self) -> Floats:
+        """The matrix, shape (size, size) (collective)."""
+        mine = self._matrix.rows(np.arange(self._matrix.shape[0]))
+        every = np.vstack(self._comm.allgather(mine))
+        every /= self._scale[:, None] * self._scale
+        every[np.diag_indices(self.size)] -= 1.0
+        every[~self._live] = 0.0
+        return every
+
+
+class _Rows:
+    """A part of `_Products`."""
+
+    def __init__(self, whole: _Products, rows: Rows) -> None:
+        """Keep the rows."""
+        self._whole, self._rows = whole, rows
+
+    def product(self, values: Floats) -> Floats:
+        """The part times a vector of its size (collective)."""
+        every = np.zeros(self._whole.size)
+        every[self._rows] = values
+        return self._whole.product(every, self._rows)[self._rows]

@@ -1,0 +1,144 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A system condensed onto its joints for one set of coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.solvers.interface.compliance import Compliance
+from dolfinx_joints.solvers.interface.corrections import Corrections
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.solvers.interface.springs import JointSprings
+from dolfinx_joints.solvers.direct import Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.solvers.newton import NewtonOptions
+from dolfinx_joints.model.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+
+class Condensed:
+    """The bulk factored for one set of coefficients, with its compliance at the joints.
+
+    Args:
+        system: The system.
+        effective: The coefficients.
+        operator: B with the columns of constrained dofs empty.
+        weight: That of 1/k in the law.
+        options: How the bulk is solved, and what is kept of the compliance.
+
+    Attributes:
+        static: Whether there is no inertia.
+        loose: Whether there are blocks that nothing but joints supports.
+        used: Whether a step has been solved with it.
+    """
+
+    def __init__(
+        self,
+        system: MatrixSystem,
+        effective: Effective,
+        operator: PETSc.Mat,
+        weight: float,
+        options: NewtonOptions,
+    ) -> None:
+        """Factor (collective)."""
+        assert system.contact is not None
+        self._system, self._contact, self._options = system, system.contact, options
+        self._operator, self._weight = operator, weight
+        self.static, self.used = not effective.mass, False
+        self._recalled: Mapping[str, Any] = {}
+        self._effective = effective
+        self._body = EffectiveMatrix(system, effective, linear=options.linear)
+        self.loose = self.static and not _is_held(self._body, free_dofs(system))
+        if self.loose:
+            self._body.destroy()
+
+    @cached_property
+    def springs(self) -> JointSprings | None:
+        """Springs across the joints in statics of loose blocks, else None (collective)."""
+        return JointSprings(self._system) if self.loose else None
+
+    @cached_property
+    def matrix(self) -> EffectiveMatrix:
+        """The bulk, with these springs (collective when first asked for)."""
+        if self.springs is None:
+            return self._body
+        return EffectiveMatrix(
+            self._system,
+            self._effective,
+            linear=self._options.linear,
+            added=self.springs.matrix,
+        )
+
+    @cached_property
+    def compliance(self) -> Compliance:
+        """G, scaled, made when first asked for (collective)."""
+        return Compliance(
+            self.matrix,
+            self._operator,
+            self._contact.operator,
+            kind=self._options.compliance,
+            largest=None if self.springs is None else self.springs.largest_compliance,
+        )
+
+    @cached_property
+    def corrections(self) -> Corrections:
+        """Solver of Newton's corrections (collective when first asked for)."""
+        known = self.springs is None and self._system.symmetric
+        corrections = Corrections(
+            self.compliance.split,
+            self.compliance.rough,
+            self._stuck() if known else None,
+            self._operator.comm.tompi4py(),
+        )
+        if self._recalled:
+            corrections.recall(self._recalled)
+        return corrections
+
+    def memory(self) -> dict[str, Any]:
+        """What later corrections depend on, nothing before the first."""
+        made = "corrections" in self.__dict__
+        return self.corrections.memory() if made else dict(self._recalled)
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave, once corrections are asked for."""
+        self._recalled = memory
+
+    def _stuck(self) -> Floats:
+        """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
+        contact = self._contact
+        own = np.repeat(self.compliance.own, (1, 2), axis=1)
+        stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
+        with np.errstate(divide="ignore"):
+            total = own + self._weight / stiffness
+        ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
+        every = np.concatenate(contact.operator.comm.allgather(ratio))
+        return np.where(self.compliance.dead, 0.0, every)
+
+    def destroy(self) -> None:
+        """Free matrices and factor."""
+        if "compliance" in self.__dict__:
+            self.compliance.destroy()
+        if not self.loose or "matrix" in self.__dict__:
+            self.matrix.destroy()
+
+
+def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
+    """Whether a matrix of statics is regular: no block that nothing but joints supports."""
+    load, moved = free.duplicate(), free.duplicate()
+    load.setRandom()
+    load.pointwiseMult(load, free)
+    try:
+        matrix.solver.solve(load, moved)
+    except JointsError:
+        return False
+    rest = load.duplicate()
+    matrix.held.mult(moved, rest)
+    rest.axpy(-1.0, load)
+    return bool(rest.norm() <= 1e-6 * load.norm())

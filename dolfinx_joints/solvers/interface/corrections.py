@@ -1,0 +1,268 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's corrections of the joint forces: (I + T S) d = r, on the smaller of two sets.
+
+S is the compliance less its diagonal, T the tangent of the points, a block of 3 x 3 each.
+
+- *Active*: T vanishes at open points. Few points closed: a system of the closed ones alone.
+- *Complement*: T is T0, a diagonal, at points that stick. Few points open or sliding: with
+  W = S (I + T0 S)^-1, made once, a system of the others alone. With T = T0 + E,
+
+      q = r - E y,   (I + W E) y = W r,   d = q - T0 W q,   S d = W q.
+
+Both are solved by GMRES; they differ from the identity by little however stiff joints are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from dolfinx_joints.solvers.interface.compliance import Part, Split
+from dolfinx_joints.solvers.interface.gmres import gmres
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+# Products that GMRES may spend on one correction; what it has then is taken.
+MOST_PRODUCTS = 100
+
+# Systems with the rough S are solved to this tolerance at most.
+FINEST = 1e-3
+
+# W is not made for more unknowns: it takes 0.3 GB for so many, all ranks together.
+LARGEST_TIED = 6000
+
+# What a correction takes as a rule.
+PRODUCTS = 15
+
+# W costs 2.3 m^3 operations, of which ten fit into the time of one entry of a product. It is made
+# when a quarter of that has been spent in vain: most runs go on for long.
+OPERATIONS_PER_ENTRY = 40.0
+
+# A pivot of I + T0 S, whose diagonal is one, that is rounding.
+SINGULAR = 1e-10
+
+# A change of T (between 0 and 1) that is none.
+SAME = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correction:
+    """A correction of the scaled forces.
+
+    Attributes:
+        step: d, shape (m,).
+        coupled: S d, shape (m,).
+        products: Products with the matrix of the set.
+    """
+
+    step: Floats
+    coupled: Floats
+    products: int
+
+
+class Corrections:
+    """Solves for corrections with one compliance, keeping what steps have in common.
+
+    Args:
+        split: S.
+        rough: S to some 1e-4, for systems of many points, or None.
+        stuck: T0, the diagonal of the tangent of sticking points, shape (points, 3); None
+            where the second set is of no use.
+        comm: Communicator of the ranks.
+    """
+
+    def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
+        """Nothing is made yet."""
+        self._split, self._rough, self._stuck, self._comm = split, rough, stuck, comm
+        self._exact = isinstance(split, RowMatrix)
+        self._held: Rows = np.empty(0, dtype=np.int64)
+        self._inside = np.zeros(split.size // 3, dtype=bool)
+        self._block: Part | None = None
+        self._tied: _Tied | None = None
+        self._missed, self._finest = 0.0, 0.0
+
+    def solve(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
+        """Solve (I + T S) d = r (collective).
+
+        Args:
+            residual: r, shape (m,).
+            tangent: T, shape (points, 3, 3).
+            tolerance: Of the residual, relative to r.
+        """
+        active = _where(tangent, np.zeros((1, 3)), 0.0)
+        if self._stuck is not None and len(residual) <= LARGEST_TIED:
+            changed = _where(tangent, self._stuck, SAME)
+            tied = self._tied_if_cheaper(3 * len(active), 3 * len(changed), residual)
+            if tied is not None:
+                return tied.solve(residual, tangent, changed, tolerance)
+        return self._solve_active(residual, tangent, active, tolerance)
+
+    def _tied_if_cheaper(self, active: int, changed: int, residual: Floats) -> _Tied | None:
+        """The second way, made once what it would have saved so far is what it costs.
+
+        None where the first is cheaper, or there is no second.
+        """
+        assert self._stuck is not None
+        size, loaded = float(len(residual)), np.count_nonzero(residual)
+        inner = float(active) ** 2
+        if self._rough is not None:
+            inner = min(inner, self._rough.cost(active))
+        first = PRODUCTS * inner + self._split.cost(active)
+        second = PRODUCTS * float(changed) ** 2 + (loaded + changed) * size
+        if second >= first:
+            return None
+        if self._tied is None:
+            cost = 2.3 * size**3
+            # A run that goes on may have missed that much already.
+            if self._missed * OPERATIONS_PER_ENTRY <= cost:
+                self._missed += first - second
+            if self._missed * OPERATIONS_PER_ENTRY > cost:
+                whole = self._split.whole()
+                if whole is not None:
+                    self._tied = _tied(whole, self._stuck.ravel(), self._comm)
+                if self._tied is None:
+                    self._stuck = None
+        return self._tied
+
+    def _solve_active(
+        self, residual: Floats, tangent: Floats, active: Rows, tolerance: float
+    ) -> Correction:
+        rows, block = self._block_of(active)
+        points = self._held
+        step = residual.copy()
+        step[rows] = 0.0
+        right, others = residual[rows], np.flatnonzero(step)
+        here = tangent[points]
+        if len(others):
+            right = right - _turned(here, self._split.product(step, others)[rows])
+        solution, products = gmres(
+            lambda v: v + _turned(here, block.product(v)),
+            right,
+            tolerance=max(tolerance, self._finest),
+            most=MOST_PRODUCTS,
+        )
+        step[rows] = solution
+        coupled = self._split.product(step, np.flatnonzero(step))
+        return Correction(step=step, coupled=coupled, products=products)
+
+    def _block_of(self, active: Rows) -> tuple[Rows, Part]:
+        """Rows and part of S of a set that holds the active points, kept while it does."""
+        inside = self._inside[active].all()
+        if self._block is None or not inside or len(self._held) > 2 * len(active) + 20:
+            self._block = self._hold(active)
+        return _rows_of(self._held), self._block
+
+    def _hold(self, points: Rows) -> Part:
+        """The part of S of a set to be kept."""
+        self._held = points
+        self._inside[:] = False
+        self._inside[points] = True
+        size = 3 * len(points)
+        rough = self._rough
+        if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
+            rough = None
+        self._finest = 0.0 if rough is None else FINEST
+        return (rough or self._split).block(_rows_of(points))
+
+    def memory(self) -> dict[str, Any]:
+        """What later corrections depend on beyond their arguments."""
+        held = {} if self._block is None else {"held": self._held}
+        return {"missed": self._missed, **held}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave (collective)."""
+        self._missed = memory["missed"]
+        if "held" in memory:
+            self._block = self._hold(memory["held"])
+
+
+def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:
+    """W, or None where I + T0 S is singular: rigid joints that meet, more points than dofs."""
+    root = np.sqrt(stuck)
+    inner = root[:, None] * whole * root
+    inner[np.diag_indices(len(inner))] += 1.0
+    try:
+        lower = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
+        regular = float(np.diag(lower).min()) ** 2 > SINGULAR
+    except np.linalg.LinAlgError:
+        regular = False
+    del inner
+    if not comm.allreduce(regular, op=MPI.LAND):
+        return None
+    half = solve_triangular(
+        lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
+    )
+    return _Tied(RowMatrix.of(whole - half.T @ half, comm), stuck)
+
+
+class _Tied:
+    """W = S (I + T0 S)^-1, symmetric, and the system of the points that do not stick."""
+
+    def __init__(self, matrix: RowMatrix, stuck: Floats) -> None:
+        """Keep W and T0."""
+        self._matrix, self._stuck = matrix, stuck
+
+    def solve(
+        self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float
+    ) -> Correction:
+        """See `Corrections.solve`; ``changed`` are the points where T is not T0."""
+        known = self._matrix.product(residual, np.flatnonzero(residual))
+        coupled, turned, products = known, residual, 0
+        if len(changed):
+            rows = _rows_of(changed)
+            block = self._matrix.block(rows)
+            change = tangent[changed].copy()
+            change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
+            y, products = gmres(
+                lambda v: v + block.product(_turned(change, v)),
+                known[rows],
+                tolerance=tolerance,
+                most=MOST_PRODUCTS,
+            )
+            taken = np.zeros_like(residual)
+            taken[rows] = _turned(change, y)
+            turned = residual - taken
+            coupled = known - self._matrix.product(taken, rows)
+        return Correction(step=turned - self._stuck * coupled, coupled=coupled, products=products)
+
+
+def _rows_of(points: Rows) -> Rows:
+    return (3 * points[:, None] + np.arange(3)).ravel()
+
+
+@njit(cache=True)
+def _turned(tangent: Floats, values: Floats) -> Floats:
+    """Blocks (n, 3, 3) times a vector (3 n,)."""
+    out = np.empty_like(values)
+    for i in range(len(tangent)):
+        t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
+        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
+        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
+        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
+    return out
+
+
+@njit(cache=True)
+def _where(tangent: Floats, diagonal: Floats, same: float) -> Rows:
+    """Points whose block differs from a diagonal, given for each or for all."""
+    found, count = np.empty(len(tangent), np.int64), 0
+    for i in range(len(tangent)):
+        expected, differs = diagonal[i % len(diagonal)], False
+        for a in range(3):
+            for b in range(3):
+                value = tangent[i, a, b] - (expected[a] if a == b else 0.0)
+                differs = differs or not abs(value) <= same
+        if differs:
+            found[count] = i
+            count += 1
+    return found[:count]

@@ -1,0 +1,298 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
+
+With A factored, the joint gaps follow from the joint forces, g = g_free - G F, where
+G = B A^-1 B^T is the compliance (Delassus) matrix and F = w t. Each step is one free response, an
+iteration on F alone, and one expansion. F solves
+
+    r(F) = F - w Res(g_free - G F + diag(G) F) = 0,
+
+Res being the law solved at each point on the point's own compliance: closed and regular however
+stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh. All of
+it is done in the scaled forces f and gaps of `compliance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.solvers.interface.condensed import Condensed
+from dolfinx_joints.joints.contact import Contact, Rule
+from dolfinx_joints.solvers.interface.corrections import Correction
+from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.solvers.direct import STATIC, Cache, Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.joints.internal_forces import JointResistance
+from dolfinx_joints.solvers.newton import NewtonOptions, SolveReport, solve_failure
+from dolfinx_joints.model.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+# What dense compliances, one per step length, may take together.
+KEPT_BYTES = 2_000_000_000
+
+# The linear systems inside are solved to this part of their right-hand sides at first; later as
+# well as the iteration converges (Eisenstat and Walker 1996).
+INNER_TOLERANCE = 0.03
+
+# After a step of so many iterations, and as long as steps take so many, iterates whose residual is
+# larger than this part of the largest force are swept point by point, in so many colours. A sweep
+# takes the time of two iterations and saves one: it is for steps too long for the last to tell of
+# the next. With fewer colours it does less (measured in docs/design.md).
+HARD, EASY = 7, 4
+POOR, COLOURS = 0.03, 32
+
+# Times that a static solution is corrected by the gaps of the body itself.
+REFINEMENTS = 3
+
+
+class InterfaceSolver:
+    """Semi-smooth Newton on the joint forces.
+
+    Gives what `NewtonSolver` gives. The compliance costs one back-substitution per joint unknown
+    for each set of coefficients; after that a step costs two of them, however many iterations the
+    joints need. Where blocks are held by nothing but joints, statics put springs across the joints;
+    what they carry is taken off the law's tractions again, so that the solution does not depend on
+    them.
+
+    Args:
+        system: What is to be solved; all its laws offer ``local_solve``.
+        options: Tolerances and limits.
+    """
+
+    def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
+        """Constrain B (collective)."""
+        self.system = system
+        self.name = "condensed"
+        self.options = options or NewtonOptions()
+        if system.contact is None:
+            raise ValueError("A system without joints has nothing to condense onto.")
+        self._contact: Contact = system.contact
+        comm = self._contact.operator.comm
+        self._free = free_dofs(system)
+        self._operator = self._contact.operator.constrained(self._free)
+        self._areas = np.repeat(np.concatenate(comm.allgather(self._contact.operator.areas)), 3)
+        start, stop = self._operator.getOwnershipRange()
+        self._mine = slice(start, stop)
+        size = self._operator.getSize()[0]
+        self._points = self._operator.createVecLeft()
+        self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
+        nothing = np.zeros(size)
+        self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
+        self._before: tuple[Condensed | None, Floats, Floats] = self._last
+        operator, newton = self._operator, self.options  # a reference to self would keep it alive
+        self._sweeps = False
+        self._condensed = Cache(
+            lambda key: Condensed(system, key[0], operator, key[1], newton),
+            size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
+        )
+
+    def has_loose_blocks(self) -> bool:
+        """Whether statics has blocks that nothing but joints supports; factors K (collective)."""
+        condensed: Condensed = self._condensed((STATIC, 1.0))
+        return condensed.loose
+
+    def solve(
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+        if state is None:
+            raise ValueError("The state of the joints is missing.")
+        condensed: Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
+        factored, condensed.used = not condensed.used, True
+        condensed.matrix.solve_linear(b, x, self._free)
+        if condensed.static:
+            self._refine(condensed.matrix, b, x)
+        free_gap = state.gap + self._contact.operator.gap(x)
+        step = JointStep(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
+        start = self._smoothed(step, self._start(step))
+        found, iterations, relative = self._iterate(step, start)
+        self._sweeps = iterations >= (EASY if self._sweeps else HARD)
+        nothing = np.zeros_like(found.force)
+        self._last = (condensed, nothing, nothing)
+        for _ in range(1 + REFINEMENTS * condensed.static):
+            self._expand(condensed, found.force - found.residual, x)
+            if not condensed.static:
+                break
+            # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
+            found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
+            if more == 0:
+                break
+            iterations += more
+        return found.response, SolveReport(
+            iterations=iterations,
+            factorizations=int(factored),
+            residual=relative,
+            counts=self._contact.counts(found.response.status),
+        )
+
+    def memory(self) -> dict[str, Any]:
+        """What the next steps start from: matrices kept, forces of the last step and before it."""
+        kept = self._condensed.items()
+        matrices = {
+            str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.memory()}
+            for i, (key, condensed) in enumerate(kept)
+        }
+        objects = [condensed for _, condensed in kept]
+        starts = ("last", self._last), ("before", self._before)
+        known = {
+            name: {
+                "matrix": objects.index(condensed) if condensed in objects else None,
+                "force": force,
+                "coupled": coupled,
+            }
+            for name, (condensed, force, coupled) in starts
+        }
+        return {"matrices": matrices, "sweeps": self._sweeps, **known}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what another's ``memory`` gave (collective)."""
+        kept = []
+        for i in range(len(memory["matrices"])):
+            one = memory["matrices"][str(i)]
+            effective = Effective(
+                mass=one["mass"], damping=one["damping"], stiffness=one["stiffness"]
+            )
+            kept.append(self._condensed((effective, one["weight"])))
+            kept[-1].recall(one["corrections"])
+
+        def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
+            known = memory[name]["matrix"]
+            found = None if known is None else kept[known]
+            return found, memory[name]["force"], memory[name]["coupled"]
+
+        self._last, self._before = start("last"), start("before")
+        self._sweeps = memory["sweeps"]
+
+    def _start(self, step: JointStep) -> Iterate:
+        """The better of two starts: the last step's forces, and the line through the last two."""
+        known, force, coupled = self._last
+        if known is not step.condensed:
+            if known is not None:
+                force = force / known.compliance.scale * step.condensed.compliance.scale
+            coupled = step.condensed.compliance.split.product(force, np.flatnonzero(force))
+            return step.evaluate(force, coupled)
+        start = step.evaluate(force, coupled)
+        before, self._before = self._before, self._last
+        if before[0] is not known:
+            return start
+        ahead = step.evaluate(2.0 * force - before[1], 2.0 * coupled - before[2])
+        return min(start, ahead, key=lambda at: float(np.linalg.norm(at.residual)))
+
+    def _smoothed(self, step: JointStep, at: Iterate) -> Iterate:
+        """A sweep over the points, where the last steps were hard (collective)."""
+        helps = self._sweeps and not step.condensed.static
+        poor = np.abs(at.residual).max(initial=0.0) > POOR * at.largest
+        if not (helps and poor and step.condensed.compliance.kind == "dense"):
+            return at
+        swept = step.sweep(at, self._colours)
+        return min(at, swept, key=lambda tried: float(np.linalg.norm(tried.residual)))
+
+    @cached_property
+    def _colours(self) -> Colours:
+        """Points of equal numbers modulo `COLOURS` (collective when first asked for)."""
+        points = np.arange(len(self._areas) // 3)
+        parts = self._contact.colours(COLOURS)
+        rows = [(3 * points[c::COLOURS, None] + np.arange(3)).ravel() for c in range(COLOURS)]
+        return list(zip(parts, rows, strict=True))
+
+    def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
+
+        The gaps they cause give S f without the rounding of the iteration's sums.
+        """
+        _, known, coupled = self._last
+        scale, change = condensed.compliance.scale, force - known
+        self._points.setArray((change / scale)[self._mine])
+        self._operator.multTranspose(self._points, self._nodal)
+        condensed.matrix.solver.solve(self._nodal, self._moved)
+        if condensed.static:
+            self._refine(condensed.matrix, self._nodal, self._moved)
+        self._moved.pointwiseMult(self._moved, self._free)
+        x.axpy(-1.0, self._moved)
+        self._operator.mult(self._moved, self._points)
+        comm = self._contact.operator.comm
+        gaps = self._points.getArray(readonly=True)
+        every = gaps.copy() if comm.size == 1 else np.concatenate(comm.allgather(gaps))
+        caused = np.where(condensed.compliance.dead.ravel(), 0.0, every / scale - change)
+        self._last = (condensed, force, coupled + caused)
+
+    def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve A x = b again for what rounding left: loose blocks on soft springs move far."""
+        rest, change = right.duplicate(), x.duplicate()
+        matrix.full.mult(x, rest)
+        rest.aypx(-1.0, right)
+        rest.pointwiseMult(rest, self._free)
+        matrix.solver.solve(rest, change)
+        change.pointwiseMult(change, self._free)
+        x.axpy(1.0, change)
+
+    def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
+        """The solution, iterations, and residual relative to the largest force.
+
+        Raises:
+            ConvergenceError: The residual did not become small enough.
+        """
+        iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
+        # Statics, where little is solved, go as far as rounding lets them.
+        enough = 1e-14 if step.condensed.static else 0.01 * tolerance
+        before = at
+        first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
+        while True:
+            size = float(np.abs(at.residual).max(initial=0.0))
+            scale = at.largest or size or 1.0
+            relative, rounding = size / scale, step.rounding(at) / scale
+            accepted = max(tolerance, min(rounding, 1e-6))
+            if step.condensed.springs is not None:
+                # What springs carry on a mechanism drowns the joints' forces.
+                accepted = tolerance if rounding <= tolerance else 0.0
+            # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
+            if relative <= enough or (relative <= accepted and size >= 0.5 * last):
+                return at, iteration, relative
+            given_up = iteration == self.options.max_iterations or not np.isfinite(size)
+            if given_up and relative <= accepted:
+                return at, iteration, relative
+            if given_up:
+                # A tangent that is not finite shows in the iterate after the one that has it.
+                tried = (at.response, before.response)
+                told = next((r for r in tried if self._contact.not_finite(r)), at.response)
+                joints = JointResistance(self._contact)
+                raise solve_failure(joints, told, step.state, iteration, relative, self.options)
+            if iteration:
+                inner = min(first, (size / last) ** 2)
+            last = size
+            # What is done already costs no product.
+            left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
+            correction = step.condensed.corrections.solve(
+                left, at.tangent, max(inner, 0.3 * enough / relative)
+            )
+            before, at = at, self._smoothed(step, self._search(step, at, correction))
+            iteration += 1
+
+    def _search(self, step: JointStep, at: Iterate, correction: Correction) -> Iterate:
+        """Take the correction, halved while it does not make the residual smaller."""
+        norm, smallest = float(np.linalg.norm(at.residual)), np.inf
+        for cut in range(self.options.max_cuts + 1):
+            share = 0.5**cut
+            trial = step.evaluate(
+                at.force - share * correction.step, at.coupled - share * correction.coupled
+            )
+            size = float(np.linalg.norm(trial.residual))
+            if size < smallest or cut == 0:
+                smallest, best = size, trial
+            if size < norm:
+                break
+        return best

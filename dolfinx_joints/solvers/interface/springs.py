@@ -1,0 +1,81 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Springs across the joints that hold loose blocks while statics are solved, without a trace.
+
+K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b with t' = t - s (g - g0). At a point
+with its own compliance c, springs included, gap = h - c t'; this is the law on a compliance c' at
+a free gap h',
+
+    gap = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.joints.operator import diagonal_compliance
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.model.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+# A point that nothing but its own spring holds has c s = 1; any c below does as well.
+LARGEST_SHARE = 0.9
+
+
+class JointSprings:
+    """Springs as stiff as the joints and the elements beside them in series.
+
+    Args:
+        system: The system.
+
+    Attributes:
+        stiffness: s of each local point, normal and tangential, shape (n, 2), [Pa/m].
+        matrix: B^T w s B [N/m].
+        largest_compliance: Largest c to be used at each local point, shape (n, 2), [m/Pa].
+    """
+
+    def __init__(self, system: MatrixSystem) -> None:
+        """Take the elements' stiffness from the diagonal of K (collective)."""
+        assert system.contact is not None
+        operator = system.contact.operator
+        own = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
+        elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
+        joint = system.contact.closed_stiffness()
+        joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
+        self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
+        rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()
+        rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
+        work.diagonalScale(L=rows)
+        self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
+        self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness
+
+    @staticmethod
+    def _wide(values: Floats) -> Floats:
+        """Normal and tangential values, shape (n, 2), as values of three directions."""
+        return np.repeat(values, (1, 2), axis=1)
+
+    def without(self, free_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
+        """Free gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
+
+        Args:
+            free_gap: h, shape (n, 3), [m].
+            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            before: g0, shape (n, 3), [m].
+        """
+        share = self.stiffness * own
+        wide = self._wide(share)
+        return (free_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
+
+    def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
+        """Traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3)."""
+        s = self._wide(self.stiffness)
+        rest = 1.0 - s * self._wide(own)
+        traction = response.traction - s * (response.state.gap - before)
+        tangent = response.tangent / rest[:, :, None]
+        tangent[:, [0, 1, 2], [0, 1, 2]] -= s
+        return traction, tangent / rest[:, None, :]

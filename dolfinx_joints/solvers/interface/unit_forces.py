@@ -1,0 +1,133 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Gaps of the joints under forces on them, G F with G = B A^-1 B^T: columns, products, diagonal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.joints.operator import diagonal_compliance
+from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.direct import BLOCK, EffectiveMatrix
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+# Points at which the diagonal is found by solving, where it is not needed exactly.
+SAMPLES = 8
+
+
+class UnitForces:
+    """G of a factored or iterated bulk, by back-substitutions.
+
+    Args:
+        effective: The bulk, A.
+        operator: B with zero columns at constrained dofs, three rows per joint point.
+
+    Attributes:
+        local: Number of the rank's joint unknowns.
+    """
+
+    def __init__(self, effective: EffectiveMatrix, operator: PETSc.Mat) -> None:
+        """Sort the entries of B^T by column (collective)."""
+        self._effective, self._operator = effective, operator
+        transposed = operator.transpose(PETSc.Mat())
+        starts, numbers, entries = transposed.getValuesCSR()
+        transposed.destroy()
+        order = np.argsort(numbers, kind="stable")
+        self._lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
+        self._numbers, self._entries = numbers[order], entries[order]
+        self.local = operator.getLocalSize()[0]
+        self._points = operator.createVecLeft()
+        self._nodal, self._moved = operator.createVecRight(), operator.createVecRight()
+
+    def gaps(self, numbers: Rows) -> Floats:
+        """Columns of G at the rank's points, shape (local, k), [m/N] (collective).
+
+        Args:
+            numbers: Of the unknowns that carry a unit force each, shape (k,).
+        """
+        columns = np.empty((self.local, len(numbers)))
+        # More right-hand sides at once take memory of the size of the body and no less time.
+        for first in range(0, len(numbers), BLOCK):
+            columns[:, first : first + BLOCK] = self._block(numbers[first : first + BLOCK])
+        return columns
+
+    def _block(self, numbers: Rows) -> Floats:
+        """Some columns, solved for at once."""
+        firsts = np.searchsorted(self._numbers, numbers)
+        counts = np.searchsorted(self._numbers, numbers, side="right") - firsts
+        columns = np.repeat(np.arange(len(numbers)), counts)
+        within = np.arange(len(columns)) - np.repeat(np.cumsum(counts) - counts, counts)
+        taken = np.repeat(firsts, counts) + within
+        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
+        right[self._lines[taken], columns] = self._entries[taken]
+        moved = self._effective.solver.solve_block(right)
+        size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
+        dense = PETSc.Mat().createDense(
+            size, array=np.asfortranarray(moved), comm=self._operator.comm
+        )
+        product = self._operator.matMult(dense)
+        gaps = product.getDenseArray(readonly=True).copy()
+        product.destroy()
+        dense.destroy()
+        return gaps
+
+    def product(self, forces: Floats) -> Floats:
+        """G F at the rank's points, F of all points (collective)."""
+        self._load(forces)
+        self._effective.solver.solve(self._nodal, self._moved)
+        return self._gaps()
+
+    def rough_product(self, forces: Floats, tolerance: float) -> Floats:
+        """G F to a tolerance, for a bulk solved by iteration (collective)."""
+        assert isinstance(self._effective.solver, IterativeSolver)
+        self._load(forces)
+        self._effective.solver.solve(self._nodal, self._moved, tolerance)
+        return self._gaps()
+
+    def diagonal(self) -> Floats:
+        """Diagonal of G at the rank's points, estimated, shape (local,), [m/N] (collective).
+
+        B diag(A)^-1 B^T, times the ratio of the true one to it at some points, as its median for
+        normal and for tangential directions. The joints' iteration is right with any; with this it
+        is quick.
+        """
+        comm = self._operator.comm.tompi4py()
+        estimate = diagonal_compliance(self._operator, self._effective.held.getDiagonal())
+        every = np.concatenate(comm.allgather(estimate))
+        points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
+        numbers = (3 * points[:, None] + np.arange(3)).ravel()
+        start, stop = self._operator.getOwnershipRange()
+        gaps = self.gaps(numbers)
+        here = np.flatnonzero((numbers >= start) & (numbers < stop))
+        found = np.zeros(len(numbers))
+        found[here] = gaps[numbers[here] - start, here]
+        found = np.sum(comm.allgather(found), axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(every[numbers] > 0.0, found / every[numbers], np.nan).reshape(-1, 3)
+        factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]
+        return estimate * np.tile(factors, len(estimate) // 3)
+
+    def _load(self, forces: Floats) -> None:
+        """Nodal forces of joint forces of all points."""
+        start, stop = self._operator.getOwnershipRange()
+        self._points.setArray(forces[start:stop])
+        self._operator.multTranspose(self._points, self._nodal)
+
+    def _gaps(self) -> Floats:
+        self._operator.mult(self._moved, self._points)
+        return self._points.getArray(readonly=True).copy()
+
+    def destroy(self) -> None:
+        """Free the vectors."""
+        for vector in (self._points, self._nodal, self._moved):
+            vector.destroy()
+
+
+def _median(ratio: Floats) -> float:
+    """Median of the numbers among some values, 1 if there is none."""
+    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    return float(np.median(known)) if len(known) else 1.0

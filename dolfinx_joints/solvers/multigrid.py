@@ -1,0 +1,141 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Iterative solver of symmetric positive definite matrices too large for a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import JointsError
+
+Floats = NDArray[np.float64]
+
+# Residual relative to the right-hand side: what direct solvers leave at the matrices of time steps.
+TOLERANCE = 1e-13
+
+ROUNDING = float(np.finfo(np.float64).eps)
+
+OPTIONS: dict[str, Any] = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_rtol": TOLERANCE,
+    "ksp_max_it": 500,
+    "pc_type": "gamg",
+    "pc_use_amat": True,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "pbjacobi",
+}
+
+
+@contextmanager
+def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
+    """PETSc options under a prefix; the global database is left clean."""
+    database = PETSc.Options()
+    for key, value in options.items():
+        database.setValue(prefix + key, value)
+    try:
+        yield
+    finally:
+        for key in options:
+            database.delValue(prefix + key)
+
+
+class IterativeSolver:
+    """Conjugate gradients with smoothed-aggregation multigrid, in the place of a `DirectSolver`.
+
+    Needs memory in proportion to the matrix. The rigid-body modes, the matrix's near null space,
+    are taken into the coarse levels where the matrix has them. Products on the finest level, most
+    of the work, are made with a copy in blocks of the unknowns of a node.
+
+    Args:
+        matrix: Symmetric positive definite matrix, in PETSc's AIJ format.
+
+    Attributes:
+        iterations: Iterations of the last solve.
+    """
+
+    _made = 0
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        """Nothing is set up yet."""
+        IterativeSolver._made += 1
+        self._matrix = matrix
+        self._blocked: PETSc.Mat | None = None
+        self._ksp = PETSc.KSP().create(matrix.comm)
+        self._ksp.setOptionsPrefix(f"dolfinx_joints_cg_{IterativeSolver._made}_")
+        self._stale = True
+        self.iterations = 0
+
+    def refresh(self) -> None:
+        """Set the preconditioner up anew at the next solve."""
+        self._stale = True
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = TOLERANCE) -> bool:
+        """Solve A x = b; whether the preconditioner was set up for it (collective).
+
+        Args:
+            b: Right-hand side.
+            x: Solution.
+            tolerance: Residual relative to b.
+
+        Raises:
+            JointsError: The iteration did not converge.
+        """
+        renewed = self._set_up()
+        self._ksp.setTolerances(rtol=tolerance)
+        self._ksp.solve(b, x)
+        self.iterations = int(self._ksp.getIterationNumber())
+        if self._ksp.getConvergedReason() < 0 and not self._as_rounding_lets(b, x):
+            raise JointsError(
+                f"The iterative linear solver gave up after {self.iterations} iterations, its "
+                f"residual {self._ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is "
+                "every block held by supports, springs or a closed joint?"
+            )
+        return renewed
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Solve A X = B column by column; see `DirectSolver.solve_block` (collective)."""
+        b, x = self._matrix.createVecLeft(), self._matrix.createVecRight()
+        solution = np.empty_like(right)
+        for column in range(right.shape[1]):
+            b.setArray(right[:, column])
+            self.solve(b, x)
+            solution[:, column] = x.getArray(readonly=True)
+        return solution
+
+    def _set_up(self) -> bool:
+        if not self._stale:
+            return False
+        self._free_blocked()
+        if self._matrix.getBlockSize() > 1:
+            self._blocked = self._matrix.convert("baij", PETSc.Mat())
+        with options_set(self._ksp.getOptionsPrefix(), OPTIONS):
+            self._ksp.setOperators(self._blocked or self._matrix, self._matrix)
+            self._ksp.setFromOptions()
+            self._ksp.setUp()
+        self._stale = False
+        return True
+
+    def _as_rounding_lets(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Whether the residual is what rounding of the product leaves."""
+        residual = b.duplicate()
+        self._matrix.mult(x, residual)
+        residual.axpy(-1.0, b)
+        norm = self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        return bool(residual.norm() <= ROUNDING * norm * x.norm())
+
+    def _free_blocked(self) -> None:
+        if self._blocked is not None:
+            self._blocked.destroy()
+            self._blocked = None
+
+    def destroy(self) -> None:
+        """Free the preconditioner."""
+        self._ksp.destroy()
+        self._free_blocked()

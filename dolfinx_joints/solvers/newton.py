@@ -1,0 +1,375 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The algebraic step, monolithic reference path: Newton on A x + B^T (w t(g + B x)) = b.
+
+Plastic cells add forces of their own in the same way (`plastic_bulk`).
+
+x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K;
+statics (k = 1) and every time step are solved by the same code, which does not know what time is.
+In changes, nothing is lost to the rounding of large displacements that hardly move.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_count,
+    check_kind_of,
+    check_number,
+    hold_floats,
+)
+from dolfinx_joints.joints.contact import Rule, StatusCounts
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.solvers.direct import (
+    LINEAR,
+    Cache,
+    Effective,
+    EffectiveMatrix,
+    free_dofs,
+)
+from dolfinx_joints.joints.internal_forces import Resistance
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.tangent import Tangent
+
+Floats = NDArray[np.float64]
+
+# What may be kept of the compliance at the joints.
+COMPLIANCES = ("auto", "dense", "compressed", "free")
+
+# Parts of the closed joints' stiffness tried in turn where a tangent is singular.
+REGULARISATIONS = (0.0, 1e-4, 1e-2)
+
+
+# Half as often, and nothing is left of a correction.
+MOST_CUTS = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewtonOptions:
+    """When Newton stops, and what it may do on its way.
+
+    Attributes:
+        relative_tolerance: Residual against the largest of the forces that change in the step.
+        max_iterations: Iterations before the solve is given up.
+        max_cuts: Halvings of a Newton correction that the line search may try.
+        linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,
+            or ``auto``: direct where its factor is expected to fit into memory.
+        compliance: What the condensed solver keeps of the compliance at the joints, see
+            `Compliance`.
+        linear_options: PETSc options of the direct solver of the tangent, without prefix.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    relative_tolerance: float = 1e-10
+    max_iterations: int = 30
+    max_cuts: int = 10
+    linear: str = "auto"
+    compliance: str = "auto"
+    linear_options: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        hold_floats(self)
+        check_number(
+            "relative_tolerance",
+            self.relative_tolerance,
+            lambda v: 0 < v < 1,
+            "above 0 and below 1",
+        )
+        wanted = "it must be a whole number of at least"
+        check_count("max_iterations", self.max_iterations, 1, f"{wanted} 1")
+        for name, known in (("linear", LINEAR), ("compliance", COMPLIANCES)):
+            check_choice(name, getattr(self, name), known)
+        check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0", most=MOST_CUTS)
+        options = {} if self.linear_options is None else self.linear_options
+        named = isinstance(options, Mapping) and all(map(_is_option, options.items()))
+        check_kind_of("linear_options", options, named, "texts and numbers by name of the option")
+
+
+def _is_option(named: tuple[Any, Any]) -> bool:
+    """Whether PETSc can be told a name and a value."""
+    name, value = named
+    good = isinstance(name, str) and re.fullmatch(r"[a-z]\w*", name, re.ASCII) is not None
+    words = not isinstance(value, str) or (value.isascii() and value.isprintable())
+    return good and words and isinstance(value, str | int | float | None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveReport:
+    """How a solve went.
+
+    Attributes:
+        iterations: Newton iterations (1 for a linear solve).
+        factorizations: Matrices factored on the way.
+        residual: Last residual, relative to the largest of the forces in balance.
+        counts: Joint points by status, None without joints.
+    """
+
+    iterations: int
+    factorizations: int
+    residual: float
+    counts: StatusCounts | None
+
+
+class StepSolver(Protocol):
+    """Solves A x + B^T (w t(g + B x)) = b for one system.
+
+    Attributes:
+        system: The system.
+        name: ``linear``, ``monolithic`` or ``condensed``.
+    """
+
+    system: MatrixSystem
+    name: str
+
+    def solve(
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve`."""
+
+    def memory(self) -> dict[str, Any]:
+        """What later solves depend on beyond their arguments: names to arrays and numbers."""
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what the ``memory`` of a solver of the same system gave (collective)."""
+
+
+class NewtonSolver:
+    """Full Newton on the consistent, unsymmetric tangent with a PETSc direct solver.
+
+    Without joints, one back-substitution per solve with a factor that is kept. Matrices and
+    factors are kept for the last few sets of coefficients.
+
+    Args:
+        system: What is to be solved.
+        options: Tolerances and limits.
+    """
+
+    def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
+        """Make the work vectors (collective)."""
+        self.system = system
+        self._resistance = system.resistance
+        self.name = "linear" if self._resistance is None else "monolithic"
+        self.options = options or NewtonOptions()
+        self.free = free_dofs(system)
+        self._correction = self.free.duplicate()
+        resistance = self._resistance
+        product = None if resistance is None else resistance.tangent_matrix(self.free)
+        newton = self.options  # a reference to self in the cache would keep it alive
+        self._tangents = Cache(
+            lambda key: Tangent(
+                EffectiveMatrix(system, key, linear=newton.linear), product, newton.linear_options
+            )
+        )
+
+    def solve(
+        self,
+        effective: Effective,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = "end_point",
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place, starting from it (collective).
+
+        Args:
+            effective: Coefficients of A.
+            b: Right-hand side [N].
+            x: Start of the iteration, with the constrained dofs at their values already [m].
+            state: Joint state at the start of the step, None without joints.
+            rule: What the laws are asked for.
+
+        Returns:
+            The joints' response and the report.
+
+        Raises:
+            ConvergenceError: Newton did not converge; ``x`` is then of no use.
+            JointsError: A factorization failed.
+        """
+        tangent: Tangent = self._tangents(effective)
+        resistance = self._resistance
+        if resistance is None or state is None:
+            return None, solve_without_joints(tangent.effective, b, x, self.free)
+        balance = _Balance(self, tangent.effective, resistance, b, x, state, rule)
+        return self._iterate(resistance, tangent, balance, x, state)
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing: every solve starts from its arguments alone."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up nothing."""
+
+    def _iterate(
+        self,
+        resistance: Resistance,
+        tangent: Tangent,
+        balance: _Balance,
+        x: PETSc.Vec,
+        state: JointState,
+    ) -> tuple[Response, SolveReport]:
+        options = self.options
+        response, norm = balance.evaluate(balance.change)
+        balance.accept()
+        factorizations, iteration = 0, 0
+        while not norm <= balance.tolerance:
+            if iteration == options.max_iterations or not np.isfinite(norm):
+                residual = norm / balance.scale
+                raise solve_failure(resistance, response, state, iteration, residual, options)
+            factorizations += self._correct(resistance, tangent, response, balance)
+            response, norm = self._search(balance, norm)
+            balance.accept()
+            iteration += 1
+        if balance.rule == "step" and norm > 0.0:
+            factorizations += self._correct(resistance, tangent, response, balance)
+            response, norm = self._polish(balance, response, norm)
+            iteration += 1
+        balance.change.copy(x)
+        return response, SolveReport(
+            iterations=iteration,
+            factorizations=factorizations,
+            residual=norm / (balance.scale or 1.0),
+            counts=resistance.counts(response),
+        )
+
+    def _correct(
+        self, resistance: Resistance, tangent: Tangent, response: Response, balance: _Balance
+    ) -> int:
+        """Newton's correction; factorizations it took (collective).
+
+        Where the tangent is singular, because on the way a block is held by no closed and sticking
+        point or because plastic cells flow, a small part of the stiffness of closed joints and
+        elastic cells is added: the correction only, not the equilibrium, depends on it.
+
+        Raises:
+            ConvergenceError: A law gave a tangent that is not finite.
+            JointsError: The body is not held even so.
+        """
+        for part in REGULARISATIONS:
+            values = resistance.tangent(response, part)
+            try:
+                return int(tangent.update(values).solve(balance.at_free, self._correction))
+            except JointsError as error:
+                tangent.forget()
+                failure = error
+        facts = resistance.failure(response, balance.state)
+        if facts.get("law"):
+            raise ConvergenceError(**facts) from failure
+        raise failure
+
+    def _polish(self, balance: _Balance, response: Response, norm: float) -> tuple[Response, float]:
+        """One more correction, kept if it is one: energy is balanced to rounding, not to less."""
+        start = balance.change.copy()
+        balance.change.waxpy(-1.0, self._correction, start)
+        better, left = balance.evaluate(balance.change)
+        if left < norm:
+            return better, left
+        start.copy(balance.change)
+        return response, norm
+
+    def _search(self, balance: _Balance, norm: float) -> tuple[Response, float]:
+        """Take the correction, halved while it does not make the residual smaller."""
+        start, tried = balance.change.copy(), []
+        for cut in range(self.options.max_cuts + 1):
+            balance.change.waxpy(-(0.5**cut), self._correction, start)
+            answer = balance.evaluate(balance.change)
+            tried.append((answer[1], 0.5**cut))
+            if answer[1] < norm:
+                return answer
+        balance.change.waxpy(-min(tried)[1], self._correction, start)
+        return balance.evaluate(balance.change)
+
+
+class _Balance:
+    """The residual A x + B^T (w t(g + B x)) - b of a solve."""
+
+    def __init__(
+        self,
+        solver: NewtonSolver,
+        matrix: EffectiveMatrix,
+        resistance: Resistance,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState,
+        rule: Rule,
+    ) -> None:
+        self._matrix, self._resistance, self.state, self.rule = matrix, resistance, state, rule
+        self._free, self._right = solver.free, b
+        self._relative = solver.options.relative_tolerance
+        self._force = b.duplicate()
+        self.change = x.copy()
+        self.residual, self.at_free = b.duplicate(), b.duplicate()
+        self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
+        self._rounding = 0.0
+
+    def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
+        """Response to a change, and the norm of the residual at the free dofs."""
+        response = self._resistance.respond(change, self.state, self.rule)
+        self._resistance.force(response, self._force)
+        self._matrix.full.mult(change, self.residual)
+        norms = (v.norm() for v in (self.residual, self._force, self._right))
+        self._trial_scale = max(float(norm) for norm in norms)
+        self._rounding = self._rounding_error(response, change)
+        self.residual.axpy(1.0, self._force)
+        self.residual.axpy(-1.0, self._right)
+        self.at_free.pointwiseMult(self.residual, self._free)
+        return response, float(self.at_free.norm())
+
+    def accept(self) -> None:
+        """Measure from here on against the forces at the start and at this change."""
+        self._first_scale = self._first_scale or self._trial_scale
+        self.scale = max(self._first_scale, self._trial_scale)
+
+    def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
+        """What rounding may leave of A x, and of forces that follow from laws."""
+        largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
+        laws = self._resistance.rounding(response, largest)
+        bulk = self._matrix.norm * float(change.norm())
+        return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
+
+    @property
+    def tolerance(self) -> float:
+        """Largest residual accepted: relative to the forces, or what rounding leaves."""
+        return max(self._relative * self.scale, min(self._rounding, 1e-6 * self.scale))
+
+
+def solve_without_joints(
+    matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec
+) -> SolveReport:
+    """A linear solve with the report of `NewtonSolver.solve` (collective)."""
+    factored = matrix.solve_linear(b, x, free)
+    return SolveReport(iterations=1, factorizations=int(factored), residual=0.0, counts=None)
+
+
+def solve_failure(
+    resistance: Resistance,
+    response: Response,
+    state: JointState,
+    iteration: int,
+    residual: float,
+    options: NewtonOptions,
+) -> ConvergenceError:
+    """What to raise when an iteration on joints and plastic cells did not converge (collective)."""
+    return ConvergenceError(
+        iteration=iteration,
+        residual=residual,
+        tolerance=options.relative_tolerance,
+        **resistance.failure(response, state),
+    )

@@ -1,0 +1,90 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The tangent of a step on the monolithic path, factored only where it changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.solvers.direct import DirectSolver, EffectiveMatrix
+from dolfinx_joints.joints.internal_forces import TangentMatrix
+
+Floats = NDArray[np.float64]
+
+
+class Tangent:
+    """A + B^T (w D) B with constraints, its sparsity and its LU solver kept.
+
+    Args:
+        matrix: A.
+        product: B^T (w D) B and what plastic cells add; None where there is neither.
+        options: PETSc options of the LU solver, without prefix.
+
+    Attributes:
+        effective: A.
+    """
+
+    def __init__(
+        self,
+        matrix: EffectiveMatrix,
+        product: TangentMatrix | None,
+        options: Mapping[str, Any] | None,
+    ) -> None:
+        """Nothing is added up yet."""
+        self.effective = matrix
+        self._product, self._options = product, options
+        self._sum: _Sum | None = None
+        self._last: Floats | None = None
+
+    def update(self, values: Floats) -> DirectSolver:
+        """Solver for point tangents D, factored anew only where D changed (collective)."""
+        assert self._product is not None
+        same = self._last is not None and np.array_equal(values, self._last)
+        if self._sum is not None and min(self._product.comm.allgather(same)):
+            return self._sum.solver
+        added = self._product.assemble(values)
+        if self._sum is None:
+            self._sum = _Sum(self.effective.held, added, self._options)
+        self._sum.add(added)
+        self._last = values.copy()
+        return self._sum.solver
+
+    def forget(self) -> None:
+        """Factor anew whatever the next point tangents are."""
+        self._last = None
+
+    def destroy(self) -> None:
+        """Free matrices and factors."""
+        if self._sum is not None:
+            self._sum.destroy()
+        self.effective.destroy()
+
+
+class _Sum:
+    """A constant matrix plus a changing one, both on the union of their patterns."""
+
+    def __init__(
+        self, constant: PETSc.Mat, added: PETSc.Mat, options: Mapping[str, Any] | None
+    ) -> None:
+        self._base = added.copy()
+        self._base.zeroEntries()
+        self._base.axpy(1.0, constant, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._total = self._base.copy()
+        self.solver = DirectSolver(self._total, symmetric=False, options=options)
+
+    def add(self, added: PETSc.Mat) -> None:
+        """Make the sum anew; the solver factors it when next used."""
+        self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        self.solver.refresh()
+
+    def destroy(self) -> None:
+        """Free matrices and factor."""
+        self.solver.destroy()
+        self._total.destroy()
+        self._base.destroy()

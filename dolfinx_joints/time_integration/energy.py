@@ -1,0 +1,187 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Energy ledger of a dynamic run: where every joule went, and how many are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.time_integration.states import DynamicState, StepReport
+from dolfinx_joints.model.system import MatrixSystem
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyRow:
+    """Energies at one time, all in [J]; works and losses count from the start of the ledger.
+
+    Attributes:
+        kinetic: v.M v / 2.
+        strain: u.K u / 2, bulk and springs; in plastic cells that of the elastic strain.
+        joint_elastic: Elastic energy of each joint, shape (number of joints,).
+        input: Work of loads and of moving supports.
+        input_by_load: Work of each load by name.
+        viscous: Work done against the damping.
+        joint_friction: Work done against friction in each joint, shape (number of joints,).
+        joint_numerical: What each joint took in besides, lost or (negative) made up by the time
+            scheme where it opens, closes or slides within a step, shape (number of joints,).
+        error: stored - stored at the start - input + viscous + friction + plastic.
+        plastic: Plastic work of the bulk.
+    """
+
+    kinetic: float
+    strain: float
+    joint_elastic: Floats
+    input: float
+    input_by_load: Mapping[str, float]
+    viscous: float
+    joint_friction: Floats
+    joint_numerical: Floats
+    error: float
+    plastic: float = 0.0
+
+    @cached_property
+    def joint(self) -> float:
+        """Elastic energy of all joints."""
+        return float(self.joint_elastic.sum())
+
+    @cached_property
+    def friction(self) -> float:
+        """Work done against friction in all joints."""
+        return float(self.joint_friction.sum())
+
+    @cached_property
+    def numerical(self) -> float:
+        """Numerical loss of all joints."""
+        return float(self.joint_numerical.sum())
+
+    @cached_property
+    def stored(self) -> float:
+        """Kinetic, strain and joint energy."""
+        return self.kinetic + self.strain + self.joint
+
+    @cached_property
+    def imbalance(self) -> float:
+        """What no line accounts for: error + numerical, rounding where the solves are right."""
+        return self.error + self.numerical
+
+
+class EnergyLedger:
+    """Adds up energies and works step by step.
+
+    The works are those that the scheme balances (`StepWork`), so that for schemes with
+    ``conserves`` the lines of a right solve add up to rounding.
+
+    Attributes:
+        row: The newest row.
+        scale: Largest of stored energy, |input| and losses so far [J].
+        relative_error: The paper's energy error: largest |error| so far over ``scale``.
+        relative_imbalance: Largest |imbalance| so far over ``scale``.
+    """
+
+    def __init__(self, system: MatrixSystem) -> None:
+        """Nothing is counted before `start`."""
+        self._system = system
+        self._none = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
+
+    def start(self, state: DynamicState) -> EnergyRow:
+        """Begin at a state (collective)."""
+        self.row = EnergyRow(
+            kinetic=state.kinetic_energy,
+            strain=self._strain(state),
+            joint_elastic=self._elastic(state),
+            input=0.0,
+            input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
+            viscous=0.0,
+            joint_friction=self._none,
+            joint_numerical=self._none,
+            error=0.0,
+        )
+        self._at_start = self.scale = self.row.stored
+        self._error = self._imbalance = 0.0
+        return self.row
+
+    def after(self, state: DynamicState, report: StepReport) -> EnergyRow:
+        """The row that a step would lead to; the ledger stays as it is (collective)."""
+        last, work = self.row, report.work
+        elastic = self._elastic(state)
+        friction: Floats = self._none
+        if self._system.contact is not None and state.joints is not None:
+            friction = self._system.contact.integrals(state.joints.dissipation)
+        numerical = work.joints - (elastic - last.joint_elastic) - friction
+        entered = last.input + sum(work.loads.values()) + work.supports
+        viscous, rubbed = last.viscous + work.viscous, last.joint_friction + friction
+        plastic = last.plastic + self._plastic(state)
+        kinetic, strain = state.kinetic_energy, self._strain(state)
+        stored = kinetic + strain + float(elastic.sum())
+        lost = viscous + float(rubbed.sum()) + plastic
+        missing = stored - self._at_start - entered + lost
+        return EnergyRow(
+            kinetic=kinetic,
+            strain=strain,
+            joint_elastic=elastic,
+            input=entered,
+            input_by_load={
+                name: value + work.loads.get(name, 0.0)
+                for name, value in last.input_by_load.items()
+            },
+            viscous=viscous,
+            joint_friction=rubbed,
+            joint_numerical=last.joint_numerical + numerical,
+            error=missing if np.isfinite(missing) else float("inf"),
+            plastic=plastic,
+        )
+
+    def record(self, row: EnergyRow) -> EnergyRow:
+        """Account for one accepted step."""
+        losses = row.viscous + row.friction + row.plastic
+        self.scale = max(self.scale, row.stored, abs(row.input), losses)
+        self._error = max(self._error, abs(row.error))
+        self._imbalance = max(self._imbalance, abs(row.imbalance))
+        self.row = row
+        return row
+
+    def memory(self) -> dict[str, Any]:
+        """Where the ledger stands."""
+        row = {each.name: getattr(self.row, each.name) for each in fields(EnergyRow)}
+        names = ("_at_start", "scale", "_error", "_imbalance")
+        return {"row": row, "totals": [getattr(self, name) for name in names]}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what another's ``memory`` gave."""
+        self.row = EnergyRow(**memory["row"])
+        self._at_start, self.scale, self._error, self._imbalance = memory["totals"]
+
+    @property
+    def relative_error(self) -> float:
+        """Largest |error| so far over the scale."""
+        return self._error / self.scale if self.scale else 0.0
+
+    @property
+    def relative_imbalance(self) -> float:
+        """Largest |imbalance| so far over the scale."""
+        return self._imbalance / self.scale if self.scale else 0.0
+
+    def _elastic(self, state: DynamicState) -> Floats:
+        if self._system.contact is None or state.joints is None:
+            return self._none
+        return self._system.contact.stored_energy(state.joints.state)
+
+    def _strain(self, state: DynamicState) -> float:
+        """Elastic energy of bulk and springs."""
+        bulk, joints = self._system.bulk, state.joints
+        if bulk is None or joints is None:
+            return state.strain_energy
+        return state.strain_energy + bulk.elastic_correction(joints.state)
+
+    def _plastic(self, state: DynamicState) -> float:
+        """Plastic work of the step that led to a state."""
+        bulk, joints = self._system.bulk, state.joints
+        return 0.0 if bulk is None or joints is None else bulk.dissipation(joints)

@@ -1,0 +1,250 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Steps of a given length, cut where their solve fails or is not accurate enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import as_float, check_count, check_flag, check_number, hold_floats
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.solvers.newton import StepSolver
+from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.model.system import MatrixSystem
+
+# Of the ledger's scale: what rounding and the solver's tolerance may leave in a step.
+LARGEST_IMBALANCE = 1e-10
+
+
+# Of a step: a billionth of it is left.
+MOST_HALVINGS = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepControl:
+    """When a step of length dt is cut, down to dt / 2^max_halvings.
+
+    A step is always cut where its solve fails, and where its energy lines do not add up although
+    the scheme's do (then the solve is wrong). It is cut for accuracy as well where asked; at the
+    shortest length it is accepted whatever the accuracy.
+
+    Attributes:
+        max_halvings: Halvings allowed.
+        tolerance: Largest local error of a step relative to the largest displacement so far, static
+            part included (2-norms over all dofs); None for no such control.
+        landing: Cut steps in which a joint point opens or closes, so that such steps are short.
+            Meant for few points: where many change all the time, every step is short.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    max_halvings: int = 6
+    tolerance: float | None = None
+    landing: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        hold_floats(self)
+        wanted = "it must be zero or more"
+        check_count("max_halvings", self.max_halvings, 0, wanted, most=MOST_HALVINGS)
+        check_flag("landing", self.landing)
+        if self.tolerance is not None:
+            check_number("tolerance", self.tolerance, lambda v: 0 < v < 1, "above 0 and below 1")
+
+
+@dataclass(kw_only=True)
+class StepCounts:
+    """Steps taken and steps tried again shorter.
+
+    Attributes:
+        accepted: Steps taken.
+        landed: Of these, steps of the shortest length in which a point opened or closed.
+        failed: Tries whose solve failed.
+        unbalanced: Tries whose energy lines did not add up.
+        inaccurate: Tries with too large a local error.
+        crossed: Tries in which a point opened or closed.
+    """
+
+    accepted: int = 0
+    landed: int = 0
+    failed: int = 0
+    unbalanced: int = 0
+    inaccurate: int = 0
+    crossed: int = 0
+
+    @property
+    def rejected(self) -> int:
+        """Tries in vain."""
+        return self.failed + self.unbalanced + self.inaccurate + self.crossed
+
+
+class Stepper:
+    """Takes steps of a given length, in pieces where need be.
+
+    Pieces stay on the levels dt / 2^k, so that few matrices are factored.
+
+    Args:
+        scheme: The time scheme.
+        solver: Solver of the system.
+        ledger: Its energy ledger, started.
+        control: When steps are cut.
+
+    Attributes:
+        counts: Steps taken and tried.
+    """
+
+    def __init__(
+        self, scheme: Scheme, solver: StepSolver, ledger: EnergyLedger, control: StepControl
+    ) -> None:
+        """Nothing is done yet."""
+        self._scheme, self._solver, self._ledger = scheme, solver, ledger
+        self._control, self.counts = control, StepCounts()
+        self._largest = 0.0
+        self._level = 0
+
+    def advance(
+        self, state: DynamicState, dt: float
+    ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
+        """Accepted pieces from ``state`` over dt [s] with their energies (collective).
+
+        Raises:
+            ConvergenceError: The shortest piece allowed does not converge.
+            JointsError: The energy lines of the shortest piece allowed do not add up.
+        """
+        finest = 2**self._control.max_halvings
+        start, done = state.time, 0  # done counts pieces of the shortest length
+        while done < finest:
+            pieces = finest >> self._level
+            shortest = pieces == 1
+            try:
+                after, report = self._try(state, dt * pieces / finest)
+            except ConvergenceError as failure:
+                self.counts.failed += 1
+                if shortest:
+                    raise located(failure, time=state.time + dt * pieces / finest) from None
+                self._level += 1
+                continue
+            row = self._ledger.after(after, report)
+            if self._refuses(state, after, report, row, shortest=shortest):
+                self._level += 1
+                continue
+            done += pieces
+            if done == finest and after.time != start + dt:
+                after = replace(after, time=start + dt)
+            state = after
+            self._accept(state, report)
+            yield state, report, row
+            if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
+                self._level -= 1
+
+    def _try(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
+        """A step of the scheme, under the water that the state at its start leads to."""
+        water = self._solver.system.water
+        if water is None or state.joints is None or state.water is None:
+            return self._scheme.advance(self._solver, state, dt)
+        water.begin_step(state.water, state.joints.state.gap)
+        after, report = self._scheme.advance(self._solver, state, dt)
+        return replace(after, water=water.codes), report
+
+    def memory(self) -> dict[str, Any]:
+        """What later steps depend on."""
+        return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Take up what another's ``memory`` gave."""
+        self._largest, self._level = memory["largest"], memory["level"]
+        self.counts = StepCounts(**memory["counts"])
+
+    def _refuses(
+        self,
+        before: DynamicState,
+        after: DynamicState,
+        report: StepReport,
+        row: EnergyRow,
+        *,
+        shortest: bool,
+    ) -> bool:
+        """Whether a try is to be cut (collective)."""
+        if self._scheme.conserves(self._solver.system):
+            scale = max(self._ledger.scale, row.stored, abs(row.input))
+            missing = abs(row.imbalance - self._ledger.row.imbalance)
+            if missing > LARGEST_IMBALANCE * scale:
+                self.counts.unbalanced += 1
+                if shortest:
+                    raise JointsError(
+                        f"The energy lines of the step to t = {after.time:.6g} s do not add up"
+                        f"{self._where(before, after)}: "
+                        f"{missing / scale:.1e} of the largest energy is missing, "
+                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough, as "
+                        "for joints very much stiffer than the body."
+                    )
+                return True
+        if not shortest and self._too_rough(after, report):
+            self.counts.inaccurate += 1
+            return True
+        if self._control.landing and _changes(self._solver.system, before, after):
+            if shortest:
+                self.counts.landed += 1
+                return False
+            self.counts.crossed += 1
+            return True
+        return False
+
+    def _where(self, before: DynamicState, after: DynamicState) -> str:
+        """The joint that moved most, where there are some (collective)."""
+        contact = self._solver.system.contact
+        if contact is None or before.joints is None or after.joints is None:
+            return ""
+        moved = after.joints.state.gap - before.joints.state.gap
+        worst = contact.worst_joint(
+            np.einsum("ij,ij->i", np.abs(after.joints.traction), abs(moved))
+        )
+        return f" (joint {worst!r} did the largest work)" if worst else ""
+
+    def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
+        """Whether the local error is above the tolerance, this try's displacement included."""
+        tolerance = self._control.tolerance
+        if tolerance is None:
+            return False
+        return report.local_error > tolerance * max(self._largest, after.displacement.norm())
+
+    def _calm(self, report: StepReport) -> bool:
+        """Whether a piece of twice the length would do: the local error grows with its cube."""
+        tolerance = self._control.tolerance
+        return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
+
+    def _accept(self, state: DynamicState, report: StepReport) -> None:
+        self.counts.accepted += 1
+        if self._control.tolerance is not None:
+            self._largest = max(self._largest, float(state.displacement.norm()))
+
+
+def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:
+    """Whether a joint point opens or closes in a step (collective)."""
+    if system.contact is None or before.joints is None or after.joints is None:
+        return False
+    was, now = before.joints.state.gap[:, 0] > 0.0, after.joints.state.gap[:, 0] > 0.0
+    return max(system.contact.operator.comm.allgather(bool(np.any(was != now))))
+
+
+def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
+    """The same failure with stage, step or time filled in."""
+    known = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
+    return ConvergenceError(**{**known, **where})
+
+
+def check_step(dt: float) -> float:
+    """A time step as a float, refused where it is not positive.
+
+    Raises:
+        ValueError: It is zero, negative or not finite.
+    """
+    dt = as_float(dt)
+    check_number("dt", dt, lambda v: v > 0, "positive and finite", unit="s")
+    return float(dt)

@@ -1,0 +1,357 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""STEP files of several solids: groups, joints where they touch, and what is refused."""
+
+import contextlib
+import re
+import sys
+
+import gmsh
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints.mesh.compat import geometry_nodes
+from geometry import _base, _step_file
+from geometry import from_step as script
+from geometry.from_step import from_step
+
+# A pier of 2 x 2 x 5 m on a rock of 4 x 2 x 3 m, and a second block of rock beside it, in mm:
+# x, y, z and extents.
+BOXES = {
+    "rock": (0, 0, 0, 4000, 2000, 3000),
+    "pier": (1000, 0, 3000, 2000, 2000, 5000),
+    "side": (4000, 0, 0, 1000, 2000, 3000),
+}
+
+
+def write_step(path, boxes, dim=3):
+    """Write boxes to a STEP file in millimetres, each called by its name."""
+    with _base.gmsh_session():
+        for box in boxes.values():
+            if dim == 3:
+                gmsh.model.occ.addBox(*box)
+            else:
+                gmsh.model.occ.addRectangle(*box[:5])
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    text = path.read_text()
+    for number, name in enumerate(boxes, start=1):
+        text = re.sub(rf"'Open CASCADE STEP translator [\d.]+ \d+\.{number}'", f"'{name}'", text)
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def step(tmp_path_factory):
+    return write_step(tmp_path_factory.mktemp("step") / "pier.step", BOXES)
+
+
+def facet_area(path, name):
+    """Return the area of a surface group of plane triangles [m^2]."""
+    with _base.gmsh_session():
+        gmsh.merge(str(path))
+        for dim, physical in gmsh.model.getPhysicalGroups(2):
+            if gmsh.model.getPhysicalName(dim, physical) == name:
+                tags = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
+                total = 0.0
+                for tag in tags:
+                    (kind,), _, _ = gmsh.model.mesh.getElements(2, tag)
+                    points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss4")
+                    _, det, _ = gmsh.model.mesh.getJacobians(kind, points, tag)
+                    total += float((det.reshape(-1, weights.size) @ weights).sum())
+                return total
+    raise AssertionError(name)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_solids_become_volumes_and_common_faces_joints(tmp_path, step, order):
+    out = from_step(
+        tmp_path / "p.msh",
+        step,
+        size=1.5,
+        joint_size=0.7,
+        order=order,
+        surfaces={"base": ("z", "min"), "top": ("z", 8.0)},
+    )
+    report = _base.describe(out)
+    assert report.element == f"tet{4 if order == 1 else 10}"
+    # Millimetres in the file, metres here: the boxes' own volumes and faces.
+    assert report.volume == pytest.approx({"rock": 24.0, "pier": 20.0, "side": 6.0}, rel=1e-9)
+    assert set(report.num_facets) == {
+        "joint_rock_pier",
+        "joint_rock_side",
+        "base",
+        "top",
+        "outside",
+    }
+    areas = {"joint_rock_pier": 4, "joint_rock_side": 6, "base": 10, "top": 4}
+    # Of rock and side 2 x 20 round about, of the pier 4 x 10, and what it leaves of 10 on top.
+    areas["outside"] = 2 * 5 * 3 + 2 * 2 * 3 + 4 * 10 + 6
+    for name, exact in areas.items():
+        assert facet_area(out, name) == pytest.approx(exact, rel=1e-9), name
+    assert report.min_scaled_jacobian > 0.1
+
+
+def test_what_is_read_from_it_is_split_at_the_joints(tmp_path, step):
+    out = from_step(tmp_path / "p.msh", step, size=2.0, order=1)
+    jointed = dj.read_msh(out, MPI.COMM_SELF)
+    assert set(jointed.joint_names) == {"joint_rock_pier", "joint_rock_side"}
+    assert set(jointed.cell_groups) == {"rock", "pier", "side"}
+    # The solids come apart: no node is in two of them.
+    nodes = geometry_nodes(jointed.mesh)
+    of = {n: set(nodes[jointed.cells(n)].ravel()) for n in BOXES}
+    assert not of["rock"] & of["pier"]
+    assert not of["rock"] & of["side"]
+    x = jointed.mesh.geometry.x[sorted(of["pier"])]
+    np.testing.assert_allclose([x.min(axis=0), x.max(axis=0)], [[1, 0, 3], [3, 2, 8]], atol=1e-6)
+
+
+def test_names_by_position_pairs_and_tied_solids(tmp_path, step):
+    out = tmp_path / "p.msh"
+    flags = ["--size", "2", "--order", "1", "--out", str(out)]
+    flags += ["--solid", "tower=2,1,5", "--joint", "lift=tower,rock", "--tied", "rock,side"]
+    script.main([str(step), *flags, "--surface", "base:z=min"])
+    report = _base.describe(out)
+    assert set(report.volume) == {"rock", "tower", "side"}
+    assert set(report.num_facets) == {"joint_lift", "base", "outside"}
+
+
+def test_solids_of_one_name_are_one_volume(tmp_path, step):
+    points = {"rock": (4.5, 1, 1)}
+    report = _base.describe(from_step(tmp_path / "p.msh", step, size=2, order=1, solids=points))
+    assert report.volume == pytest.approx({"rock": 30.0, "pier": 20.0}, rel=1e-9)
+    assert {name for name in report.num_facets if "joint" in name} == {"joint_rock_pier"}
+
+
+def test_solids_without_names_are_numbered(tmp_path):
+    plain = tmp_path / "plain.step"
+    with _base.gmsh_session():
+        gmsh.model.occ.addBox(0, 0, 0, 1000, 1000, 1000)
+        gmsh.model.occ.addBox(0, 0, 1000, 1000, 1000, 1000)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(plain))
+    report = _base.describe(from_step(tmp_path / "p.msh", plain, size=1))
+    assert report.volume == pytest.approx({"solid_1": 1.0, "solid_2": 1.0}, rel=1e-9)
+    assert "joint_solid_1_solid_2" in report.num_facets
+
+
+def test_nodes_of_order_two_lie_on_curved_faces(tmp_path):
+    round_step = tmp_path / "round.step"
+    with _base.gmsh_session():
+        gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 2000, 1000)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(round_step))
+    report = _base.describe(from_step(tmp_path / "p.msh", round_step, size=0.5))
+    # Parabolas miss the circle by about a**4/80 of its area with arcs of a = 0.5.
+    assert sum(report.volume.values()) == pytest.approx(2 * np.pi, rel=2e-3)
+
+
+def one_sentence(failure):
+    text = str(failure.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", " is empty."),
+        (b"\x89HDF\r\n", " is no STEP file: it does not begin with 'ISO-10303-21;'."),
+        (b"ISO-10303-21;\nHEADER;\n", " is truncated: it does not end with 'END-ISO-10303-21;'."),
+        (b"ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n", " has no section 'DATA;' that ends with"),
+    ],
+)
+def test_malformed_files_are_refused(tmp_path, content, sentence):
+    path = tmp_path / "bad.step"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"bad\.step") as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    assert one_sentence(failure).startswith(f"{path}{sentence}")
+    assert not gmsh.isInitialized()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("#16 = CARTESIAN_POINT", "#17 = CARTESIAN_POINT", "which is no entity '#number = NAME"),
+        ("#15 = AXIS2_PLACEMENT_3D('',#16", "#15 = AXIS2_PLACEMENT_3D('',#1e", "is no entity"),
+        ("#15 = AXIS2_PLACEMENT_3D('',#16", "#15 = AXIS2_PLACEMENT_3D('',#15", "refers to itself."),
+        ("#15 = AXIS2_PLACEMENT_3D('',#16", "#15 = A('',#99999", "refers to #99999, which it does"),
+        ("(0.,0.,0.));", "(0.,0.,0.)1,5);", "which is no entity"),
+        ("(0.,0.,0.));", "(0.,0.,0.);", "which is no entity"),
+    ],
+)
+def test_what_crashes_open_cascade_is_refused(tmp_path, step, old, new, sentence):
+    path = tmp_path / "bad.step"
+    good = step.read_text()
+    assert old in good
+    path.write_text(good.replace(old, new, 1))
+    with pytest.raises(ValueError, match=r"bad\.step") as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    assert sentence in one_sentence(failure)
+
+
+def test_texts_and_comments_may_hold_anything(tmp_path, step):
+    # Marks of entities inside of texts and comments are none.
+    path = tmp_path / "good.step"
+    path.write_text(
+        step.read_text()
+        .replace("DATA;", "DATA; /* #1 = ( ; */", 1)
+        .replace("('','automotive_design'", "('it''s #7; (','automotive_design'")
+    )
+    assert from_step(tmp_path / "p.msh", path, size=5).is_file()
+
+
+def test_where_open_cascade_crashes_this_process_does_not(tmp_path, step, monkeypatch):
+    # A type that does not exist, at which version 7.8 crashes; others may tell of it.
+    path = tmp_path / "bad.step"
+    path.write_text(step.read_text().replace("= FACE_BOUND(", "= FACE_BOUNDS(", 1))
+    with contextlib.suppress(ValueError, RuntimeError):
+        from_step(tmp_path / "p.msh", path, size=5)
+    for trial, error, sentence in (
+        (
+            "import os; os.kill(os.getpid(), 11)",
+            ValueError,
+            r"crashes on it \(signal 11\)",
+        ),
+        (
+            "import os; os.kill(os.getpid(), 9)",
+            ValueError,
+            r"was ended by signal 9, as where memory does not suffice",
+        ),
+        ("import nowhere", RuntimeError, r"could not be tried .*: .*No module named 'nowhere'"),
+    ):
+        monkeypatch.setattr(_step_file, "_TRIAL", trial)
+        with pytest.raises(error, match=rf"bad\.step .*{sentence}\.$"):
+            from_step(tmp_path / "p.msh", path, size=5)
+
+
+def test_nothing_beside_a_file_is_run(tmp_path, step, monkeypatch):
+    for name in ("gmsh.py", "re.py", "sitecustomize.py"):
+        (tmp_path / name).write_text("open('run', 'w').close(); raise SystemExit")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
+    assert from_step("p.msh", step, size=5).is_file()
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("kind", ["PLANE", "CLOSED_SHELL", "ADVANCED_FACE"])
+def test_a_solid_that_cannot_be_built_is_missed(tmp_path, step, kind):
+    path = tmp_path / "bad.step"
+    path.write_text(step.read_text().replace(f"= {kind}(", f"= {kind}X(", 1))
+    with pytest.raises(ValueError, match="describes 3 solids, of which 2 were built") as failure:
+        from_step(tmp_path / "p.msh", path, size=5)
+    one_sentence(failure)
+
+
+def test_the_only_solid_cannot_be_built(tmp_path):
+    path = write_step(tmp_path / "bad.step", {"a": BOXES["rock"]})
+    path.write_text(path.read_text().replace("= PLANE(", "= PLAIN("))
+    with pytest.raises(ValueError, match="describes 1 solids, of which 0 were built") as failure:
+        from_step(tmp_path / "p.msh", path, size=5)
+    one_sentence(failure)
+
+
+def test_a_file_that_is_cut_is_refused(tmp_path, step):
+    path = tmp_path / "cut.step"
+    path.write_bytes(step.read_bytes()[:5000])
+    with pytest.raises(ValueError, match=r"cut\.step is truncated") as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    one_sentence(failure)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1nan", r"has a point at \(nan,.*\); coordinates"),
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1abc", r"has a point at \(abc,.*\); coordinates"),
+        (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\g<1>1.E300", "coordinates must be numbers below"),
+        (rb"\.METRE\.", b".SECOND.", "names no unit of length in metres"),
+    ],
+)
+def test_what_open_cascade_reads_in_silence_is_refused(tmp_path, step, old, new, sentence):
+    damaged, count = re.subn(old, new, step.read_bytes())
+    assert count
+    path = tmp_path / "bad.step"
+    path.write_bytes(damaged)
+    with pytest.raises(ValueError, match=sentence) as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    one_sentence(failure)
+    assert not gmsh.isInitialized()
+
+
+@pytest.mark.parametrize(
+    ("boxes", "dim", "sentence"),
+    [
+        ({"a": BOXES["rock"]}, 2, r"holds no solids, 1 other shapes; solids are needed\."),
+        (
+            {"a": (0, 0, 0, 2000, 2000, 2000), "b": (0, 0, 1500, 2000, 2000, 2000)},
+            3,
+            r"the solids 'a' and 'b' overlap by 2 m\^3, but they may only touch\.",
+        ),
+        (
+            {"a": (0, 0, 0, 2000, 2000, 2000), "b": (0, 0, 2010, 2000, 2000, 2000)},
+            3,
+            "the solid 'a' shares no face with another one",
+        ),
+    ],
+    ids=["faces only", "overlap", "gap"],
+)
+def test_solids_that_do_not_fit_are_refused(tmp_path, boxes, dim, sentence):
+    path = write_step(tmp_path / "bad.step", boxes, dim)
+    with pytest.raises(ValueError, match=sentence) as failure:
+        from_step(tmp_path / "p.msh", path, size=1)
+    one_sentence(failure)
+    assert not (tmp_path / "p.msh").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"size": -1}, "size is -1, but it must be a positive number"),
+        ({"order": 3}, "order is 3, but it must be 1 or 2"),
+        ({"solids": {"a b": (2, 1, 1)}}, "A solid is called 'a b', but its name must be of"),
+        ({"solids": {"a": (2, 1)}}, r"The solid 'a' is at \(2, 1\), but it must be at \(x, y, z\)"),
+        ({"solids": {"a": (9, 9, 9)}}, r"0 solids hold the point \(9, 9, 9\) of 'a', but"),
+        (
+            {"joints": {"a": ("pier", "side")}},
+            "'a' is between pier and side, which do not touch; those that do: rock and pier, rock "
+            "and side",
+        ),
+        (
+            {"joints": {"a": ("pier", "rock")}, "tied": [("rock", "pier")]},
+            "A tied pair is between rock and pier, which are named already",
+        ),
+        (
+            {"joints": {"a": ("pier", "rock"), "b": ("rock", "pier")}},
+            "'b' is between rock and pier, which are named already",
+        ),
+        (
+            {"surfaces": {"a": ("z", 4.0)}},
+            r"'a' is at z=4\.0, but no outer face .* the body reaches from z = 0 to 8 m",
+        ),
+        (
+            {"surfaces": {"a": ("w", 4.0)}},
+            r"'a' is at \('w', 4\.0\), but it must be x, y or z at a",
+        ),
+    ],
+)
+def test_bad_options(tmp_path, step, options, sentence):
+    with pytest.raises(ValueError, match=sentence) as failure:
+        from_step(tmp_path / "p.msh", step, **({"size": 2} | options))
+    one_sentence(failure)
+    assert not (tmp_path / "p.msh").exists()
+
+
+def test_script_refuses_in_one_sentence(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        script.main([str(tmp_path / "none.step"), "--size", "1"])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.endswith("none.step' does not exist.\n")
+    with pytest.raises(SystemExit) as stop:
+        script.main(["none.step", "--size", "1", "--surface", "base:z=low"])
+    assert stop.value.code == 2
+    assert "'base:z=low' is not NAME:AXIS=VALUE" in capsys.readouterr().err

@@ -1,0 +1,142 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Rules on the reference facets: [0, 1], the unit triangle, the unit square.
+
+Exact integrals: x^a y^b over the square is 1/((a + 1)(b + 1)), over the triangle
+a! b!/(a + b + 2)!, x^a over the line 1/(a + 1).
+"""
+
+from __future__ import annotations
+
+import itertools
+from math import factorial
+
+import numpy as np
+import pytest
+
+pytest.importorskip("basix")
+
+import basix
+
+from dolfinx_joints.joints.quadrature import (
+    GAUSS_DEGREES,
+    facet_cell_type,
+    facet_rule,
+    is_nodal,
+    nodes_with_points,
+)
+
+FACETS = [(vertices, degree) for vertices in (2, 3, 4) for degree in (1, 2)]
+AREA = {2: 1.0, 3: 0.5, 4: 1.0}
+# Trapezoidal rule and vertex rule: 1; Simpson: 3; the mid-side rule of the triangle: 2.
+NODAL_DEGREE = {(2, 1): 1, (3, 1): 1, (4, 1): 1, (2, 2): 3, (3, 2): 2, (4, 2): 3}
+
+
+def integral(vertices: int, powers: tuple[int, ...]) -> float:
+    """Exact integral of a monomial."""
+    if vertices == 3:
+        a, b = powers
+        return factorial(a) * factorial(b) / factorial(a + b + 2)
+    return float(np.prod([1.0 / (p + 1) for p in powers]))
+
+
+def monomials(vertices: int, degree: int) -> list[tuple[int, ...]]:
+    """Powers of the polynomials of a degree: total on triangles, in each direction on squares."""
+    powers = itertools.product(range(degree + 1), repeat=1 if vertices == 2 else 2)
+    return [p for p in powers if vertices != 3 or sum(p) <= degree]
+
+
+def errors(vertices: int, degree: int, points: np.ndarray, weights: np.ndarray) -> list[float]:
+    """Errors of the monomials of a degree."""
+    return [
+        abs(weights @ np.prod(points**powers, axis=1) - integral(vertices, powers))
+        for powers in monomials(vertices, degree)
+    ]
+
+
+@pytest.mark.parametrize("rule", ["auto", "nodal", "gauss", 2, 3, 7, GAUSS_DEGREES[1]])
+@pytest.mark.parametrize(("vertices", "degree"), FACETS)
+def test_weights_are_positive_and_sum_to_the_area(vertices, degree, rule):
+    points, weights = facet_rule(vertices, degree, rule)
+    assert points.shape == (len(weights), 1 if vertices == 2 else 2)
+    assert (weights > 0.0).all()
+    assert weights.sum() == pytest.approx(AREA[vertices], rel=1e-14)
+
+
+@pytest.mark.parametrize("exact_to", range(GAUSS_DEGREES[0], GAUSS_DEGREES[1] + 1))
+@pytest.mark.parametrize("vertices", [2, 3, 4])
+def test_gauss_rules_are_exact_to_their_degree(vertices, exact_to):
+    points, weights = facet_rule(vertices, 1, exact_to)
+    assert max(errors(vertices, exact_to, points, weights)) < 1e-14
+    # Every point lies inside, so that it belongs to its facet alone.
+    assert (points > 0.0).all()
+    assert (points < 1.0).all()
+    if vertices == 3:
+        assert (points.sum(axis=1) < 1.0).all()
+
+
+@pytest.mark.parametrize(("vertices", "degree"), FACETS)
+def test_gauss_by_name_is_exact_to_twice_the_degree(vertices, degree):
+    named, number = (facet_rule(vertices, degree, rule) for rule in ("gauss", 2 * degree))
+    for a, b in zip(named, number, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("vertices", "degree"), FACETS)
+def test_nodal_rules_are_exact_to_their_degree_and_no_further(vertices, degree):
+    points, weights = facet_rule(vertices, degree, "nodal")
+    exact_to = NODAL_DEGREE[vertices, degree]
+    assert max(errors(vertices, exact_to, points, weights)) < 1e-15
+    assert max(errors(vertices, exact_to + 1, points, weights)) > 1e-3
+
+
+@pytest.mark.parametrize(("vertices", "degree"), FACETS)
+def test_nodal_points_are_nodes_with_the_integrals_of_their_shape_functions(vertices, degree):
+    """A uniform traction then makes the same nodal forces as the exact integral."""
+    kind = facet_cell_type(vertices)
+    element = basix.create_element(
+        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+    )
+    exact_points, exact_weights = basix.make_quadrature(kind, 6)
+    forces = exact_weights @ element.tabulate(0, exact_points)[0, :, :, 0]
+    points, weights = facet_rule(vertices, degree, "nodal")
+    here = nodes_with_points(vertices, degree)
+    np.testing.assert_allclose(points, element.points[here], atol=1e-15)
+    np.testing.assert_allclose(weights, forces[here], atol=1e-15)
+    # No force is left out: nodes without a point get none.
+    np.testing.assert_allclose(forces.sum(), weights.sum(), atol=1e-15)
+    assert (forces > -1e-15).all()
+    # At each point one shape function is 1, the others vanish: one pair of nodes per point.
+    values = element.tabulate(0, points)[0, :, :, 0]
+    np.testing.assert_allclose(values, np.eye(element.dim)[here], atol=1e-14)
+
+
+def test_six_node_triangles_have_points_at_their_mid_sides():
+    points, weights = facet_rule(3, 2, "nodal")
+    assert sorted(map(tuple, points)) == [(0.0, 0.5), (0.5, 0.0), (0.5, 0.5)]
+    np.testing.assert_allclose(weights, 1.0 / 6.0)
+
+
+@pytest.mark.parametrize(("vertices", "degree"), FACETS)
+def test_which_rules_are_nodal(vertices, degree):
+    assert is_nodal(vertices, degree, "auto")
+    assert is_nodal(vertices, degree, "nodal")
+    assert not is_nodal(vertices, degree, "gauss")
+    assert not is_nodal(vertices, degree, 2)
+
+
+def test_any_whole_number_will_do():
+    np.testing.assert_array_equal(facet_rule(4, 1, np.int64(3))[1], facet_rule(4, 1, 3)[1])
+
+
+@pytest.mark.parametrize("rule", ["lobatto", "4", "", None, True, 0, -1, 21, 2.0, np.nan, [2]])
+def test_unknown_rules_are_refused(rule):
+    for call in (facet_rule, is_nodal):
+        with pytest.raises(ValueError, match="must be one of auto, nodal, gauss, or the degree"):
+            call(4, 1, rule)
+
+
+def test_nodal_is_refused_beyond_degree_two():
+    with pytest.raises(ValueError, match="'nodal' exists for degree 1 and 2, not 3"):
+        facet_rule(4, 3, "nodal")
+    assert not is_nodal(4, 3, "auto")

@@ -1,0 +1,446 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Friction law without tension: paths by hand, tangent, admissibility, energies, refusals."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.laws.law import FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.rigid import RigidJoint
+
+# k_n 1e12, k_s 2e12 Pa/m, mu 0.5: a gap of -1 um carries -1 MPa, and slides beyond 0.5 MPa,
+# that is beyond an elastic slip of 0.25 um.
+K_N, K_S, MU = 1e12, 2e12, 0.5
+LAW = FrictionNoTension(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=math.degrees(math.atan(MU))
+)
+UM = 1e-6
+MPA = 1e6
+
+
+def rest(n=1):
+    return JointState.at_rest(np.zeros((n, 3)))
+
+
+def follow(law, path, state=None):
+    """Responses along a path of gaps of one point."""
+    state = rest() if state is None else state
+    answers = []
+    for gap in np.atleast_2d(path):
+        answers.append(law.end_point(gap[None], state))
+        state = answers[-1].state
+    return answers
+
+
+def tractions(law, path, state=None):
+    return np.array([answer.traction[0] for answer in follow(law, path, state)])
+
+
+def statuses(law, path):
+    return [Status(int(answer.status[0])) for answer in follow(law, path)]
+
+
+def test_normal_is_linear_in_compression_and_zero_in_tension():
+    path = UM * np.array([[-1.0, 0, 0], [-2.0, 0, 0], [3.0, 0, 0], [-0.5, 0, 0]])
+    t = tractions(LAW, path)
+    np.testing.assert_allclose(t[:, 0], MPA * np.array([-1, -2, 0, -0.5]), rtol=1e-14, atol=0)
+    assert statuses(LAW, path) == [Status.STICK, Status.STICK, Status.OPEN, Status.STICK]
+
+
+def test_gap_of_zero_is_closed_and_stiff():
+    answer = LAW.end_point(np.zeros((1, 3)), rest())
+    assert answer.status[0] == Status.STICK
+    np.testing.assert_array_equal(answer.traction, 0.0)
+    np.testing.assert_allclose(answer.tangent[0], np.diag([K_N, K_S, K_S]), rtol=1e-15)
+
+
+def test_load_slide_unload_reverse():
+    # Under -1 MPa: elastic to 0.2 um (0.4 MPa); sliding at 1 um (0.5 MPa, elastic slip 0.25 um);
+    # back to 0.8 um: elastic slip 0.05 um, 0.1 MPa; back to 0: -0.75 um of trial, slides at -0.5.
+    path = UM * np.array([[-1, 0.2, 0], [-1, 1.0, 0], [-1, 0.8, 0], [-1, 0.0, 0]])
+    t = tractions(LAW, path)
+    np.testing.assert_allclose(t[:, 1], MPA * np.array([0.4, 0.5, 0.1, -0.5]), rtol=1e-12)
+    np.testing.assert_array_equal(t[:, 2], 0.0)
+    slip, stick = Status.SLIP, Status.STICK
+    assert statuses(LAW, path) == [stick, slip, stick, slip]
+    elastic = [answer.state.elastic_slip[0, 0] / UM for answer in follow(LAW, path)]
+    np.testing.assert_allclose(elastic, [0.2, 0.25, 0.05, -0.25], rtol=1e-12)
+
+
+def test_unloading_the_normal_slides():
+    # Elastic slip 0.2 um (0.4 MPa) under -1 MPa; under -0.6 MPa the limit is 0.3 MPa.
+    t = tractions(LAW, UM * np.array([[-1, 0.2, 0], [-0.6, 0.2, 0]]))
+    np.testing.assert_allclose(t[1], MPA * np.array([-0.6, 0.3, 0.0]), rtol=1e-12)
+
+
+def test_direction_turns_with_the_slip():
+    # From 0.25 um of elastic slip along s1, slip by 0.6 um along s2: the trial (0.25, 0.6) um has
+    # the length 0.65 um, so the traction is 0.5 MPa along (5, 12)/13.
+    t = tractions(LAW, UM * np.array([[-1, 1.0, 0.0], [-1, 1.0, 0.6]]))
+    np.testing.assert_allclose(t[1, 1:], 0.5 * MPA * np.array([5, 12]) / 13, rtol=1e-12)
+
+
+def test_same_answer_in_a_turned_frame():
+    # Isotropy in the joint plane: turning the path turns the traction.
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.normal(size=(60, 3)), axis=0) * [0.2, 0.3, 0.3] * UM - [UM, 0, 0]
+    angle = 0.7
+    turn = np.eye(3)
+    turn[1:, 1:] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    np.testing.assert_allclose(
+        tractions(LAW, path @ turn.T), tractions(LAW, path) @ turn.T, rtol=0, atol=1e-9 * MPA
+    )
+
+
+def test_opening_makes_the_elastic_slip_zero():
+    # Sheared to 0.4 MPa, opened: no traction and nothing stored. Closed again at the tangential
+    # gap where it opened: no shear; 0.1 um further: 0.2 MPa.
+    path = UM * np.array([[-1, 0.2, 0], [0.5, 0.7, 0], [-1, 0.7, 0], [-1, 0.8, 0]])
+    answers = follow(LAW, path)
+    assert answers[1].status[0] == Status.OPEN
+    np.testing.assert_array_equal(answers[1].traction, 0.0)
+    np.testing.assert_array_equal(answers[1].tangent, 0.0)
+    np.testing.assert_array_equal(answers[1].state.elastic_slip, 0.0)
+    assert LAW.stored_energy(answers[1].state)[0] == 0.0
+    np.testing.assert_allclose(answers[2].traction[0], [-MPA, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(answers[3].traction[0], [-MPA, 0.2 * MPA, 0], rtol=1e-12)
+
+
+def test_closing_within_a_step_counts_the_slip_after_touching():
+    # From (0.5, 0, 0) to (-1, 0.1, 0.05) um on a straight path: touches at a third of the way, so
+    # that two thirds of the slip count, 0.2 / 3 and 0.1 / 3 um.
+    t = tractions(LAW, UM * np.array([[0.5, 0, 0], [-1, 0.1, 0.05]]))
+    np.testing.assert_allclose(t[1], [-MPA, 0.4 / 3 * MPA, 0.2 / 3 * MPA], rtol=1e-12)
+    # A slip of 0.6 um leaves 0.4 um: 0.8 MPa, above the limit of 0.5 MPa.
+    t = tractions(LAW, UM * np.array([[0.5, 0, 0], [-1, 0.6, 0]]))
+    np.testing.assert_allclose(t[1], [-MPA, 0.5 * MPA, 0], rtol=1e-12)
+
+
+def random_states(law, n, seed):
+    """Gaps and states: open, sticking and sliding, at kinks with probability zero."""
+    rng = np.random.default_rng(seed)
+    gap = UM * rng.normal(size=(n, 3)) * [1.0, 0.3, 0.3] - [0.5 * UM, 0, 0]
+    state = JointState(
+        gap=UM * rng.normal(size=(n, 3)) * [1.0, 0.3, 0.3],
+        elastic_slip=UM * 0.1 * rng.normal(size=(n, 2)),
+    )
+    return gap, state
+
+
+def test_tangent_of_sliding_by_hand():
+    # Trial (0.3, 0.4) um under -1 MPa: direction m = (0.6, 0.8), |trial| = 1 MPa, limit 0.5 MPa:
+    # d t_s/d n = -mu k_n m, d t_s/d s = mu |t_n| k_s / |trial| (I - m m^T) (design of the law).
+    tangent = LAW.end_point(UM * np.array([[-1, 0.3, 0.4]]), rest()).tangent[0]
+    m = np.array([0.6, 0.8])
+    expected = np.zeros((3, 3))
+    expected[0, 0] = K_N
+    expected[1:, 0] = -MU * K_N * m
+    expected[1:, 1:] = 0.5 * K_S * (np.eye(2) - np.outer(m, m))
+    np.testing.assert_allclose(tangent, expected, rtol=1e-12, atol=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 89.9])
+def test_tractions_are_admissible(angle):
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=angle)
+    gap, state = random_states(law, 10_000, seed=2)
+    answer = law.end_point(gap, state)
+    t_n, size = answer.traction[:, 0], np.linalg.norm(answer.traction[:, 1:], axis=1)
+    assert np.all(t_n <= 0)
+    assert np.all(size <= law.friction_coefficient * np.abs(t_n) * (1 + 1e-12))
+    opened = gap[:, 0] > 0
+    np.testing.assert_array_equal(answer.traction[opened], 0.0)
+    np.testing.assert_array_equal(answer.status == Status.OPEN, opened)
+    np.testing.assert_array_equal(answer.state.gap, gap)
+    # k_s e is the shear traction, in every state.
+    np.testing.assert_allclose(
+        K_S * answer.state.elastic_slip, answer.traction[:, 1:], rtol=1e-12, atol=1e-6
+    )
+
+
+def test_friction_never_gains_energy():
+    # A step dissipates (t0 + t1)/2 . (plastic slip); with backward Euler that is not negative
+    # for steps that start and end closed.
+    gap, state = random_states(LAW, 10_000, seed=3)
+    start = LAW.end_point(state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip))
+    closed = (gap[:, 0] <= 0) & (state.gap[:, 0] <= 0)
+    # From an admissible start, at constant normal gap.
+    gap[:, 0] = state.gap[:, 0]
+    answer = LAW.end_point(gap, start.state)
+    assert np.min(answer.dissipation[closed]) >= -1e-12 * np.max(answer.dissipation)
+
+
+def test_trial_leaves_its_state_alone():
+    gap, state = random_states(LAW, 1000, seed=4)
+    before = (state.gap.copy(), state.elastic_slip.copy(), gap.copy())
+    one = LAW.end_point(gap, state)
+    one.state.gap[:] = np.nan
+    one.state.elastic_slip[:] = np.nan
+    two = LAW.end_point(gap, state)
+    for kept, now in zip(before, (state.gap, state.elastic_slip, gap), strict=True):
+        np.testing.assert_array_equal(kept, now)
+    np.testing.assert_array_equal(one.traction, two.traction)
+    at_rest = JointState.at_rest(gap)
+    at_rest.gap[:] = 0.0
+    np.testing.assert_array_equal(gap, before[2])
+
+
+def test_without_friction():
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=0.0)
+    answer = law.end_point(UM * np.array([[-1, 0.2, 0.1], [-1, 0.0, 0.0]]), rest(2))
+    np.testing.assert_allclose(answer.traction, [[-MPA, 0, 0], [-MPA, 0, 0]], rtol=1e-14)
+    assert answer.status.tolist() == [Status.SLIP, Status.STICK]
+    assert np.all(np.isfinite(answer.tangent))
+    np.testing.assert_array_equal(answer.dissipation, 0.0)
+
+
+def test_without_shear_stiffness():
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=30.0)
+    gap = random_states(law, 100, seed=5)[0]
+    answer = law.end_point(gap, rest(100))
+    np.testing.assert_array_equal(answer.traction[:, 1:], 0.0)
+    np.testing.assert_array_equal(answer.tangent[:, 1:, 1:], 0.0)
+    np.testing.assert_array_equal(answer.state.elastic_slip, 0.0)
+    assert np.all(np.isfinite(answer.tangent))
+    assert not np.any(answer.status == Status.SLIP)
+    assert np.all(np.isfinite(law.stored_energy(answer.state)))
+
+
+def test_friction_angle_near_ninety_degrees_holds():
+    # tan(89.999 deg) = 57295.8: a slip of 1 mm under -1 MPa stays elastic up to 57 GPa.
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=89.999)
+    answer = law.end_point(np.array([[-UM, 1e-3, 0.0]]), rest())
+    assert answer.status[0] == Status.STICK
+    assert answer.traction[0, 1] == pytest.approx(K_S * 1e-3)
+
+
+def test_stored_energy_by_hand():
+    # k_n g^2 / 2 = 0.5 J/m^2 at -1 um; k_s |e|^2 / 2 with e = (0.06, 0.08) um is 0.01 J/m^2.
+    state = JointState(
+        gap=UM * np.array([[-1, 5, 5], [2, 5, 5.0]]),
+        elastic_slip=UM * np.array([[0.06, 0.08], [0.0, 0.0]]),
+    )
+    np.testing.assert_allclose(LAW.stored_energy(state), [0.51, 0.0], rtol=1e-12)
+
+
+def balance(law, path):
+    """Trapezoidal work of the tractions, change of stored energy and dissipation of a path."""
+    state = law.end_point(path[:1], rest()).state
+    start, last = state, law.end_point(path[:1], state).traction
+    work = dissipation = 0.0
+    for gap in path[1:]:
+        answer = law.end_point(gap[None], state)
+        work += 0.5 * float(np.sum((last + answer.traction) * (gap - state.gap)))
+        dissipation += float(answer.dissipation[0])
+        state, last = answer.state, answer.traction
+    return work, float((law.stored_energy(state) - law.stored_energy(start))[0]), dissipation
+
+
+def test_work_is_stored_or_dissipated():
+    # While the joint stays closed the trapezoidal work of a step is exactly the change of stored
+    # energy plus the mean shear times the plastic slip.
+    rng = np.random.default_rng(6)
+    path = UM * np.cumsum(rng.normal(size=(500, 3)), axis=0) * [0.0, 0.2, 0.2]
+    path[:, 0] = UM * (-1 + 0.8 * np.sin(np.arange(500) / 7))
+    path[0, 1:] = 0.0
+    work, stored, dissipation = balance(LAW, path)
+    assert dissipation > 0
+    assert work == pytest.approx(stored + dissipation, rel=1e-11)
+
+
+def test_dissipation_of_a_cycle():
+    # Slip between +-1 um under -1 MPa: the loop of +-0.5 MPa has corners 0.25 um from its ends on
+    # either side: area 4 x 0.5 MPa x (1 - 0.25) um = 1.5 J/m^2 per cycle.
+    s = np.concatenate([np.linspace(0, 1, 101), np.linspace(1, -1, 201), np.linspace(-1, 1, 201)])
+    path = UM * np.column_stack([-np.ones_like(s), s, np.zeros_like(s)])
+    answers = follow(LAW, path)
+    cycle = sum(float(a.dissipation[0]) for a in answers[101:])
+    assert cycle == pytest.approx(1.5, rel=1e-2)
+    # A closed cycle in the steady state stores nothing: the dissipation is the work.
+    t = np.array([a.traction[0, 1] for a in answers])
+    work = float(np.sum(0.5 * (t[101:] + t[100:-1]) * np.diff(UM * s)[100:]))
+    assert cycle == pytest.approx(work, rel=1e-12)
+
+
+def test_energy_of_an_impact_comes_back():
+    # Closing and opening without slip: the trapezoidal work of a full cycle vanishes where the
+    # path passes through the gap of zero.
+    gap = UM * np.concatenate([np.linspace(1, -1, 21), np.linspace(-1, 1, 21)[1:]])
+    path = np.column_stack([gap, np.zeros((41, 2))])
+    work, stored, dissipation = balance(LAW, path)
+    assert abs(work) <= 1e-12
+    assert abs(stored) <= 1e-12
+    assert dissipation == 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+@pytest.mark.parametrize("k_s", [0.0, K_S])
+def test_local_solve_meets_the_law_on_the_gap_it_leads_to(angle, k_s):
+    # Its definition: t = end_point(free_gap - compliance t).
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=k_s, friction_angle_deg=angle)
+    free, state = random_states(law, 5000, seed=8)
+    rng = np.random.default_rng(9)
+    compliance = 10.0 ** rng.uniform(-14, -9, (5000, 1)) * np.ones((1, 2))
+    compliance[:, 1] *= rng.uniform(0.3, 3.0, 5000)
+    there = law.local_solve(free, compliance, state)
+    traction, status = there.traction, there.status
+    gap = (
+        free - np.column_stack([compliance[:, :1], compliance[:, 1:], compliance[:, 1:]]) * traction
+    )
+    answer = law.end_point(gap, state)
+    size = np.maximum(np.abs(traction).max(axis=1, keepdims=True), 1.0)
+    np.testing.assert_allclose(answer.traction / size, traction / size, atol=1e-6)
+    far = np.abs(gap[:, 0]) > 1e-3 * UM
+    np.testing.assert_array_equal((answer.status == Status.OPEN)[far], (status == Status.OPEN)[far])
+
+
+REFUSED = [
+    ("normal_stiffness", 0.0, "normal_stiffness is 0.0 Pa/m; it must be positive and finite."),
+    ("normal_stiffness", -1.0, "normal_stiffness is -1.0 Pa/m; it must be positive and finite."),
+    ("normal_stiffness", math.inf, "normal_stiffness is inf Pa/m; it must be positive and finite."),
+    ("normal_stiffness", math.nan, "normal_stiffness is nan Pa/m; it must be positive and finite."),
+    ("shear_stiffness", -1.0, "shear_stiffness is -1.0 Pa/m; it must be zero or more and finite."),
+    (
+        "shear_stiffness",
+        math.nan,
+        "shear_stiffness is nan Pa/m; it must be zero or more and finite.",
+    ),
+    ("friction_angle_deg", 90.0, "must be at least 0 and below 90 degrees."),
+    ("friction_angle_deg", -1.0, "must be at least 0 and below 90 degrees."),
+    ("friction_angle_deg", math.nan, "must be at least 0 and below 90 degrees."),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "text"), REFUSED)
+def test_parameters_out_of_range(name, value, text):
+    good = {"normal_stiffness": K_N, "shear_stiffness": K_S, "friction_angle_deg": 30.0}
+    with pytest.raises(ValueError, match=f"^{name} is {re.escape(str(value))}") as failure:
+        FrictionNoTension(**{**good, name: value})
+    assert str(failure.value).endswith(text)
+
+
+def test_law_cannot_be_changed_and_takes_keywords_only():
+    with pytest.raises(AttributeError):
+        LAW.normal_stiffness = 1.0
+    with pytest.raises(TypeError):
+        FrictionNoTension(1e11, 1e11, 30.0)
+    assert pytest.approx(math.tan(math.atan(MU))) == LAW.friction_coefficient
+    assert LAW.closed_stiffness() == (K_N, K_S)
+
+
+def test_no_points():
+    # A rank may hold no joint point at all.
+    answer = LAW.end_point(np.zeros((0, 3)), rest(0))
+    assert answer.traction.shape == (0, 3)
+    assert answer.tangent.shape == (0, 3, 3)
+    assert LAW.stored_energy(answer.state).shape == (0,)
+
+
+def test_a_state_at_rest_has_the_variables_asked_for():
+    # Checkpoints keep states with as many internal variables as their laws have.
+    assert rest(4).internal.shape == (4, 0)
+    assert JointState.at_rest(np.zeros((4, 3)), variables=3).internal.shape == (4, 3)
+
+
+# A joint without compliance, on the compliance of the structure.
+
+OWN = np.array([[2e-11, 1e-11]])  # c_n, c_s [m/Pa]
+
+
+def rigid(angle=30.0):
+    return RigidJoint(friction_angle_deg=angle)
+
+
+def solve_rigid(free, before=(0.0, 0.0, 0.0), angle=30.0):
+    state = JointState.at_rest(np.array([before]), variables=3)
+    return rigid(angle).local_solve(np.array([free]), OWN, state)
+
+
+def test_rigid_joint_by_hand():
+    """Closed: t_n = h_n/c_n = -2e-5/2e-11 = -1 MPa; t_s = h_s/c_s = 3e-6/1e-11 = 0.3 MPa."""
+    answer = solve_rigid([-2e-5, 3e-6, 0.0])
+    np.testing.assert_allclose(answer.traction, [[-1e6, 3e5, 0.0]], rtol=1e-14)
+    np.testing.assert_allclose(answer.state.gap, np.zeros((1, 3)), atol=1e-20)
+    np.testing.assert_array_equal(answer.state.elastic_slip, np.zeros((1, 2)))
+    np.testing.assert_array_equal(answer.state.internal, np.zeros((1, 3)))
+    np.testing.assert_allclose(answer.tangent[0], np.diag([5e10, 1e11, 1e11]), rtol=1e-14)
+    assert answer.status.tolist() == [Status.STICK]
+    # 8 um ask for 0.8 MPa; mu p = 0.57735 MPa are there, and the rest is slip: 8 - 5.7735 um.
+    answer = solve_rigid([-2e-5, 8e-6, 0.0])
+    np.testing.assert_allclose(answer.traction, [[-1e6, 577350.269, 0.0]], rtol=1e-9)
+    np.testing.assert_allclose(answer.state.gap, [[0.0, 2.22649731e-6, 0.0]], rtol=1e-8)
+    assert answer.dissipation[0] == pytest.approx(577350.269 * 2.22649731e-6, rel=1e-8)
+    assert answer.status.tolist() == [Status.SLIP]
+    # Pulled: it opens and carries nothing.
+    answer = solve_rigid([1e-6, 3e-6, 0.0])
+    np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
+    np.testing.assert_array_equal(answer.state.gap, [[1e-6, 3e-6, 0.0]])
+    assert answer.status.tolist() == [Status.OPEN]
+
+
+def test_a_rigid_point_held_on_both_sides_carries_nothing():
+    # Neither the joint nor the structure gives way: no traction follows from its gap.
+    state = JointState.at_rest(np.zeros((1, 3)), variables=3)
+    answer = rigid().local_solve(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
+    np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
+    np.testing.assert_array_equal(answer.tangent, np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(answer.dissipation, [0.0])
+
+
+def test_rigid_joint_is_the_limit_of_stiff_ones():
+    """At k_n = k_s = 1e30 the joint's compliance is below rounding of the structure's."""
+    rng = np.random.default_rng(6)
+    count = 2000
+    free = 1e-5 * rng.normal(size=(count, 3))
+    before = np.column_stack([1e-5 * rng.uniform(-1, 1, count).clip(0.0), np.zeros((count, 2))])
+    compliance = 10.0 ** rng.uniform(-14, -9, (count, 2))
+    stiff = FrictionNoTension(normal_stiffness=1e30, shear_stiffness=1e30, friction_angle_deg=30.0)
+    one = rigid().local_solve(free, compliance, JointState.at_rest(before, variables=3))
+    two = stiff.local_solve(free, compliance, JointState.at_rest(before))
+    assert set(one.status.tolist()) == {0, 1, 2}
+    np.testing.assert_array_equal(one.status, two.status)
+    for name in ("traction", "tangent"):
+        a, b = getattr(one, name), getattr(two, name)
+        size = np.abs(b).reshape(count, -1).max(axis=1).reshape(-1, *[1] * (b.ndim - 1))
+        assert np.all(np.abs(a - b) <= 1e-12 * size)
+    np.testing.assert_allclose(one.state.gap, two.state.gap, rtol=0, atol=1e-19)
+
+
+def test_rigid_joint_meets_coulombs_law():
+    """No overlap, no tension, no traction across a gap, |t_s| <= mu p, and slip along t_s."""
+    rng = np.random.default_rng(7)
+    free = 1e-5 * rng.normal(size=(2000, 3))
+    answer = rigid().local_solve(free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3))
+    t, gap = answer.traction, answer.state.gap
+    assert gap[:, 0].min() >= 0.0
+    assert t[:, 0].max() <= 0.0
+    assert not (t[:, 0] * gap[:, 0]).any()
+    shear, limit = np.hypot(t[:, 1], t[:, 2]), -math.tan(math.radians(30.0)) * t[:, 0]
+    assert np.all(shear <= limit * (1 + 1e-14))
+    slipped = np.sum(t[:, 1:] * gap[:, 1:], axis=1)
+    length = shear * np.hypot(gap[:, 1], gap[:, 2])
+    sliding = answer.status == Status.SLIP
+    np.testing.assert_allclose(slipped[sliding], length[sliding], rtol=1e-9)
+    assert np.abs(gap[answer.status == Status.STICK]).max() <= 1e-20
+    np.testing.assert_allclose(answer.dissipation[sliding], length[sliding], rtol=1e-9)
+    assert np.abs(answer.dissipation[~sliding]).max() <= 1e-14 * length.max()
+
+
+def test_rigid_points_have_no_answer_of_their_own():
+    # Where a motion starts they carry nothing; what an overlap carries does not follow from it.
+    law, state = rigid(), JointState.at_rest(np.zeros((2, 3)))
+    state = replace(state, internal=np.zeros((2, 3)))
+    gap = np.array([[0.0, 1e-3, 0.0], [2e-3, 0.0, 0.0]])
+    answer = law.end_point(gap, state)
+    np.testing.assert_array_equal(answer.traction, 0.0)
+    assert answer.status.tolist() == [Status.STICK, Status.OPEN]
+    with pytest.raises(JointsError, match=r"rigid joint overlaps by 0\.001 m: it must start with"):
+        law.end_point(gap - [1e-3, 0.0, 0.0], state)
+    with pytest.raises(JointsError, match="A rigid joint needs the condensed solver"):
+        law.step(gap, state)

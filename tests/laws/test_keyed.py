@@ -1,0 +1,131 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Frictionless, keyed and viscous joints: paths by hand, and in a model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.laws.keyed import KeyedJoint, ViscousJoint, frictionless
+from dolfinx_joints.laws.law import FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
+
+# 1 um of gap carries 1 MPa, 1 um of slip 2 MPa; mu 0.5.
+K_N, K_S = 1e12, 2e12
+UM, MPA = 1e-6, 1e6
+FRICTION = FrictionNoTension(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=math.degrees(math.atan(0.5))
+)
+DILATANT = MohrCoulombJoint(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0, dilatancy_angle_deg=5.0
+)
+
+
+def tractions(law, path, dt=math.inf):
+    state = JointState.at_rest(np.zeros((1, 3)), variables=len(law.internal_variables))
+    answers = []
+    for gap in UM * np.atleast_2d(path):
+        state = JointState(
+            gap=state.gap, elastic_slip=state.elastic_slip, internal=state.internal, dt=dt
+        )
+        answers.append(law.end_point(gap[None], state))
+        state = answers[-1].state
+    return np.array([a.traction[0] for a in answers]) / MPA, answers
+
+
+def test_frictionless_carries_pressure_only():
+    t, _ = tractions(frictionless(normal_stiffness=K_N), [[-1, 5, 5], [1, 0, 0], [-2, 1, 0]])
+    np.testing.assert_allclose(t, [[-1, 0, 0], [0, 0, 0], [-2, 0, 0]], rtol=1e-12)
+
+
+def test_keys_hold_shear_whatever_the_opening():
+    law = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
+    t, answers = tractions(law, [[-1, 5, 0], [3, 5, 1], [-1, 0, 0]])
+    np.testing.assert_allclose(t, [[-1, 10, 0], [0, 10, 2], [-1, 0, 0]], rtol=1e-12, atol=1e-12)
+    assert [a.status[0] for a in answers] == [Status.STICK, Status.OPEN, Status.STICK]
+    # 1/2 k_s |g_s|^2 = 26 J/m^2 at (3, 5, 1) um, nothing dissipated.
+    assert law.stored_energy(answers[1].state)[0] == pytest.approx(26.0)
+    assert not any(a.dissipation[0] for a in answers)
+
+
+def test_local_solution_of_keys():
+    # c = 1e-12 m/Pa in both directions: k_n 0.5e12, k_s 2/3 e12 Pa/m.
+    law = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
+    state = JointState.at_rest(np.zeros((1, 3)))
+    answer = law.local_solve(UM * np.array([[-1.0, 3.0, 0.0]]), np.full((1, 2), 1e-12), state)
+    np.testing.assert_allclose(answer.traction, MPA * np.array([[-0.5, 2.0, 0.0]]), rtol=1e-12)
+
+
+def test_dashpots_rest_in_statics():
+    law = ViscousJoint(law=FRICTION, normal_viscosity=1e9, shear_viscosity=1e9)
+    path = [[-1, 0.1, 0], [-2, 0.3, 0.1], [1, 0, 0], [-1, 0, 0]]
+    np.testing.assert_array_equal(tractions(law, path)[0], tractions(FRICTION, path)[0])
+
+
+def test_dashpots_add_their_rate():
+    # eta / dt = 1e9 / 1e-3 = 1e12 Pa/m: 1 um in a step adds 1 MPa, 0.2 um of slip 0.2 MPa.
+    law = ViscousJoint(law=FRICTION, normal_viscosity=1e9, shear_viscosity=1e9)
+    t, answers = tractions(law, [[-1, 0, 0], [-2, 0.2, 0], [-2, 0.2, 0]], dt=1e-3)
+    np.testing.assert_allclose(t, [[-2, 0, 0], [-3, 0.6, 0], [-2, 0.4, 0]], rtol=1e-12)
+    # Dissipated: 1 MPa x 1 um; 1 MPa x 1 um + 0.2 MPa x 0.2 um; nothing at rest.
+    lost = [a.dissipation[0] for a in answers]
+    np.testing.assert_allclose(lost, [1.0, 1.04, 0.0], rtol=1e-12, atol=1e-15)
+
+
+def test_dashpots_do_not_pull():
+    # Back from -1 to -0.2 um: 0.2 MPa of pressure, 0.8 MPa of dashpot against it: nothing is left.
+    law = ViscousJoint(law=FRICTION, normal_viscosity=1e9)
+    t, _ = tractions(law, [[-1, 0, 0], [-0.2, 0, 0], [0.5, 0, 0]], dt=1e-3)
+    np.testing.assert_allclose(t, [[-2, 0, 0], [0, 0, 0], [0, 0, 0]], rtol=1e-12, atol=1e-12)
+
+
+def test_dashpots_start_at_touching():
+    # From 1 um open to 1 um closed with 0.4 um of slip: half of the slip is in contact, 0.2 um:
+    # 0.4 MPa of friction joint, 0.2 MPa of dashpot, 1 + 1 MPa normal.
+    law = ViscousJoint(law=FRICTION, normal_viscosity=1e9, shear_viscosity=1e9)
+    t, _ = tractions(law, [[1, 0, 0], [-1, 0.4, 0]], dt=1e-3)
+    np.testing.assert_allclose(t[1], [-2, 0.6, 0], rtol=1e-12)
+
+
+def test_dashpot_on_a_bond_leaves_tension_alone():
+    bond = MohrCoulombJoint(
+        normal_stiffness=K_N,
+        shear_stiffness=K_S,
+        friction_angle_deg=26.0,
+        cohesion=1e6,
+        tensile_strength=1e6,
+    )
+    law = ViscousJoint(law=bond, normal_viscosity=1e9)
+    t, _ = tractions(law, [[0.5, 0, 0], [0.4, 0, 0]], dt=1e-3)
+    np.testing.assert_allclose(t[:, 0], [0.5, 0.4], rtol=1e-12)
+
+
+def test_the_shear_dashpot_is_bounded_by_the_pressure():
+    # 1e9 Pa s/m at 5 um in 1 ms would be 5 MPa beside 1 MPa of pressure; friction holds 0.5 MPa.
+    law = ViscousJoint(law=FRICTION, shear_viscosity=1e9)
+    t, answers = tractions(law, [[-1, 0, 0], [-1, 3, 4]], dt=1e-3)
+    np.testing.assert_allclose(t[1], [-1, 1.5 * 0.6, 1.5 * 0.8], rtol=1e-12)
+    # Dissipated: 1 MPa of dashpot over 5 um, and friction's mean 0.25 MPa over 4.75 um.
+    assert answers[1].dissipation[0] == pytest.approx(5.0 + 0.25 * 4.75, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: frictionless(normal_stiffness=-1.0), "normal_stiffness is -1.0 Pa/m"),
+        (lambda: KeyedJoint(normal_stiffness=1.0, shear_stiffness=-1.0), "shear_stiffness is -1.0"),
+        (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law."),
+        (lambda: ViscousJoint(law=DILATANT), "law has a dilatancy angle; dashpots are for joints"),
+        (
+            lambda: ViscousJoint(law=FRICTION, normal_viscosity=-1.0),
+            "normal_viscosity is -1.0 Pa s/m; it must be zero or more and finite.",
+        ),
+    ],
+)
+def test_parameters_out_of_range(make, text):
+    with pytest.raises(ValueError) as refused:  # noqa: PT011
+        make()
+    assert text in str(refused.value)

@@ -1,0 +1,170 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes and tags of the user's own: what cannot be split or opens in part is said on all ranks."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import basix.ufl
+from dolfinx.mesh import (
+    CellType,
+    create_interval,
+    create_rectangle,
+    create_submesh,
+    create_unit_cube,
+    locate_entities,
+    meshtags,
+)
+
+from dolfinx_joints import MeshError, split_mesh
+from dolfinx_joints.mesh import compat as _compat
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.fixture(scope="module")
+def square(comm):
+    """A square of 4 x 4 cells with its edges and cells numbered."""
+    mesh = create_rectangle(comm, [[0, 0], [1, 1]], [4, 4], CellType.quadrilateral)
+    return mesh, all_tagged(mesh, 1, 5), all_tagged(mesh, 2, 8)
+
+
+def all_tagged(mesh, dim, tag):
+    """A tag on all entities of a dimension."""
+    mesh.topology.create_entities(dim)
+    index_map = mesh.topology.index_map(dim)
+    entities = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    return meshtags(mesh, dim, entities, np.full(len(entities), tag, dtype=np.int32))
+
+
+def test_tags_that_stand_on_nothing_are_refused(square):
+    mesh, edges, cells = square
+    with pytest.raises(MeshError, match=r"No facet carries the tag 6 of the group 'base'\.$"):
+        split_mesh(mesh, edges, joints={}, groups={"base": 6})
+    groups = {"joints": {}, "groups": {"base": 5}, "cell_groups": {"rock": 9}}
+    with pytest.raises(MeshError, match=r"No cell carries the tag 9 of the group 'rock'\.$"):
+        split_mesh(mesh, edges, cell_tags=cells, **groups)
+    with pytest.raises(MeshError, match=r"No cell carries the tag 9 of the group 'rock'\.$"):
+        split_mesh(mesh, edges, **groups)
+
+
+def test_tags_of_something_else_are_refused(square, comm):
+    mesh, edges, cells = square
+    with pytest.raises(MeshError, match=r"facet_tags holds tags of dimension 2; 1 is needed\.$"):
+        split_mesh(mesh, cells, joints={}, groups={})
+    with pytest.raises(ValueError, match=r"^facet_tags is None; it must be DOLFINx mesh tags\.$"):
+        split_mesh(mesh, None, joints={}, groups={})
+    with pytest.raises(
+        ValueError, match=r"^mesh is <.*MeshTags object>; it must be a DOLFINx mesh"
+    ):
+        split_mesh(edges, edges, joints={}, groups={})
+    with pytest.raises(MeshError, match=r"cell_tags holds tags of dimension 1; 2 is needed\.$"):
+        split_mesh(mesh, edges, joints={}, groups={}, cell_tags=edges)
+    finer = create_rectangle(comm, [[0, 0], [1, 1]], [9, 9], CellType.quadrilateral)
+    with pytest.raises(MeshError, match="facet_tags belongs to another mesh: it names entities"):
+        split_mesh(mesh, all_tagged(finer, 1, 5), joints={}, groups={"base": 5})
+
+
+def test_meshes_that_say_too_little_are_refused(square, comm):
+    mesh, edges, _ = square
+    numbers = meshtags(mesh, 1, edges.indices, np.full(len(edges.indices), 5.5))
+    with pytest.raises(MeshError, match=r"facet_tags holds tags of type float64; they must be int"):
+        split_mesh(mesh, numbers, joints={}, groups={})
+    part = create_submesh(mesh, 2, np.arange(mesh.topology.index_map(2).size_local))[0]
+    with pytest.raises(
+        MeshError, match=r"does not know in which order its cells were made, as one"
+    ):
+        split_mesh(part, all_tagged(part, 1, 5), joints={}, groups={"base": 5})
+    other = create_rectangle(comm, [[0, 0], [1, 1]], [2, 2], CellType.quadrilateral)
+    other.geometry.x[:, 1] = np.nan
+    with pytest.raises(MeshError, match=r"The mesh has a node at \(.*nan\); coordinates must be"):
+        split_mesh(other, all_tagged(other, 1, 5), joints={}, groups={"base": 5})
+
+
+def test_a_name_or_tag_is_of_a_joint_or_a_group(square):
+    mesh, edges, _ = square
+    with pytest.raises(MeshError, match="The name 'a' stands for a joint and for a group; it can"):
+        split_mesh(mesh, edges, joints={"a": 5}, groups={"a": 6})
+    with pytest.raises(MeshError, match="The tag 5 stands for a joint and for a group; it can"):
+        split_mesh(mesh, edges, joints={"a": 5}, groups={"b": 5})
+
+
+def test_other_cells_are_refused(comm):
+    prisms = create_unit_cube(comm, 2, 2, 2, CellType.prism)
+    message = (
+        "A mesh of prisms of degree 1 cannot be split; triangle, quadrilateral, tetrahedron, "
+        "hexahedron of degree 1 or 2 can"
+    )
+    with pytest.raises(MeshError, match=message):
+        split_mesh(prisms, None, joints={}, groups={})
+    line = create_interval(comm, 4, [0.0, 1.0])
+    with pytest.raises(MeshError, match="A mesh of intervals of degree 1 cannot be split"):
+        split_mesh(line, None, joints={}, groups={})
+
+
+def test_a_surface_in_space_is_refused(comm):
+    first = comm.rank == 0
+    cells = np.array([[0, 1, 2], [1, 3, 2]] if first else np.empty((0, 3)), dtype=np.int64)
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]] if first else np.empty((0, 3)))
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
+    shell = _compat.create_mesh(comm, cells, x.astype(np.float64), element)
+    message = "A mesh of dimension 2 in 3-D space cannot be split; solids, or plane meshes in 2-D"
+    with pytest.raises(MeshError, match=message):
+        split_mesh(shell, None, joints={}, groups={})
+
+
+def edges_at(mesh, **places):
+    """Tags 1, 2, ... on the edges of the places, in turn."""
+    mesh.topology.create_connectivity(1, 2)
+    found = [locate_entities(mesh, 1, place) for place in places.values()]
+    edges, first = np.unique(np.concatenate(found), return_index=True)
+    values = np.repeat(np.arange(1, len(found) + 1), [len(each) for each in found])[first]
+    return meshtags(mesh, 1, edges.astype(np.int32), values.astype(np.int32))
+
+
+def test_joints_are_all_split_here_or_all_split_already(square):
+    mesh = square[0]
+    at = {f"y{i}": (lambda x, y=0.25 * i: np.isclose(x[1], y)) for i in range(4)}
+    groups = {"a-": 3, "a+": 4}
+    message = r"Joints with duplicated faces \(a\) and joints to be split cannot stand in one mesh"
+    with pytest.raises(MeshError, match=message):
+        split_mesh(mesh, edges_at(mesh, **at), joints={"a": 1, "b": 2}, groups=groups)
+
+
+def test_facets_that_stay_closed_are_told(square, comm):
+    # Of an edge apart from the others both ends are inside the body, on the front of the joint.
+    mesh = square[0]
+    row = lambda x, y, low, high: (  # noqa: E731
+        np.isclose(x[1], y) & (x[0] > low - 1e-9) & (x[0] < high + 1e-9)
+    )
+    tags = edges_at(mesh, a=lambda x: row(x, 0.75, 0.25, 0.75) | row(x, 0.25, 0.25, 0.5))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jointed = split_mesh(mesh, tags, joints={"a": 1}, groups={})
+    assert jointed.pairs.bonded.tolist() == [1]
+    assert len(jointed.pairs.joint) == 2
+    told = [str(w.message) for w in caught if "stay closed" in str(w.message)]
+    expected = ["Joint 'a': 1 facets have all their vertices on the joint's front inside the body"]
+    assert [text[: len(expected[0])] for text in told] == (expected if comm.rank == 0 else [])
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"joints": ["a"]}, r"joints is \['a'\]; it must be a tag by name\."),
+        ({"joints": None}, r"joints is None; it must be a tag by name\."),
+        ({"groups": {3: 5}}, r"groups is \{3: 5\}; it must be a tag by name\."),
+        ({"groups": {"a": [5]}}, r"The tag of 'a' is \[5\]; it must be a whole number\."),
+        ({"joints": {"a": "5"}}, r"The tag of 'a' is '5'; it must be a whole number\."),
+    ],
+)
+def test_what_is_no_tag_by_name_is_refused(square, given, sentence):
+    mesh, edges, _ = square
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        split_mesh(mesh, edges, **{"joints": {}, "groups": {}, **given})

@@ -1,0 +1,301 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Malformed and hostile ``.msh`` files: one sentence each, and nothing in them is run."""
+
+import sys
+
+import gmsh
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints.mesh.gmsh_file import load_msh
+from geometry import _base
+from geometry.two_blocks import two_blocks
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory):
+    """The lines of two cells as an ASCII file of version 4.1."""
+    path = tmp_path_factory.mktemp("msh") / "blocks.msh"
+    two_blocks(path, size=1.0)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.merge(str(path))
+        gmsh.option.setNumber("Mesh.Binary", 0)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path.read_text().split("\n")
+
+
+def refusal(path):
+    with pytest.raises(dj.MeshError) as failure:
+        dj.read_msh(path, MPI.COMM_SELF)
+    assert not gmsh.isInitialized()
+    text = str(failure.value)
+    assert str(path) in text
+    assert "\n" not in text
+    assert text.endswith(".")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "it is empty."),
+        (b"Dear reader", "it does not begin with '$MeshFormat'."),
+        (b"\x89HDF\r\n\x1a\n" + bytes(90), "it does not begin with '$MeshFormat'."),
+    ],
+)
+def test_what_is_no_mesh_is_refused(tmp_path, content, sentence):
+    path = tmp_path / "bad.msh"
+    path.write_bytes(content)
+    assert refusal(path).endswith(f"is no Gmsh mesh file: {sentence}")
+
+
+@pytest.mark.parametrize("name", ["evil.msh", "evil.geo"])
+def test_a_script_is_not_run(tmp_path, name):
+    path, mark = tmp_path / name, tmp_path / "mark"
+    start = "" if name == "evil.msh" else "$MeshFormat\n"
+    path.write_text(f'{start}SystemCall "touch {mark}";\n')
+    assert "is no Gmsh mesh file" in refusal(path)
+    assert not mark.exists()
+
+
+def test_options_beside_a_mesh_are_not_run(tmp_path, lines):
+    path, mark = tmp_path / "good.msh", tmp_path / "mark"
+    path.write_text("\n".join(lines))
+    (tmp_path / "good.msh.opt").write_text(f'SystemCall "touch {mark}";\n')
+    assert "has the file 'good.msh.opt' beside it" in refusal(path)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
+    path, text = tmp_path / "bad.msh", "\n".join(lines)
+    path.write_text(text[: int(share * len(text))])
+    refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("section", "offset", "line", "sentence"),
+    [
+        ("$MeshFormat", 1, "9.9 0 8", "is of the format '9.9 0 8'; 4.1 and 2.2 are read"),
+        ("$Nodes", 1, "6 999999999999 1 12", "$Nodes announces 999999999999 and holds 12."),
+        ("$Nodes", 1, "6 12 1 1000", "$Nodes announces tags from 1 to 1000 and holds 1 to 12."),
+        ("$Elements", 1, "6 999999999999 1 13", "$Elements announces 999999999999 and holds"),
+        ("$Elements", 1, "6 14 1 13", "$Elements announces 14 and holds"),
+        ("$Elements", 3, "x y z", "$Elements holds something else than numbers."),
+        ("$Elements", 3, "3 1 4 10 99999", "the node 99999, which is none of the file's."),
+        ("$Elements", 2, "2 77 2 2", "names the entity 77 of dimension 2, which is none of the"),
+        ("$Elements", 2, "2 1 999 2", "has cells of Gmsh type 999, which is none."),
+        ("$PhysicalNames", 2, '5 3 "base"', "must have 6 lines of a dimension, a tag and a name."),
+        ("$Entities", 1, "0 0 -4 2", "holds a negative number where a count or a tag is needed."),
+    ],
+)
+def test_wrong_numbers_are_refused(tmp_path, lines, section, offset, line, sentence):
+    # Gmsh itself crashes or never ends at some of them.
+    path, bad = tmp_path / "bad.msh", list(lines)
+    bad[bad.index(section) + offset] = line
+    path.write_text("\n".join(bad))
+    assert sentence in refusal(path)
+
+
+def old_version(path, lines, binary):
+    """The mesh of these lines as a file of version 2.2."""
+    source = path.with_name("source.msh")
+    source.write_text("\n".join(lines))
+    with _base.gmsh_session():
+        gmsh.merge(str(source))
+        gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path))
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_the_older_version_is_read_too(tmp_path, lines, binary):
+    # As many nodes and cells, in as many groups, as the file has from which it was made.
+    path = tmp_path / "old.msh"
+    old_version(path, lines, binary)
+    old, new = load_msh(path), load_msh(path.with_name("source.msh"))
+    assert old.x.shape == new.x.shape
+    assert old.cells.shape == new.cells.shape
+    assert {k: v.shape for k, v in old.facet_groups.items()} == {
+        k: v.shape for k, v in new.facet_groups.items()
+    }
+
+
+@pytest.mark.parametrize("section", ["Periodic", "NodeData", "Anything"])
+def test_what_is_no_mesh_is_left_out(tmp_path, lines, section):
+    # Gmsh would take its numbers for counts: 10^9 of them.
+    path, plain = tmp_path / "more.msh", tmp_path / "plain.msh"
+    plain.write_text("\n".join(lines))
+    path.write_text("\n".join([*lines, f"${section}\n1000000000\n0 1 1\n$End{section}\n"]))
+    np.testing.assert_array_equal(load_msh(path).cells, load_msh(plain).cells)
+
+
+def test_groups_without_names_are_refused(tmp_path, lines):
+    path, bad = tmp_path / "bad.msh", list(lines)
+    del bad[bad.index("$PhysicalNames") : bad.index("$EndPhysicalNames") + 1]
+    path.write_text("\n".join(bad))
+    assert "has no named physical group of cells" in refusal(path)
+
+
+def test_comments_may_come_first(lines, tmp_path):
+    path = tmp_path / "blocks.msh"
+    path.write_text("\n".join(["$Comments", "by hand", "$EndComments", *lines]))
+    # As many cells as the file without them has.
+    plain = tmp_path / "plain.msh"
+    plain.write_text("\n".join(lines))
+    assert len(load_msh(path).cells) == len(load_msh(plain).cells) > 0
+
+
+def test_gmsh_without_a_library_of_the_system_is_one_sentence(tmp_path, monkeypatch):
+    # What Gmsh from PyPI does where nothing of a desktop is installed.
+    missing = "libGLU.so.1: cannot open shared object file: No such file or directory"
+    (tmp_path / "gmsh.py").write_text(f"raise OSError({missing!r})\n")
+    monkeypatch.delitem(sys.modules, "gmsh")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(dj.MeshError, match=f"^Gmsh cannot be loaded: {missing}; install that"):
+        load_msh(tmp_path / "any.msh")
+
+
+NODES = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0), (9, 9, 0)]
+
+
+def write_plane(path, elements, *, nodes=NODES, lines=1):
+    """A .msh file of elements (dim, entity, kind, nodes) in named groups "body" and "edge"."""
+    entities = {0: {}, 1: {n: [] for n in range(1, lines + 1)}, 2: {}}
+    for dim, entity, kind, corners in elements:
+        entities[dim].setdefault(entity, []).append((kind, corners))
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.SaveAll", 1)
+        model, number = gmsh.model, 0
+        for dim in (2, 1):
+            for entity, parts in entities[dim].items():
+                model.addDiscreteEntity(dim, entity)
+                if dim == 2 and entity == 1:
+                    tags = list(range(1, len(nodes) + 1))
+                    model.mesh.addNodes(2, 1, tags, [c for node in nodes for c in node])
+                for kind, corners in parts:
+                    number += 1
+                    model.mesh.addElements(dim, entity, [kind], [[number]], [corners])
+        model.addPhysicalGroup(2, list(entities[2]), name="body")
+        model.addPhysicalGroup(2, [1], name="first")
+        model.addPhysicalGroup(1, list(entities[1]), name="edge")
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+LINE, TRIANGLE, QUAD = 1, 2, 3
+SQUARE, NEXT = (2, 1, QUAD, (1, 2, 3, 4)), (2, 2, QUAD, (2, 5, 6, 3))
+EDGE = (1, 1, LINE, (1, 2))
+
+
+def test_cells_of_two_groups_are_read_once(tmp_path):
+    raw = load_msh(write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE]))
+    assert len(raw.cells) == 2
+    assert {name: cells.tolist() for name, cells in raw.cell_groups.items()} == {
+        "body": [0, 1],
+        "first": [0],
+    }
+    assert raw.facet_groups["edge"].shape == (1, 2)
+
+
+WARPED = [(x, y, 0.1 * x * y) for x, y, _ in NODES]
+
+
+@pytest.mark.parametrize(
+    ("elements", "options", "sentence"),
+    [
+        ([SQUARE, (2, 2, TRIANGLE, (2, 5, 6)), EDGE], {}, "has cells of Gmsh types [2, 3]; one of"),
+        (
+            [SQUARE, (2, 1, TRIANGLE, (2, 5, 6)), EDGE],
+            {},
+            "entity 1 holds 2 kinds of cells; one kind is needed.",
+        ),
+        ([SQUARE, EDGE], {"nodes": WARPED}, "is a surface that does not lie in a plane z = const"),
+        ([SQUARE], {}, "Group 'edge' holds no facets; mesh it before writing the file."),
+        (
+            [SQUARE, (1, 1, LINE, (2, 7))],
+            {},
+            "Group 'edge' has facets with nodes that belong to no cell.",
+        ),
+        ([SQUARE, (1, 1, LINE, (1, 3))], {}, "Group 'edge': 1 of its facets belong to no cell."),
+    ],
+    ids=["types", "kinds", "warped", "no facets", "foreign nodes", "diagonal"],
+)
+def test_what_is_in_a_plane_mesh_is_checked(tmp_path, elements, options, sentence):
+    path = write_plane(tmp_path / "bad.msh", elements, **options)
+    with pytest.raises(dj.MeshError) as failure:
+        dj.read_msh(path, MPI.COMM_SELF, joints=[])
+    assert sentence in str(failure.value)
+    assert str(failure.value).endswith(".")
+
+
+def test_joints_are_a_list_of_names(tmp_path):
+    path = write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE])
+    with pytest.raises(dj.MeshError, match="joints is 'edge'; it must be a list of names"):
+        dj.read_msh(path, MPI.COMM_SELF, joints="edge")
+
+
+def old_files(folder, *, binary):
+    """The same tetrahedra in Gmsh's formats 2.2 and 4.1, a volume and a face of them named."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    paths = []
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], name="body")
+        gmsh.model.addPhysicalGroup(2, [1], name="side")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
+        gmsh.model.mesh.generate(3)
+        for version in (2.2, 4.1):
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            paths.append(folder / f"v{version:g}.msh")
+            gmsh.write(str(paths[-1]))
+    finally:
+        gmsh.clear()
+        gmsh.finalize()
+    return paths
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_both_formats_hold_the_same(tmp_path, binary):
+    old, new = (load_msh(path) for path in old_files(tmp_path, binary=binary))
+    assert len(old.cells) == len(new.cells) > 100
+    volume = lambda raw: np.abs(np.linalg.det(np.diff(raw.x[raw.cells], axis=1))).sum() / 6  # noqa: E731
+    assert volume(old) == pytest.approx(volume(new), rel=1e-12)
+    assert volume(new) == pytest.approx(1.0, rel=1e-12)
+    assert len(old.facet_groups["side"]) == len(new.facet_groups["side"])
+
+
+def test_a_cell_that_is_not_like_those_before_it_is_looked_at(tmp_path):
+    path, _ = old_files(tmp_path, binary=0)
+    head, cells = path.read_text().split("$Elements\n")
+    lines = cells.splitlines()
+    for last, sentence in (
+        (f"{lines[-2].split()[0]} 4 2 1 1 1 2 3 99999", "a cell with the node 99999, which is"),
+        (f"{lines[-2].split()[0]} 4 2 -1 1 1 2 3 4", "has a cell with a negative tag"),
+    ):
+        bad = tmp_path / "bad.msh"
+        bad.write_text(head + "$Elements\n" + "\n".join([*lines[:-2], last, lines[-1]]) + "\n")
+        with pytest.raises(dj.MeshError, match=sentence):
+            load_msh(bad)
+
+
+def test_parameters_of_nodes_are_told(tmp_path):
+    _, path = old_files(tmp_path, binary=0)
+    bad = tmp_path / "bad.msh"
+    bad.write_text(path.read_text().replace("Nodes\n", "ParametricNodes\n"))
+    with pytest.raises(dj.MeshError, match=r"section \$ParametricNodes; write it without"):
+        load_msh(bad)

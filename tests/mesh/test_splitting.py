@@ -1,0 +1,490 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Duplicating nodes across joints: counts by hand and by brute force, sides, refusals."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+pytest.importorskip("basix")
+
+import basix
+
+from dolfinx_joints.mesh.cells import CellShape, find_facets
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
+
+SHAPES = [
+    CellShape(name=name, degree=degree)
+    for name in ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+    for degree in (1, 2)
+]
+
+
+def name_of(value):
+    return f"{value.name}{value.degree}" if isinstance(value, CellShape) else None
+
+
+# Meshes: integer grids of unit cells. Simplices cut each cell along the chain of vertices from
+# its first to its last corner (Kuhn), which conforms from cell to cell.
+
+
+def grid_cells(simplex, dim):
+    """Corners of the cells within the unit cube."""
+    if not simplex:
+        # Basix numbers the corners of quadrilaterals and hexahedra with x running fastest.
+        return [[c[::-1] for c in itertools.product((0, 1), repeat=dim)]]
+    chains = []
+    for axes in itertools.permutations(range(dim)):
+        corner = [0] * dim
+        chain = [tuple(corner)]
+        for axis in axes:
+            corner[axis] = 1
+            chain.append(tuple(corner))
+        chains.append(chain)
+    return chains
+
+
+def grid(shape, divisions):
+    """Cells and nodes of a grid with ``divisions`` unit cells along each axis."""
+    dim = shape.dim
+    divisions = divisions[:dim]
+    corners = np.array(grid_cells(shape.name in ("triangle", "tetrahedron"), dim))
+    origins = np.array(list(itertools.product(*(range(n) for n in divisions))))
+    vertices = (origins[:, None, None, :] + corners[None]).reshape(-1, corners.shape[1], dim)
+    # Nodes of higher degree by the vertex functions of the reference cell.
+    linear = basix.create_element(
+        basix.ElementFamily.P, shape.type, 1, basix.LagrangeVariant.gll_warped
+    )
+    functions = linear.tabulate(0, shape.element().points)[0, :, :, 0]
+    nodes = np.round(np.einsum("qv,cvd->cqd", functions, vertices), 6)
+    x, number = np.unique(nodes.reshape(-1, dim), axis=0, return_inverse=True)
+    return number.reshape(nodes.shape[:2]).astype(np.int64), x
+
+
+def facets_on(shape, cells, x, *surfaces):
+    """Interior facets whose vertices all lie on one of the surfaces, vertices ascending."""
+    count = defaultdict(int)
+    for cell in cells:
+        for local in shape.facet_vertices:
+            count[tuple(sorted(int(v) for v in cell[local]))] += 1
+    return np.array(
+        [
+            facet
+            for facet, times in sorted(count.items())
+            if times == 2
+            and any(all(surface(*_padded(x[v])) for v in facet) for surface in surfaces)
+        ],
+        dtype=np.int64,
+    )
+
+
+def _padded(point):
+    return (*point, 0.0) if len(point) == 2 else tuple(point)
+
+
+# The joints of each case on a grid of 4 x 4 (x 2) cells, with the number of vertices that
+# splitting adds to each horizontal layer, counted by hand.
+
+
+def through(x, y, z):
+    return x == 2
+
+
+def to_front(x, y, z):
+    return x == 2 and y <= 2
+
+
+def across(x, y, z):
+    return y == 2
+
+
+def half_across(x, y, z):
+    return y == 2 and x >= 2
+
+
+PERIMETER = (
+    lambda x, y, z: y == 1 and 1 <= x <= 3,
+    lambda x, y, z: x == 1 and y >= 1,
+    lambda x, y, z: x == 3 and y >= 1,
+)
+RING = (
+    lambda x, y, z: x in (1, 3) and 1 <= y <= 3,
+    lambda x, y, z: y in (1, 3) and 1 <= x <= 3,
+)
+
+CASES = {
+    # 5 vertices of the line x = 2 become two each.
+    "through": ({"a": (through,)}, 5),
+    # y = 0 and 1; the vertex at y = 2 is the front and stays one.
+    "front": ({"a": (to_front,)}, 2),
+    # 4 of x = 2 become two, 2 of y = 2 become two, the crossing becomes three.
+    "T": ({"a": (through,), "b": (half_across,)}, 4 + 2 + 2),
+    # 8 become two, the crossing becomes four.
+    "X": ({"a": (through,), "b": (across,)}, 8 + 3),
+    # U of 9 vertices, met from above at its middle by a joint with 3 more.
+    "perimetral": (
+        {"perimetral": PERIMETER, "a": (lambda x, y, z: x == 2 and y >= 1,)},
+        8 + 2 + 3,
+    ),
+    # The 8 vertices of a closed square.
+    "ring": ({"a": RING}, 8),
+}
+
+
+def case(name, shape):
+    joints, per_layer = CASES[name]
+    cells, x = grid(shape, (4, 4, 2))
+    named = [(n, facets_on(shape, cells, x, *surfaces)) for n, surfaces in joints.items()]
+    layers = 3 if shape.dim == 3 else 1
+    return cells, x, named, per_layer * layers
+
+
+def brute_force(shape, cells, joints):
+    """Vertices after splitting, as labels (vertex, group), shape (num_cells, vertices per cell).
+
+    For every vertex, the cells around it are grouped by walking through the facets at that vertex
+    that carry no joint.
+    """
+    closed = {tuple(row) for _, facets in joints for row in np.sort(facets, axis=1).tolist()}
+    corners = len(basix.topology(shape.type)[0])
+    at_facet, at_vertex = defaultdict(list), defaultdict(list)
+    for number, cell in enumerate(cells.tolist()):
+        for local in shape.facet_vertices.tolist():
+            at_facet[tuple(sorted(cell[v] for v in local))].append(number)
+        for v in cell[:corners]:
+            at_vertex[v].append(number)
+    neighbours = defaultdict(list)
+    for facet, pair in at_facet.items():
+        if len(pair) == 2 and facet not in closed:
+            for v in facet:
+                neighbours[v, pair[0]].append(pair[1])
+                neighbours[v, pair[1]].append(pair[0])
+    label = {}
+    for v, around in at_vertex.items():
+        group = 0
+        for first in around:
+            if (v, first) in label:
+                continue
+            queue = [first]
+            label[v, first] = group
+            while queue:
+                for other in neighbours[v, queue.pop()]:
+                    if (v, other) not in label:
+                        label[v, other] = group
+                        queue.append(other)
+            group += 1
+    return [[(v, label[v, n]) for v in cell[:corners]] for n, cell in enumerate(cells.tolist())]
+
+
+def count_nodes(shape, labels):
+    """Nodes of a conforming mesh of the given degree: those of its vertices, edges, ..."""
+    topology, element = basix.topology(shape.type), shape.element()
+    total = 0
+    for dim in range(shape.dim + 1):
+        inside = len(element.entity_dofs[dim][0])
+        entities = {
+            frozenset(cell[v] for v in entity) for cell in labels for entity in topology[dim]
+        }
+        total += inside * len(entities)
+    return total
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_node_counts(shape, name):
+    cells, x, joints, extra = case(name, shape)
+    split = split_cells(shape, cells, x, joints)
+    corners = len(basix.topology(shape.type)[0])
+    before, after = (len(np.unique(c[:, :corners])) for c in (cells, split.cells))
+    assert after - before == extra
+    labels = brute_force(shape, cells, joints)
+    nodes = len(np.unique(split.cells))
+    assert nodes == count_nodes(shape, labels) == len(split.parent) == split.cells.max() + 1
+    # The same cells meet at each vertex as in the brute-force grouping.
+    pairs = {
+        (int(n), group)
+        for row, marks in zip(split.cells, labels, strict=True)
+        for n, group in zip(row[:corners], marks, strict=True)
+    }
+    assert len(pairs) == after
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_split_cells_conform_and_keep_their_place(shape, name):
+    cells, x, joints, _ = case(name, shape)
+    split = split_cells(shape, cells, x, joints)
+    np.testing.assert_array_equal(x[split.parent][split.cells], x[cells])
+    np.testing.assert_array_equal(split.parent[: len(x)], np.arange(len(x)))
+    # Every joint facet becomes two facets of the surface; no other facet does.
+    assert np.all(split.bonded == 0)
+    assert len(split.joint) == sum(len(f) for _, f in joints)
+    assert surface_size(shape, split.cells) == surface_size(shape, cells) + 2 * len(split.joint)
+    # Partners are at the same place; minus_vertices[j] meets plus_vertices[match[j]].
+    one, two = (
+        vertices_of(shape, split.cells, split.minus),
+        vertices_of(shape, split.cells, split.plus),
+    )
+    two = np.take_along_axis(two, split.match, axis=1)
+    np.testing.assert_array_equal(split.parent[one], split.parent[two])
+    assert np.all(np.any(one != two, axis=1))
+
+
+def vertices_of(shape, cells, slots):
+    return cells[slots[:, :1], shape.facet_vertices[slots[:, 1]]]
+
+
+def surface_size(shape, cells):
+    facets = np.sort(cells[:, shape.facet_vertices], axis=2).reshape(
+        -1, shape.facet_vertices.shape[1]
+    )
+    return int(np.sum(np.unique(facets, axis=0, return_counts=True)[1] == 1))
+
+
+@pytest.mark.parametrize("shape", [s for s in SHAPES if s.dim == 3], ids=name_of)
+def test_closed_box(shape):
+    # The box [1, 3]^3 of a grid of 4^3 cells: 27 vertices less the one inside become two each,
+    # and n points from the inside to the outside.
+    cells, x = grid(shape, (4, 4, 4))
+    box = [
+        lambda x, y, z, a=a, v=v: (x, y, z)[a] == v and all(1 <= c <= 3 for c in (x, y, z))
+        for a in range(3)
+        for v in (1, 3)
+    ]
+    joints = [("a", facets_on(shape, cells, x, *box))]
+    split = split_cells(shape, cells, x, joints)
+    corners = len(basix.topology(shape.type)[0])
+    assert len(np.unique(split.cells[:, :corners])) == 5**3 + 26
+    assert len(np.unique(split.cells)) == count_nodes(shape, brute_force(shape, cells, joints))
+    inner = np.abs(centres(cells, x, corners)[split.minus[:, 0]] - 2).max(axis=1)
+    outer = np.abs(centres(cells, x, corners)[split.plus[:, 0]] - 2).max(axis=1)
+    assert np.all(inner < 1)
+    assert np.all(outer > 1)
+
+
+def centres(cells, x, corners):
+    return x[cells[:, :corners]].mean(axis=1)
+
+
+def normals(shape, cells, x, split):
+    """From the centre of the - cell to that of the + cell, along the axis of the joint facet."""
+    corners = len(basix.topology(shape.type)[0])
+    middle = centres(cells, x, corners)
+    across = middle[split.plus[:, 0]] - middle[split.minus[:, 0]]
+    spread = np.ptp(x[vertices_of(shape, cells, split.minus)], axis=1)  # zero along the normal
+    return np.where(spread == 0, np.sign(across), 0)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_normals_of_planes_follow_the_axes(shape):
+    cells, x, joints, _ = case("X", shape)
+    split = split_cells(shape, cells, x, joints)
+    n = normals(shape, cells, x, split)
+    # Joint 0 is x = 2 and joint 1 is y = 2: normals +x and +y by convention.
+    np.testing.assert_array_equal(n, np.eye(shape.dim)[split.joint])
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_normals_of_a_bent_joint_agree(shape):
+    # The U of the perimetral joint: its mean normal is along y, so that n is +y at the bottom and
+    # points into the U on both arms. The joint within has +x.
+    cells, x, joints, _ = case("perimetral", shape)
+    split = split_cells(shape, cells, x, joints)
+    n = normals(shape, cells, x, split)
+    place = x[vertices_of(shape, cells, split.minus)].mean(axis=1)
+    u = split.joint == 0
+    for here, wanted in (
+        (u & (place[:, 1] == 1), (1, 1)),
+        (u & (place[:, 0] == 1), (0, 1)),
+        (u & (place[:, 0] == 3), (0, -1)),
+        (~u, (0, 1)),
+    ):
+        assert np.any(here)
+        np.testing.assert_array_equal(
+            n[here], np.tile(wanted[1] * np.eye(shape.dim)[wanted[0]], (here.sum(), 1))
+        )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_normals_of_a_ring_point_outwards(shape):
+    cells, x, joints, _ = case("ring", shape)
+    split = split_cells(shape, cells, x, joints)
+    n = normals(shape, cells, x, split)
+    place = x[vertices_of(shape, cells, split.minus)].mean(axis=1) - [2, 2, 1][: shape.dim]
+    assert np.all(np.einsum("ij,ij->i", n, place) > 0)
+
+
+def pair_set(shape, cells, x, split):
+    """Joint, centre of the facet, centres of the cells on the two sides: numbered by nothing."""
+    corners = len(basix.topology(shape.type)[0])
+    middle = centres(cells, x, corners)
+    rows = np.column_stack(
+        [
+            split.joint,
+            x[vertices_of(shape, cells, split.minus)].mean(axis=1),
+            middle[split.minus[:, 0]],
+            middle[split.plus[:, 0]],
+        ]
+    ).round(9)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_sides_do_not_depend_on_the_numbering(shape, name):
+    cells, x, joints, _ = case(name, shape)
+    reference = split_cells(shape, cells, x, joints)
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        number = rng.permutation(len(x))
+        moved = np.empty_like(x)
+        moved[number] = x
+        shuffled = number[cells][rng.permutation(len(cells))]
+        if shape.degree == 1 and shape.name in ("triangle", "tetrahedron"):
+            shuffled = rng.permuted(shuffled, axis=1)  # any order of a simplex's vertices will do
+        turned = [
+            (n, rng.permuted(number[facets], axis=1)[rng.permutation(len(facets))])
+            for n, facets in joints
+        ]
+        split = split_cells(shape, shuffled, moved, turned)
+        assert len(split.parent) == len(reference.parent)
+        np.testing.assert_array_equal(
+            pair_set(shape, shuffled, moved, split), pair_set(shape, cells, x, reference)
+        )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_sides_turn_with_a_scaled_and_shifted_body(shape):
+    # The convention is geometric: neither units nor a distant origin change it.
+    cells, x, joints, _ = case("perimetral", shape)
+    one = split_cells(shape, cells, x, joints)
+    two = split_cells(shape, cells, 1e3 * x + 5e4, joints)
+    np.testing.assert_array_equal(one.minus, two.minus)
+    np.testing.assert_array_equal(one.plus, two.plus)
+
+
+def test_facets_within_the_front_are_bonded():
+    # A square of 2 x 2 cells in the middle of a 4^3 body opens at its centre only. Of its 8
+    # triangles, the two cut off at the corners (3, 1) and (1, 3) do not touch the centre.
+    shape = CellShape(name="tetrahedron", degree=1)
+    cells, x = grid(shape, (4, 4, 4))
+    facets = facets_on(shape, cells, x, lambda x, y, z: z == 2 and 1 <= x <= 3 and 1 <= y <= 3)
+    split = split_cells(shape, cells, x, [("a", facets)])
+    assert len(facets) == 8
+    assert split.bonded.tolist() == [2]
+    assert len(split.joint) == 6
+    assert len(split.parent) == len(x) + 1
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_find_facets(shape):
+    cells, x = grid(shape, (4, 4, 2))
+    inside = facets_on(shape, cells, x, through)
+    owner, count = find_facets(shape, cells, inside[:, ::-1])
+    assert np.all(count == 2)
+    assert np.all(owner[:, 0, 0] != owner[:, 1, 0])
+    for side in range(2):
+        found = np.sort(vertices_of(shape, cells, owner[:, side]), axis=1)
+        np.testing.assert_array_equal(found, inside)
+    outer = np.sort(cells[:, shape.facet_vertices].reshape(-1, inside.shape[1]), axis=1)
+    outer = outer[np.all(x[outer][:, :, 0] == 0, axis=1)]
+    owner, count = find_facets(shape, cells, outer)
+    assert np.all(count == 1)
+    assert np.all(owner[:, 1] == -1)
+    nowhere = np.array([[cells[0, 0], *(cells[-1, : inside.shape[1] - 1])]])
+    owner, count = find_facets(shape, cells, nowhere)
+    assert count.tolist() == [0]
+    assert np.all(owner == -1)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_facet_on_the_boundary_is_refused(shape):
+    cells, x = grid(shape, (4, 4, 2))
+    outer = np.sort(cells[:, shape.facet_vertices].reshape(-1, shape.facet_vertices.shape[1]))
+    outer = np.unique(outer[np.all(x[outer][:, :, 0] == 0, axis=1)], axis=0)
+    with pytest.raises(MeshError) as failure:
+        split_cells(shape, cells, x, [("wing", outer[:1])])
+    text = str(failure.value)
+    assert text.startswith("Joint 'wing': 1 of its facets do not have one cell on each side")
+    assert "has 1)" in text
+    assert text.endswith("a joint must lie inside the body, between two cells.")
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_facet_in_two_joints_is_refused(shape):
+    cells, x = grid(shape, (4, 4, 2))
+    facets = facets_on(shape, cells, x, through)
+    with pytest.raises(MeshError) as failure:
+        split_cells(shape, cells, x, [("a", facets), ("b", facets[:1, ::-1])])
+    assert str(failure.value) == "1 facets stand twice in the joints 'a' and 'b'."
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_joint_that_cannot_open_is_refused(shape):
+    # One cell side in the middle of a 3 x 3 (x 3) body: all its vertices are on the front.
+    cells, x = grid(shape, (3, 3, 3))
+    middle = facets_on(
+        shape, cells, x, lambda x, y, z: x == 1 and 1 <= y <= 2 and (shape.dim == 2 or 1 <= z <= 2)
+    )
+    with pytest.raises(MeshError) as failure:
+        split_cells(shape, cells, x, [("short", middle)])
+    assert str(failure.value) == (
+        f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its front "
+        "inside the body; use a finer mesh."
+    )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+@pytest.mark.parametrize("rows", [1, 2])
+def test_joints_of_one_facet_row(shape, rows):
+    # 2 x 1 (x 1) cells with one joint between them; or, 4 cells in a row, two such joints apart
+    # from each other: 2 (x 2) vertices each, and + towards larger x.
+    cells, x = grid(shape, (2 * rows, 1, 1))
+    joints = [
+        (f"joint_{i}", facets_on(shape, cells, x, lambda x, y, z, i=i: x == 1 + 2 * i))
+        for i in range(rows)
+    ]
+    split = split_cells(shape, cells, x, joints)
+    corners = len(basix.topology(shape.type)[0])
+    grown = len(np.unique(split.cells[:, :corners])) - len(np.unique(cells[:, :corners]))
+    assert grown == rows * (4 if shape.dim == 3 else 2)
+    assert np.all(normals(shape, cells, x, split)[:, 0] == 1)
+
+
+def already_split(shape, distance=0.0):
+    """The through joint with duplicated nodes, its + side moved by ``distance``."""
+    cells, x, joints, _ = case("through", shape)
+    split = split_cells(shape, cells, x, joints)
+    x = x[split.parent].copy()
+    corners = len(basix.topology(shape.type)[0])
+    beyond = np.unique(split.cells[x[split.cells[:, :corners]].mean(axis=1)[:, 0] > 2])
+    x[beyond] += distance
+    return split, x
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+@pytest.mark.parametrize("distance", [0.0, 0.05])
+def test_pairs_of_a_mesh_that_is_split_already(shape, distance):
+    split, x = already_split(shape, distance)
+    shuffled = np.random.default_rng(1).permutation(len(split.plus))
+    slots = {"a-": split.minus, "a+": split.plus[shuffled]}
+    found = pair_coincident(shape, split.cells, x, ["a"], slots)
+    np.testing.assert_array_equal(found.minus, split.minus)
+    np.testing.assert_array_equal(found.plus, split.plus)
+    np.testing.assert_array_equal(found.match, split.match)
+    np.testing.assert_array_equal(found.cells, split.cells)
+
+
+def test_faces_that_do_not_match_are_refused():
+    shape = CellShape(name="hexahedron", degree=1)
+    split, x = already_split(shape)
+    with pytest.raises(MeshError, match="Joint 'a': 8 facets on its - face and 7 on its [+] face"):
+        pair_coincident(shape, split.cells, x, ["a"], {"a-": split.minus, "a+": split.plus[1:]})
+    split, x = already_split(shape, distance=0.5)
+    with pytest.raises(MeshError, match="faces do not match one to one"):
+        pair_coincident(shape, split.cells, x, ["a"], {"a-": split.minus, "a+": split.plus})

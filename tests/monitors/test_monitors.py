@@ -1,0 +1,383 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results, fields and progress of short jointed runs, on any number of ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx_joints import ConvergenceError, Elastic, Fixed, FrictionNoTension, Gravity, MeshError, Model, Newmark, ProgressMonitor, Results, ResultsError, ResultsMonitor, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints.monitors import results_monitor as monitors
+from dolfinx_joints.monitors.results_monitor import FieldMonitor
+from dolfinx_joints.results.reader import ENERGY_TERMS
+
+pytestmark = pytest.mark.mpi
+
+CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+MU = np.tan(np.deg2rad(30.0))
+POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
+STEPS, DT = 6, 4e-3
+
+
+def shaking(time):
+    """A ground acceleration strong enough to open the joints, [m/s^2]."""
+    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
+
+
+def wall(jointed):
+    return Model(
+        jointed,
+        material=CONCRETE,
+        joints=LAW,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+    )
+
+
+def shake(model, monitors, steps=STEPS, **options):
+    simulation = Simulation(model, monitors=monitors)
+    simulation.statics()
+    return simulation.dynamics(dt=DT, steps=steps, motion=shaking, **options)
+
+
+def on_root(comm, look):
+    """Look at a file on rank 0; every rank fails alike."""
+    failure = None
+    if comm.rank == 0:
+        try:
+            look()
+        except Exception as exc:
+            failure = f"{type(exc).__name__}: {exc}"
+    failure = comm.bcast(failure, root=0)
+    assert failure is None, failure
+
+
+def content(path):
+    """Everything in a results file."""
+    with Results(path) as results:
+        found = {name: results.static(name) for name in results.statics}
+        for stream, names in results.streams.items():
+            found[f"{stream}/time"] = results.time(stream)
+            for name in names:
+                found[f"{stream}/{name}"] = results.series(stream, name)
+        return found
+
+
+def test_results_of_a_run(comm, wall_file, read, new_path):
+    path = new_path("run.h5")
+    model = wall(read(wall_file()))
+    monitor = ResultsMonitor(path, points=POINTS, every=2, metadata={"who": "test"})
+    outcome = shake(model, [monitor], scheme=Newmark())
+
+    def look():
+        with Results(path) as results:
+            assert results.complete
+            assert results.status == "complete"
+            assert results.metadata["who"] == "test"
+            assert results.metadata["stage"] == "dynamic"
+            assert results.metadata["ranks"] == comm.size
+            assert results.metadata["dofs"] == model.num_dofs
+            assert results.point_names == list(POINTS)
+            assert results.summary["steps"] == STEPS
+            assert results.summary["accepted"] == outcome.counts.accepted
+            assert results.summary["energy_error"] == pytest.approx(outcome.energy_error)
+            assert results.joints == ["joint_1", "joint_2", "joint_3"]
+            steps = DT * np.arange(STEPS + 1)
+            np.testing.assert_allclose(results.time("histories"), steps, atol=1e-15)
+            np.testing.assert_allclose(results.time("energy"), steps, atol=1e-15)
+            np.testing.assert_allclose(results.time("states"), steps[::2], atol=1e-15)
+            assert set(ENERGY_TERMS) <= set(results.streams["energy"])
+            lines = [results.series("energy", f"joints/{j}/friction") for j in results.joints]
+            total = results.series("energy", "friction")
+            np.testing.assert_allclose(np.sum(lines, axis=0), total, rtol=1e-12)
+            works = [results.series("energy", f"loads/{n}") for n in ("Gravity", "BaseMotion")]
+            total = results.series("energy", "input")
+            scale = np.abs(works).max()
+            np.testing.assert_allclose(np.sum(works, axis=0), total, rtol=0, atol=1e-12 * scale)
+            shares = [results.series("histories", f"joint_{s}") for s in ("open", "stick", "slip")]
+            np.testing.assert_allclose(np.sum(shares, axis=0), 1.0, atol=1e-12)
+            assert max(shares[0]) > 0
+            # Points were found exactly: both are nodes.
+            where = results.static("histories/points")
+            np.testing.assert_allclose(where, list(POINTS.values()), atol=1e-12)
+            # The areas of a joint, facet by facet, add up to 4 m x 20 m.
+            for joint in results.joints:
+                assert results.static(f"joints/{joint}/areas").sum() == pytest.approx(80.0)
+            # 5 x 2 x 4 nodes, those of three joints twice: 40 + 3 x 8.
+            assert results.static("mesh/nodes").shape == (64, 3)
+            # Faces of 4 x 1 x 3 cells: 2 (4 + 12 + 3), and both sides of 3 joints of 3 facets.
+            assert results.static("mesh/surface").shape == (2 * 19 + 2 * 9, 4)
+            history = results.series("histories", "displacement")
+            nodes, u = results.static("mesh/nodes"), results.series("states", "displacement")
+            corner = np.argmin(np.linalg.norm(nodes - POINTS["corner"], axis=1))
+            np.testing.assert_array_equal(u[:, corner], history[::2, 1])
+            # Open points carry nothing, closed ones k_n times their gap.
+            gap = results.series("states", "joints/joint_2/gap")[..., 0]
+            t = results.series("states", "joints/joint_2/traction")[..., 0]
+            np.testing.assert_allclose(t, 1e11 * np.minimum(gap, 0), rtol=1e-12, atol=1e-6)
+
+    on_root(comm, look)
+
+
+def test_accelerations_are_those_of_the_steps(comm, wall_file, read, new_path):
+    # The midpoint rule has v1 = 2 (u1 - u0) / dt - v0 from rest, so the displacements tell the
+    # velocities, and these the mean acceleration of each step.
+    path = new_path("moving.h5")
+    points = {"base": (10.0, 0.0, 0.0), **POINTS}
+    shake(wall(read(wall_file())), [ResultsMonitor(path, points=points)])
+
+    def look():
+        with Results(path) as results:
+            u = results.series("histories", "displacement")
+            found = results.series("histories", "acceleration")
+            ground = results.series("histories", "ground_acceleration")
+            np.testing.assert_array_equal(ground, [shaking(t) for t in results.time("histories")])
+        velocity, expected = np.zeros_like(u[0]), [np.zeros_like(u[0])]
+        for step in np.diff(u, axis=0):
+            after = 2.0 * step / DT - velocity
+            expected.append((after - velocity) / DT)
+            velocity = after
+        size = np.abs(expected).max()
+        assert size > 1.0
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * size)
+        assert np.all(found[:, 0] == 0.0)  # the base moves with the ground
+
+    on_root(comm, look)
+
+
+def test_status_of_the_joint_points(comm, wall_file, read, new_path):
+    # At the end of a step open points carry nothing, and sliding ones are at the limit of friction.
+    # Histories count points once, states once for each facet around them: none is none in both.
+    path = new_path("status.h5")
+    monitor = ResultsMonitor(path, points=POINTS, every=1)
+    shake(wall(read(wall_file())), [monitor], scheme=Newmark())
+
+    def look():
+        with Results(path) as results:
+            share = results.series("histories", "joint_slip")
+            slid = np.zeros(STEPS + 1)
+            for joint in results.joints:
+                status = results.series("states", f"joints/{joint}/status")
+                traction = results.series("states", f"joints/{joint}/traction")
+                assert status.shape == traction.shape[:2]
+                assert np.all(traction[status == 0] == 0.0)
+                shear, limit = np.hypot(*traction.T[1:]).T, -MU * traction[..., 0]
+                np.testing.assert_allclose(shear[status == 2], limit[status == 2], rtol=1e-9)
+                assert np.all(shear[status == 1] <= limit[status == 1])
+                slid += (status == 2).sum(axis=1)
+            np.testing.assert_array_equal(slid > 0, share > 0)
+            assert slid.any()
+
+    on_root(comm, look)
+
+
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_the_file_does_not_depend_on_ranks(comm, cell, wall_file, read, new_path):
+    # The same run on all ranks and on a communicator of this process alone.
+    many, alone = new_path("many.h5"), new_path(f"alone_{comm.rank}.h5")
+    mesh = wall_file(cell=cell)
+    shake(wall(read(mesh)), [ResultsMonitor(many, points=POINTS, every=3)])
+    shake(wall(read(mesh, on=MPI.COMM_SELF)), [ResultsMonitor(alone, points=POINTS, every=3)])
+
+    def look():
+        one, two = content(many), content(alone)
+        assert one.keys() == two.keys()
+        energy = max(np.abs(two[f"energy/{term}"]).max() for term in ("kinetic", "strain", "input"))
+        for name in one:
+            assert one[name].shape == two[name].shape, name
+            size = energy if name.startswith("energy/") else np.abs(two[name]).max(initial=0.0)
+            if name == "histories/iterations":
+                continue
+            np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9 * size, err_msg=name)
+
+    on_root(comm, look)
+
+
+@dataclass(frozen=True)
+class GivesUp:
+    """Newmark's method up to a time, and never beyond it."""
+
+    time: float
+    rule: str = "end_point"
+
+    def conserves(self, system: Any) -> bool:
+        return True
+
+    def advance(self, solver: Any, state: Any, dt: float) -> Any:
+        if state.time + dt > self.time * (1 + 1e-9):
+            raise ConvergenceError(iteration=30, residual=1.0, tolerance=1e-10)
+        return Newmark().advance(solver, state, dt)
+
+
+def test_a_long_error_leaves_room_for_the_summary(comm, wall_file, read, new_path):
+    def loud(time: float) -> np.ndarray:
+        if time > 2.5 * DT:
+            raise RuntimeError("x" * 100_000)
+        return np.zeros(3)
+
+    path = new_path("loud.h5")
+    run = Simulation(wall(read(wall_file())), monitors=[ResultsMonitor(path, points=POINTS)])
+    run.statics()
+    with pytest.raises(RuntimeError):
+        run.dynamics(dt=DT, steps=5, motion=loud)
+
+    def look():
+        with Results(path) as results:
+            assert results.status == "failed"
+            assert results.summary["error"].startswith("RuntimeError: xxx")
+            assert len(results.summary["error"]) == 2000
+            assert results.summary["solver"]
+
+    on_root(comm, look)
+
+
+def test_a_run_that_fails_keeps_what_was_computed(comm, wall_file, read, new_path):
+    path, fields = new_path("failed.h5"), new_path("failed.bp")
+    monitors = [ResultsMonitor(path, points=POINTS, every=1), FieldMonitor(fields, every=1)]
+    with pytest.raises(ConvergenceError) as failure:
+        shake(
+            wall(read(wall_file())),
+            monitors,
+            scheme=GivesUp(3 * DT),
+            control=StepControl(max_halvings=2),
+        )
+    assert (failure.value.stage, failure.value.step) == ("dynamic", 4)
+    assert failure.value.time == pytest.approx(3.25 * DT)
+    assert len(set(comm.allgather(str(failure.value)))) == 1
+
+    def look():
+        with Results(path) as results:
+            assert results.status == "failed"
+            assert not results.complete
+            assert results.rows("histories") == results.rows("states") == 4
+            assert "ConvergenceError" in results.summary["error"]
+            assert "step 4" in results.summary["error"]
+            assert np.all(np.isfinite(results.series("states", "displacement")))
+        assert fields.is_dir()
+
+    on_root(comm, look)
+
+
+def test_existing_files_are_kept(comm, wall_file, read, new_path):
+    path = new_path("kept.h5")
+    model = wall(read(wall_file()))
+    shake(model, [ResultsMonitor(path, points=POINTS)], steps=1)
+    with pytest.raises(Exception, match="exists") as failure:
+        shake(model, [ResultsMonitor(path, points=POINTS)], steps=1)
+    assert len(set(comm.allgather(str(failure.value)))) == 1
+    shake(model, [ResultsMonitor(path, points=POINTS, overwrite=True)], steps=2)
+    on_root(comm, lambda: _rows(path, 3))
+
+
+def _rows(path, count):
+    with Results(path) as results:
+        assert results.rows("histories") == count
+
+
+def test_run_without_joints(comm, wall_file, read, new_path):
+    path = new_path("whole.h5")
+    model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])
+    simulation = Simulation(model, monitors=[ResultsMonitor(path, points=POINTS, every=1)])
+    outcome = simulation.dynamics(dt=DT, steps=2, motion=shaking)
+    assert outcome.energy_error <= 1e-10  # linear: Newmark's balance is exact
+
+    def look():
+        with Results(path) as results:
+            assert results.complete
+            assert results.joints == []
+            assert np.all(results.series("histories", "joint_open") == 0)
+
+    on_root(comm, look)
+
+
+def test_fields_are_written(comm, wall_file, read, new_path):
+    path = new_path("fields.bp")
+    shake(wall(read(wall_file())), [FieldMonitor(path, every=2)])
+
+    def look():
+        assert path.is_dir()
+        assert sum(file.stat().st_size for file in path.iterdir()) > 0
+
+    on_root(comm, look)
+
+
+def test_point_far_from_the_body_is_refused(comm, wall_file, read, new_path):
+    model = wall(read(wall_file()))
+    monitor = ResultsMonitor(new_path("far.h5"), points={"moon": (0.0, 0.0, 384e6)})
+    with pytest.raises(MeshError) as failure:
+        shake(model, [monitor], steps=1)
+    assert str(failure.value).startswith("Monitor point (0.0, 0.0, 384000000.0) lies 3.84e+08 m")
+    assert len(set(comm.allgather(str(failure.value)))) == 1
+
+
+def test_intervals_are_checked(new_path):
+    for kind in (
+        lambda: ResultsMonitor("x.h5", points={}, every=0),
+        lambda: FieldMonitor("x", every=0),
+    ):
+        with pytest.raises(ValueError, match="every is 0; .* are written every 1 or more steps"):
+            kind()
+    with pytest.raises(ValueError, match="every is 2.5; states are written every 1 or more steps"):
+        ResultsMonitor("x.h5", points=POINTS, every=2.5)
+    with pytest.raises(
+        ValueError, match="points is {}; it must be coordinates by name of one or more"
+    ):
+        ResultsMonitor("x.h5", points={})
+
+
+def test_a_file_that_cannot_be_begun_is_closed(comm, wall_file, read, new_path, monkeypatch):
+    # What goes wrong on rank 0, after the file is made, is raised on all; the file says so.
+    def fail(*_):
+        raise RuntimeError("no energies today")
+
+    monkeypatch.setattr(monitors, "declare_energy", fail)
+    path = new_path("begun.h5")
+    with pytest.raises(RuntimeError, match="no energies today"):
+        shake(wall(read(wall_file())), [ResultsMonitor(path, points=POINTS)], steps=1)
+    comm.barrier()
+
+    def look():
+        assert not path.with_name("begun.h5.lock").exists()
+        with Results(path) as results:
+            assert results.status == "failed"
+            assert results.summary == {"error": "RuntimeError: no energies today"}
+
+    on_root(comm, look)
+
+
+def test_fields_that_cannot_be_written_are_told(comm, wall_file, read, new_path):
+    there = new_path("file")
+    on_root(comm, there.touch)
+    with pytest.raises(ResultsError, match="fields.bp cannot be written: .*Not a directory") as got:
+        shake(wall(read(wall_file())), [FieldMonitor(there / "fields.bp")], steps=1)
+    assert len(set(comm.allgather(str(got.value)))) == 1
+
+
+def test_progress(comm, wall_file, read, capsys):
+    outcome = shake(wall(read(wall_file())), [ProgressMonitor("wall")], steps=3)
+    assert outcome.steps == 3
+    shown = capsys.readouterr().err
+    texts = comm.allgather(shown)
+    assert "wall" in texts[0]
+    assert "3/3" in texts[0]
+    assert all(text == "" for text in texts[1:])
+    assert "% open" in texts[0]
+
+
+def test_progress_without_joints_tells_no_shares(comm, wall_file, read, capsys):
+    model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])
+    shake(model, [ProgressMonitor("whole")], steps=2)
+    texts = comm.allgather(capsys.readouterr().err)
+    assert "2/2" in texts[0]
+    assert " it" in texts[0]
+    assert "open" not in texts[0]

@@ -1,0 +1,484 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Record files of every format: what they hold, and what malformed ones are told.
+
+The files are made here after the published descriptions of the formats. The values of every file
+are those of ``WAVE``, in cm/s^2, to the digits of the format.
+"""
+
+import errno
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.reading import read_components, read_record, record_names
+from dolfinx_joints.motions.record_text import MAX_BYTES, Component, RecordText, direction_named, unit_named
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+
+WAVE = np.round(25.0 * np.sin(0.7 * np.arange(37)), 3)
+"""Accelerations [cm/s^2]."""
+
+
+def rows(values: Sequence[float], per_line: int, form: str) -> list[str]:
+    """Values in lines of a fixed format."""
+    cells = [form.format(value) for value in values]
+    return ["".join(cells[i : i + per_line]) for i in range(0, len(cells), per_line)]
+
+
+def at2(count: str = "37", unit: str = "G", values: Sequence[float] = WAVE, **_: object) -> str:
+    """PEER AT2: four header lines, the unit g."""
+    header = ["PEER NGA STRONG MOTION DATABASE RECORD", "Somewhere, 1/1/2000, Station, 0"]
+    header += [f"ACCELERATION TIME SERIES IN UNITS OF {unit}", f"NPTS= {count}, DT= .0100 SEC"]
+    in_g = np.asarray(values) / (100.0 * STANDARD_GRAVITY)
+    return "\n".join(header + rows(in_g, 5, " {:15.9E}")) + "\n"
+
+
+def esm(
+    count: str = "37",
+    unit: str = "cm/s^2",
+    values: Sequence[float] = WAVE,
+    stream: str = "HNN",
+    kind: str = "ACCELERATION",
+) -> str:
+    """ESM and ITACA: lines ``KEY: value``, then one value on each line."""
+    header = ["EVENT_NAME: SOMEWHERE", "EVENT_DATE_YYYYMMDD: 20000101", "EVENT_TIME_HHMMSS: 102030"]
+    header += ["NETWORK: XX", "STATION_CODE: ABC", "VS30_M/S: ", "SAMPLING_INTERVAL_S: 0.010000"]
+    header += [f"NDATA: {count}", f"STREAM: {stream}", f"UNITS: {unit}", "PGA_CM/S^2: 25.0"]
+    header += [f"DATA_TYPE: {kind}", "USER1: some.py --le 0.1", "USER5: "]
+    return "\n".join(header + rows(values, 1, "{:.6f}")) + "\n"
+
+
+def knet(
+    count: str = "0.37",
+    unit: str = "gal",
+    values: Sequence[float] = WAVE,
+    direction: str = "N-S",
+) -> str:
+    """K-NET and KiK-net: 17 header lines, then counts; here 1000 of them are one gal."""
+    names = ["Origin Time", "Lat.", "Long.", "Depth. (km)", "Mag.", "Station Code", "Station Lat."]
+    names += ["Station Long.", "Station Height(m)", "Record Time", "Sampling Freq(Hz)"]
+    names += ["Duration Time(s)", "Dir.", "Scale Factor", "Max. Acc. (gal)", "Last Correction"]
+    words = ["2000/01/01 10:20:00", "37.798", "142.2", "36", "5.7", "ABC001", "38.7", "141.5", "79"]
+    words += ["2000/01/01 10:20:46", "100Hz", count, direction, f"2000({unit})/2000000", "25.0"]
+    words += ["2000/01/01 10:20:31"]
+    header = [f"{name:<18s}{word}" for name, word in zip(names, words, strict=True)]
+    counts = np.round(1000.0 * np.asarray(values))
+    return "\n".join([*header, "Memo.", *rows(counts, 8, "{:9.0f}")]) + "\n"
+
+
+def smc(
+    count: str = "37",
+    unit: str = "",
+    values: Sequence[float] = WAVE,
+    tilt: int = 90,
+    azimuth: int = 360,
+    kind: str = "2 CORRECTED ACCELEROGRAM",
+) -> str:
+    """SMC: 11 lines of text, 48 whole and 50 real numbers, comments, values 10 wide."""
+    text = [kind, "*", "ABC", "     2000  1  1    1020 Somewhere", "Moment Mag= 6.0"]
+    text += ["station = Town, Street  component= 360", *["*"] * 5]
+    whole = [-32768] * 48
+    whole[12], whole[13], whole[15], whole[17] = tilt, azimuth, 2, 0
+    cells = [f"{number:10d}" for number in whole]
+    cells[16] = f"{count:>10s}"
+    real = [1.7e38] * 50
+    real[1] = 100.0
+    middle = ["".join(cells[i : i + 8]) for i in range(0, 48, 8)] + rows(real, 5, "{:15.7E}")
+    data = [f"{value:10.4E}".replace("E+0", "E+").replace("E-0", "E-") for value in values]
+    lines = ["".join(f"{c:>10s}" for c in data[i : i + 8]) for i in range(0, len(data), 8)]
+    return "\n".join([*text, *middle, "|", "|two comments", *lines]) + "\n"
+
+
+def cosmos(
+    count: str = "37",
+    unit: str = "4",
+    values: Sequence[float] = WAVE,
+    azimuth: int = 360,
+    said: str = "04",
+) -> str:
+    """COSMOS V2: text, 100 whole and 100 real numbers, comments, blocks of values 10 wide."""
+    text = ["Corrected acceleration    (Format v01.20 with 13 text lines) Src: made up"]
+    text += ["Record of Somewhere", "Hypocenter:", "Origin:", "Statn No: 01-1  Code:CE-ABC  Town"]
+    text += ["Coords:", "Recorder:", "Rcrd start time:01/01/2000, 10:20:46.0 UTC (Q=2) RcrdId: 1"]
+    text += ["line"] * 5
+    whole = [2, 1, 0, 120, *[-999] * 96]
+    whole[53] = azimuth
+    cells = [f"{number:8d}" for number in whole]
+    cells[2] = f"{unit:>8s}"
+    real = [-999.0] * 100
+    real[33], real[61] = 0.02, 10.0
+    middle = [" 100 Integer-header values follow on  10 lines, Format= (10I8)"]
+    middle += ["".join(cells[i : i + 10]) for i in range(0, 100, 10)]
+    middle += [" 100 Real-header values follow on  17 lines, Format= (6F13.6)"]
+    middle += rows(real, 6, "{:13.6f}")
+    middle += ['   2 Comment line(s) follow, each starting with a "|":', "| one", "| two"]
+    block = f"  {count}  acceleration pts, approx 0 secs, units=cm/sec2({said}),Format=(8F10.5)"
+    speed = "  3  velocity pts, approx 0 secs, units=cm/sec(05),Format=(8F10.5)"
+    end = "End-of-data for Chan  1 acceleration"
+    data = rows(values, 8, "{:10.5f}")
+    return "\n".join([*text, *middle, block, *data, speed, *rows([0, 1, 2], 8, "{:10.5f}"), end])
+
+
+def columns(count: str = "", unit: str = "cm/s^2", values: Sequence[float] = WAVE) -> str:
+    """Plain columns: time and one component."""
+    lines = [f"{0.01 * i:.2f}, {value:.3f}" for i, value in enumerate(values)]
+    return "\n".join([f"# unit: {unit}", "# columns: time N", *lines]) + "\n"
+
+
+FORMATS: dict[str, Callable[..., str]] = {
+    "at2": at2,
+    "esm": esm,
+    "knet": knet,
+    "smc": smc,
+    "cosmos": cosmos,
+    "columns": columns,
+}
+# Every value to half of the last digit that the format keeps, in cm/s^2.
+DIGITS = {"at2": 1e-6, "esm": 1e-9, "knet": 1e-9, "smc": 5e-4, "cosmos": 1e-9, "columns": 1e-9}
+
+
+def write(directory: Path, content: str | bytes, name: str = "file.txt") -> Path:
+    """Write a file."""
+    path = directory / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
+    return path
+
+
+def refusal(path: Path) -> str:
+    """The sentence that a file is refused with: one line, one sentence, naming the file."""
+    with pytest.raises(RecordError) as caught:
+        read_components(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(path))
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    return sentence.removeprefix(str(path))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_every_format_is_found_by_content_and_converted(
+    tmp_path: Path, name: str, newline: str
+) -> None:
+    path = write(tmp_path, FORMATS[name]().replace("\n", newline), "no_telling_name")
+    (found,) = read_components(path)
+    np.testing.assert_allclose(100.0 * found.acceleration, WAVE, atol=DIGITS[name], rtol=0.0)
+    assert found.dt == pytest.approx(0.01, rel=1e-12)
+    assert found.direction == 0.0
+    assert found.path == path
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("at2", "line 12: 36 values up to here, line 4 announces 37"),
+        ("esm", "line 50: 36 values up to here, line 8 announces 37"),
+        ("knet", "line 22: 36 values up to here, line 12 announces 37"),
+        ("smc", "line 34: 36 values up to here, line 14 announces 37"),
+    ],
+)
+def test_a_truncated_file_is_refused(tmp_path: Path, name: str, message: str) -> None:
+    assert message in refusal(write(tmp_path, FORMATS[name](values=WAVE[:-1])))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.3, 0.6, 0.9])
+def test_a_file_cut_anywhere_is_refused_in_one_sentence(
+    tmp_path: Path, name: str, share: float
+) -> None:
+    text = FORMATS[name]()
+    path = write(tmp_path, text[: int(share * len(text))])
+    if name == "columns" and share > 0.2:  # nothing in the file can tell that rows are missing
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join([*lines[:-1], lines[-1].split(",")[0]]))
+    refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "message"),
+    [
+        ("at2", "36", "line 12: 37 values up to here, line 4 announces 36"),
+        ("esm", "38", "line 51: 37 values up to here, line 8 announces 38"),
+        ("esm", "36.5", "line 8: NDATA must be a whole number, got '36.5'"),
+        ("esm", "", "line 8: NDATA must be a whole number, got ''"),
+        ("knet", "0.38", "line 22: 37 values up to here, line 12 announces 38"),
+        ("knet", "-1", "line 12: the duration must be positive, got -1"),
+        ("smc", "30", "line 34: 37 values up to here, line 14 announces 30"),
+        ("smc", "-32768", "line 14: the number of values must be a whole number, got '-32768'"),
+        ("cosmos", "40", "line 51: 37 values up to here, line 46 announces 40"),
+        ("cosmos", "30", "line 50: 32 values up to here, line 46 announces 30"),
+    ],
+)
+def test_a_wrong_count_is_refused(tmp_path: Path, name: str, count: str, message: str) -> None:
+    sentence = refusal(write(tmp_path, FORMATS[name](count=count)))
+    assert message in sentence
+
+
+@pytest.mark.parametrize("name", ["at2", "esm", "knet", "smc", "cosmos"])
+def test_a_count_that_the_file_cannot_hold_allocates_nothing(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path, FORMATS[name](count="9" * 10))
+    most = path.stat().st_size // 2
+    assert f"must be from 2 to {most}, which fit into the file, got 9999999999" in refusal(path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("word", ["abc", "NaN", "inf", "1E999", "1_0", "*******"])
+def test_text_among_the_numbers_is_refused(tmp_path: Path, name: str, word: str) -> None:
+    lines = FORMATS[name]().rstrip("\n").split("\n")
+    place = 48 if name == "cosmos" else len(lines) - 2
+    wide = {"knet": 9, "smc": 10, "cosmos": 10, "at2": 16}.get(name)
+    keep = lines[place][wide:] if wide else ""
+    lines[place] = f"{word:>{wide}s}{keep}" if wide else lines[place].split(",")[0] + f", {word}"
+    if name == "esm":
+        lines[place] = word
+    assert f"line {place + 1}: {word!r} is not a finite number" in refusal(
+        write(tmp_path, "\n".join(lines))
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "message"),
+    [
+        ("at2", "CM/S/S", "line 3: must say 'UNITS OF G', got"),
+        ("esm", "m", "line 10: 'm' is no known unit of acceleration; known are m/s^2, cm/s^2"),
+        ("esm", "", "line 10: '' is no known unit"),
+        ("esm", "cm/s", "line 10: 'cm/s' is no known unit"),
+        ("knet", "kine", "line 14: 'kine' is no known unit"),
+        ("cosmos", "5", "line 15: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
+        ("cosmos", "50", "line 15: the unit has the code 50"),
+        ("cosmos", "2", "line 46: the unit has the code 4 here and 2 in the header"),
+        ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
+    ],
+)
+def test_unknown_and_mixed_units_are_refused(
+    tmp_path: Path, name: str, unit: str, message: str
+) -> None:
+    assert message in refusal(write(tmp_path, FORMATS[name](unit=unit)))
+
+
+def test_a_unit_that_cannot_be_true_is_refused(tmp_path: Path) -> None:
+    # 25 cm/s^2 that are said to be g would be 25 times gravity.
+    path = write(tmp_path, esm(unit="g"))
+    assert "value 10 is 24.9" not in refusal(path)
+    place = int(np.argmax(np.abs(WAVE)))
+    message = f": value {place + 1} is {WAVE[place]:g} g; more than 20 g is no ground motion"
+    assert message in refusal(path)
+
+
+@pytest.mark.parametrize("suffix", [".AT2", ".ASC", ".NS", ".smc", ".v2", ".txt"])
+def test_junk_is_refused_whatever_its_name(tmp_path: Path, suffix: str) -> None:
+    for content, message in (
+        (b"", " is empty."),
+        (b" \n\n", " is empty."),
+        (b"\x89HDF\r\n\x1a\n" + bytes(range(256)), " is not a text file: its byte 0 is 0x89."),
+        (b"PEER" + b"\0" * 100, " is not a text file: its byte 4 is 0x00."),
+        (b"Dear reader,\nno numbers here.\n", " is in no known format (K-NET, COSMOS, SMC, ESM/"),
+    ):
+        if content.startswith(b"\x89"):  # bytes above 127 can be letters of a name
+            message = " is not a text file: its byte 6 is 0x1a."
+        assert refusal(write(tmp_path, content, f"junk{suffix}")).startswith(message)
+
+
+def forbidden(path: Path, *_: object) -> None:
+    """What opening a file of somebody else's raises."""
+    raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+
+def test_what_is_no_file_or_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert refusal(tmp_path) == " is no file."
+    assert refusal(tmp_path / "none") == " cannot be read: No such file."
+    locked = write(tmp_path, at2(), "locked.AT2")
+    monkeypatch.setattr(Path, "open", forbidden)
+    assert refusal(locked) == " cannot be read: Permission denied."
+    monkeypatch.undo()
+    path = tmp_path / "sparse.AT2"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # a hole: it takes no space on the disk
+    assert refusal(path) == f" has {10**12} bytes; a record may have {MAX_BYTES} at most."
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (esm(kind="VELOCITY"), "line 12: DATA_TYPE must be ACCELERATION, got 'VELOCITY'"),
+        (esm().replace("NDATA", "COUNT"), ": the header of an ESM file must have the key NDATA"),
+        (esm().replace("0.010000", "0.0"), "line 7: SAMPLING_INTERVAL_S must be positive"),
+        (knet().replace("Scale Factor", "Scale  Factr"), "must have the line 'Scale Factor'"),
+        (knet().replace("/2000000", ""), "line 14: Scale Factor must be as 3920(gal)/6182761"),
+        (knet().replace("/2000000", "/0"), "line 14: scale must be positive, got 0"),
+        (knet().replace("100Hz", "fast"), "line 11: the sampling frequency 'fast' is not a finite"),
+        (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "line 1: must say '2 CORRECTED ACCELEROGRAM'"),
+        (cosmos().replace("(10I8)", ""), "line 14: must say how many header values follow"),
+        (cosmos().replace("100 Int", "999 Int"), "100 header values, line 14 announces 999"),
+        (cosmos().replace("acceleration pts", "sag pts"), "line 54: the channel ends here without"),
+        (
+            cosmos().replace(" 100 Real", "  60 Real").replace(" 17 lines", " 10 lines"),
+            "line 25: the",
+        ),
+        (smc().replace("37    ", "37     "), "line 17"),
+        (smc().replace("-32768         2", "-32768        -2"), "line 13: the number of comments"),
+        (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
+        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
+        (cosmos().replace("(8F10.5)", "(0F10.5)"), "line 46: must announce values and"),
+        (cosmos().replace("(10I8)", "(10I0)"), "line 14: must say how many header values follow"),
+        (smc().replace("1.0000000E+02", "1.000000E-320"), ": a time step of inf s is none of a"),
+        (knet().replace("100Hz", "1e-9Hz").replace(" 0.37", " 37e9"), "a time step of 1e+09 s is"),
+        (esm().replace("0.010000", "1" * 400), "line 7: SAMPLING_INTERVAL_S '111"),
+        (at2(unit="1" * 400), "line 3: must say 'UNITS OF G', got 'ACCELERATION TIME SERIES"),
+        (columns().replace("time N", "1 " * 400), ": columns must be 'time' once at most and"),
+        (
+            smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
+            "line 14: the file flags a problem of the record (18th whole number is 1)",
+        ),
+    ],
+)
+def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:
+    said = refusal(write(tmp_path, content))
+    assert message in said
+    assert len(said) < 300  # of a file no more is repeated than a reader wants
+
+
+def test_a_broken_file_does_not_hide_the_others(tmp_path: Path) -> None:
+    write(tmp_path, knet(), "good.NS")
+    write(tmp_path, columns().replace("# columns", "# unit: gal\n# columns"), "twice.txt")
+    assert record_names(tmp_path) == ["ABC001_20000101_102000"]
+
+
+def three(directory: Path, name: str) -> list[Path]:
+    """Files of a record: north WAVE, east twice, up three times as large."""
+    makers: dict[str, list[Callable[..., str]]] = {
+        "esm": [lambda w, s=s: esm(values=w, stream=s) for s in ("HNN", "HNE", "HNZ")],
+        "knet": [lambda w, d=d: knet(values=w, direction=d) for d in ("N-S", "E-W", "U-D")],
+        "kik": [lambda w, d=d: knet(values=w, direction=d) for d in ("4", "5", "6")],
+        "smc": [
+            lambda w, t=t, a=a: smc(values=w, tilt=t, azimuth=a)
+            for t, a in ((90, 360), (90, 90), (0, 0))
+        ],
+        "cosmos": [lambda w, a=a: cosmos(values=w, azimuth=a) for a in (360, 90, 400)],
+    }
+    return [
+        write(directory, maker((1 + number) * WAVE), f"{name}{number}.txt")
+        for number, maker in enumerate(makers[name])
+    ]
+
+
+@pytest.mark.parametrize("name", ["esm", "knet", "kik", "smc", "cosmos"])
+def test_three_files_make_a_record(tmp_path: Path, name: str) -> None:
+    files = three(tmp_path, name)
+    write(tmp_path, "Dear reader, these are records.\n", "README")
+    motion = read_record(tmp_path)
+    # East is x because north lies 90 degrees to its left, seen from above; up is z.
+    expected = np.stack([2 * WAVE, WAVE, 3 * WAVE], axis=1)
+    np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=4 * DIGITS["smc"])
+    assert record_names(tmp_path) == [motion.name]
+    one_by_one = read_record(files)
+    np.testing.assert_array_equal(one_by_one.acceleration, motion.acceleration)
+    # x turned from azimuth 90 to 135, clockwise by 45 degrees: x' = (x - y) / sqrt 2.
+    turned = read_record(tmp_path, stream_azimuth_deg=135.0)
+    np.testing.assert_allclose(100.0 * turned.acceleration[:, 0], WAVE / np.sqrt(2), atol=2e-3)
+    south = read_record(tmp_path, stream_azimuth_deg=180.0)  # x' points south: minus north
+    np.testing.assert_allclose(100.0 * south.acceleration[:, 0], -WAVE, atol=2e-3)
+    np.testing.assert_allclose(100.0 * south.acceleration[:, 1], 2 * WAVE, atol=2e-3)
+
+
+def test_the_two_levels_of_a_borehole_are_two_records(tmp_path: Path) -> None:
+    for number in range(1, 7):
+        write(tmp_path, knet(direction=str(number)), f"ABC.{number}")
+    names = record_names(tmp_path)
+    assert names == ["ABC001_20000101_102000_underground", "ABC001_20000101_102000"]
+    assert read_record(tmp_path, name="underground").name == names[0]
+    assert read_record(tmp_path, name=names[1]).name == names[1]  # also a part of the other name
+
+
+def test_files_of_velocities_are_no_record_of_a_folder(tmp_path: Path) -> None:
+    write(tmp_path, esm(), "acceleration.ASC")
+    names = record_names(tmp_path)
+    assert len(names) == 1
+    write(tmp_path, esm(kind="VELOCITY").replace("STATION_CODE: ", "STATION_CODE: Z"), "speed.ASC")
+    assert record_names(tmp_path) == names
+
+
+def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
+    # Ends of channels are written in more than one way.
+    end = "/&  ----------  End of data for channel  1  ----------"
+    channels = [cosmos(values=k * WAVE, azimuth=a) for k, a in ((1, 40), (2, 310), (3, 401))]
+    motion = read_record(write(tmp_path, f"\n{end}\n".join(channels)))
+    expected = np.stack([WAVE, 2 * WAVE, -3 * WAVE], axis=1)  # the last one points down
+    np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=1e-9)
+    assert motion.name == "CE-ABC_01012000_102046.0"
+
+
+def test_a_direction_that_the_file_does_not_know_can_be_said(tmp_path: Path) -> None:
+    files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
+    with pytest.raises(RecordError, match=r"1.ASC \(unknown\).*directions= says what the files"):
+        read_record(files)
+    motion = read_record(files, directions=[122.0, 32, "up"])
+    np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)
+    with pytest.raises(RecordError, match="says that its direction is up, but 'DOWN' was given"):
+        read_record(files, directions=[122, 32, "DOWN"])
+    with pytest.raises(RecordError, match="directions must be N, E, S, W, UP, DOWN or azimuths"):
+        read_record(files, directions=["H1", "H2", "UP"])
+    with pytest.raises(RecordError, match="directions has 2 entries, the files have 3"):
+        read_record(files, directions=["N", "E"])
+    with pytest.raises(RecordError, match="two horizontal ones at right angles"):
+        read_record(files, directions=[122, 31, "up"])
+
+
+def test_components_in_different_units_are_refused(tmp_path: Path) -> None:
+    files = three(tmp_path, "esm")
+    write(tmp_path, esm(unit="m/s^2", values=0.01 * WAVE, stream="HNZ"), files[2].name)
+    with pytest.raises(RecordError, match="have different units, cm/s.2, m/s.2"):
+        read_record(files)
+    with pytest.raises(RecordError, match="is in cm/s.2, but unit='g' was given"):
+        read_record(files, unit="g")
+
+
+def test_units_are_known_by_many_names() -> None:
+    names = {"cm/sec2": "cm/s^2", "cm/s/s": "cm/s^2", "M/S2": "m/s^2", "m/s**2": "m/s^2"}
+    names |= {"G": "g", "gals": "gal", "cm/sec/sec": "cm/s^2", "mg": "mg", "mm/s²": "mm/s^2"}
+    assert {text: unit_named(text, "here") for text in names} == names
+    for text in ("", "m/s", "m", "g/10", "cm/s3", "kg"):
+        with pytest.raises(RecordError, match="^here: .* is no known unit of acceleration"):
+            unit_named(text, "here")
+
+
+def test_directions_are_known_by_name_and_azimuth() -> None:
+    names = {"N": 0.0, "e-w": 90.0, "360": 0.0, "37.5": 37.5, "UP": "up", "DWN": "down"}
+    assert {text: direction_named(text) for text in names} == names
+    assert {direction_named(text) for text in ("H1", "400", "-10", "", "nan")} == {None}
+
+
+def outcome(path: Path) -> tuple[str | None, list[Component]]:
+    """What a file is refused with, or its components."""
+    try:
+        return None, read_components(path)
+    except RecordError as error:
+        return str(error), []
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_random_damage_is_refused_or_read_never_worse(tmp_path: Path, name: str) -> None:
+    # Bytes put anywhere: either still a record of finite values, or one sentence.
+    random = np.random.default_rng(20)
+    whole = FORMATS[name]().encode()
+    refused = 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        for place in random.integers(0, len(whole), 3):
+            damaged[place] = random.choice(np.frombuffer(b"\n 0-9.E:#x\xff\x00(", np.uint8))
+        path = write(tmp_path, bytes(damaged))
+        sentence, found = outcome(path)
+        refused += sentence is not None
+        assert sentence is None or sentence.startswith(str(path))
+        assert all(np.isfinite(part.acceleration).all() for part in found)
+    assert refused > 20
+
+
+def test_the_head_of_a_file_is_enough_to_know_it(tmp_path: Path) -> None:
+    path = write(tmp_path, esm() + "0.0\n" * 10_000)
+    assert len(RecordText(path, head=1000).lines) < 200

@@ -1,0 +1,123 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Baselines, filters and integrals of ground motions against what they must be exactly."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.motion import Motion
+
+DT = 0.01
+TIME = np.arange(2001) * DT
+
+
+def motion_of(*columns: Any) -> Motion:
+    """A motion of 20 s."""
+    return Motion(acceleration=np.stack(np.broadcast_arrays(TIME, *columns)[1:], axis=1), dt=DT)
+
+
+def burst(frequency: float, width: float = 1.0) -> np.ndarray:
+    """Sine under a Gauss curve in the middle of the motion."""
+    wave: np.ndarray = np.sin(2 * np.pi * frequency * (TIME - 10)) * np.exp(
+        -(((TIME - 10) / width) ** 2)
+    )
+    return wave
+
+
+def test_integrals_of_a_line_are_a_parabola_and_a_cubic() -> None:
+    velocity, displacement = motion_of(2.0 - TIME, 1.0, 0.0).integrated()
+    np.testing.assert_allclose(velocity[:, 0], 2 * TIME - TIME**2 / 2, atol=1e-10)
+    np.testing.assert_allclose(displacement[:, 0], TIME**2 - TIME**3 / 6, atol=1e-9)
+    np.testing.assert_allclose(displacement[:, 1], TIME**2 / 2, atol=1e-10)
+    assert np.all(displacement[:, 2] == 0.0)
+
+
+@pytest.mark.parametrize("degree", range(7))
+def test_a_baseline_of_its_degree_goes_and_nothing_comes_back(degree: int) -> None:
+    place = TIME / 10.0 - 1.0
+    baseline = sum((k + 1) * (-1.0) ** k * place**k for k in range(degree + 1))
+    wave = burst(3.0)
+    plain = motion_of(wave, 2 * wave, 0.0).baseline_corrected(degree)
+    shifted = motion_of(wave + baseline, 2 * wave - 5 * baseline, baseline)
+    corrected = shifted.baseline_corrected(degree)
+    np.testing.assert_allclose(corrected.acceleration, plain.acceleration, atol=1e-10)
+    np.testing.assert_allclose(corrected.acceleration[:, 2], 0.0, atol=1e-11)
+    twice = corrected.baseline_corrected(degree)
+    np.testing.assert_allclose(twice.acceleration, corrected.acceleration, atol=1e-11)
+
+
+def test_a_baseline_stops_the_drift_of_an_offset_record() -> None:
+    # Zero mean velocity: what is left of the drift is that of the burst itself, below its own size.
+    wave = burst(2.0)
+    drifting = motion_of(wave + 0.02, wave, 0.0)
+    assert abs(drifting.integrated()[1][-1, 0]) > 3.9  # 0.02 t^2 / 2 at 20 s is 4 m
+    assert np.abs(drifting.baseline_corrected(0).integrated()[1][:, 0]).max() < 0.02
+
+
+def test_wrong_baselines_are_refused() -> None:
+    for degree in (-1, 7, 1.5, True, "2"):
+        with pytest.raises(RecordError, match="degree must be a whole number from 0 to 6, got"):
+            motion_of(1.0, 1.0, 1.0).baseline_corrected(degree)  # type: ignore[arg-type]
+    short = Motion(acceleration=np.ones((4, 3)), dt=DT)
+    with pytest.raises(RecordError, match="degree 2 needs 5 samples or more, the motion has 4"):
+        short.baseline_corrected(2)
+
+
+def gain(frequency: np.ndarray, corner: float, order: int) -> np.ndarray:
+    """Gain of both passes of a low pass, by the bilinear transform of Butterworth's."""
+    ratio = np.tan(np.pi * frequency * DT) / np.tan(np.pi * corner * DT)
+    found: np.ndarray = 1.0 / (1.0 + ratio ** (2 * order))
+    return found
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("frequency", [2.0, 5.0, 8.0])
+def test_the_filter_has_butterworths_gain_and_no_phase(order: int, frequency: float) -> None:
+    # The burst and what the filter makes of it lie inside the motion, so the ratio of the
+    # transforms is the gain itself: real, and squared as there are two passes.
+    wave = burst(frequency)
+    filtered = motion_of(wave, wave, 0.0).band_passed(high=5.0, order=order).acceleration[:, 0]
+    spectrum = np.fft.rfft(wave)
+    strong = np.abs(spectrum) > 0.1 * np.abs(spectrum).max()
+    ratio = np.fft.rfft(filtered)[strong] / spectrum[strong]
+    expected = gain(np.fft.rfftfreq(len(TIME), DT)[strong], 5.0, order)
+    np.testing.assert_allclose(ratio, expected, atol=2e-9)
+
+
+def test_low_and_high_pass_corners_halve_a_sine() -> None:
+    for options in ({"low": 2.0}, {"high": 2.0}, {"low": 2.0, "high": 20.0}):
+        sine = np.sin(2 * np.pi * 2.0 * TIME)
+        middle = motion_of(sine, sine, sine).band_passed(**options).acceleration[800:1200]
+        expected = 0.5 * np.stack([sine] * 3, axis=1)[800:1200]
+        np.testing.assert_allclose(middle, expected, atol=2e-4)
+
+
+def test_the_filter_does_not_know_which_way_time_runs() -> None:
+    wave = burst(3.0) + 0.3 * burst(0.7, 0.4)
+    motion, reverse = motion_of(wave, 0.0, 0.0), motion_of(wave[::-1], 0.0, 0.0)
+    forwards = motion.band_passed(0.5, 10.0).acceleration
+    backwards = reverse.band_passed(0.5, 10.0).acceleration
+    np.testing.assert_allclose(forwards, backwards[::-1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "order", "message"),
+    [
+        (None, None, 4, "One corner must be given, or two that rise, got low=None and high=None"),
+        (5.0, 1.0, 4, "two that rise, got low=5.0 and high=1.0"),
+        (5.0, 5.0, 4, "two that rise"),
+        (0.0, 5.0, 4, "low is 0.0 Hz; it must be above 0 and below 50 Hz, half the sampling rate"),
+        (0.1, 50.0, 4, "high is 50.0 Hz; it must be above 0 and below 50 Hz"),
+        (float("nan"), 5.0, 4, "low is nan Hz; it must be"),
+        ("1", 5.0, 4, "low is '1'; it must be above 0"),
+        (0.01, 5.0, 4, "0.01 Hz is below one period in the 20 s of the motion, 0.05 Hz"),
+        (0.1, 5.0, 0, "order must be a whole number from 1 to 8, got 0"),
+        (0.1, 5.0, 2.5, "order must be a whole number from 1 to 8, got 2.5"),
+    ],
+)
+def test_wrong_filters_are_refused(low: Any, high: float | None, order: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        motion_of(1.0, 1.0, 1.0).band_passed(low, high, order=order)

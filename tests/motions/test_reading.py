@@ -1,0 +1,200 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Records from files: PEER AT2 files, which files belong together, axes, refusals."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.reading import read_components, read_record, record_names
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+
+NEW_STYLE = "NPTS=   {count}, DT=   {dt} SEC,                  "
+
+
+def at2_text(
+    values: Sequence[float],
+    *,
+    component: str = "0",
+    dt: str = ".0050",
+    count: int | None = None,
+    line4: str = NEW_STYLE,
+    unit: str = "UNITS OF G",
+) -> str:
+    """Text of an AT2 file with five values on a line."""
+    header = [
+        "PEER STRONG MOTION",
+        f"Somewhere, 1/1/2000, Station, {component}",
+        f"SERIES IN {unit}",
+    ]
+    header.append(line4.format(count=len(values) if count is None else count, dt=dt))
+    rows = [values[i : i + 5] for i in range(0, len(values), 5)]
+    return "\r\n".join(header + ["".join(f" {v:14.7E}" for v in row) for row in rows]) + "\r\n"
+
+
+def write_record(
+    directory: Path,
+    stem: str = "RSN1_ABC",
+    parts: Sequence[str] = ("000", "270", "-UP"),
+    **at2: Any,
+) -> None:
+    """Write components of 20, 21, 22, ... values that are 0.1, 0.2, 0.3, ... g throughout."""
+    for number, part in enumerate(parts):
+        text = at2_text([0.1 * (number + 1)] * (20 + number), component=part.strip("-"), **at2)
+        (directory / f"{stem}{part}.AT2").write_text(text)
+
+
+@pytest.mark.parametrize(
+    "line4",
+    [
+        "NPTS=   {count}, DT=   {dt} SEC,     ",
+        "NPTS= {count}, DT= {dt} SEC",
+        "NPTS={count},DT={dt}SEC",
+        "   {count}    {dt}    NPTS, DT",
+    ],
+)
+def test_the_known_headers_are_read(tmp_path: Path, line4: str) -> None:
+    path = tmp_path / "a.at2"
+    path.write_text(at2_text([0.1, -0.2, 0.3, 0.4, 0.5, 0.6, 0.7], line4=line4))
+    (found,) = read_components(path)
+    expected = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6, 0.7]) * STANDARD_GRAVITY
+    np.testing.assert_allclose(found.acceleration, expected, rtol=1e-12)
+    assert found.dt == 0.005
+    assert len(found.header) == 4
+    assert found.header[1] == "Somewhere, 1/1/2000, Station, 0"
+
+
+GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "a.AT2 is empty"),
+        (GOOD.replace("UNITS OF G", "UNITS OF CM/S/S"), "line 3: must say 'UNITS OF G', got"),
+        (GOOD.replace("UNITS OF G", "UNITS OF G/10"), "line 3: must say 'UNITS OF G'"),
+        (GOOD.replace("NPTS", "POINTS"), "line 4: must give 'NPTS= count, DT= step SEC'"),
+        (GOOD.replace(".0050", ".0000"), "line 4: the time step must be positive"),
+        (GOOD.replace(" 1.0000000E-01", " NaN"), "line 7: 'NaN' is not a finite number"),
+        (GOOD.replace(" 1.0000000E-01", " 1_0"), "line 7: '1_0' is not a finite number"),
+        (GOOD.replace(" 1.0000000E-01", " 1E999"), "line 7: '1E999' is not a finite number"),
+        (GOOD.replace(" 1.0000000E-01", " ******"), "line 7: '[*]+' is not a finite number"),
+        (GOOD.replace(" 1.0000000E-01", ""), "line 7: 4 values where the lines before"),
+        (
+            GOOD.replace(" 1.0000000E-01", " 1 2"),
+            "line 7: 6 values where the lines before",
+        ),
+        (GOOD[: GOOD.rindex(" 2.2")], "line 9: 22 values up to here, line 4 announces 23"),
+        (GOOD[: GOOD.rindex(" 2.0")], "line 8: 20 values up to here, line 4 announces 23"),
+        (
+            at2_text([0.1] * 10, count=9),
+            "line 6: 10 values up to here, line 4 announces 9",
+        ),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "a.AT2"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=message) as caught:
+        read_components(path)
+    assert str(caught.value).startswith(str(path))
+    assert str(caught.value).endswith(".")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="none.AT2 cannot be read: No such file"):
+        read_components(tmp_path / "none.AT2")
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        (("000", "270", "-UP"), [0.1, 0.2, 0.3]),  # y lies 90 degrees to the left of x
+        (("000", "090", "-UP"), [0.2, 0.1, 0.3]),
+        (("164", "254", "DWN"), [0.2, 0.1, -0.3]),
+        (("-V", "-N", "-E"), [0.3, 0.2, 0.1]),
+        (("360", "270", "-UP"), [0.1, 0.2, 0.3]),
+    ],
+)
+def test_components_find_their_axes(
+    tmp_path: Path, parts: tuple[str, ...], expected: list[float]
+) -> None:
+    write_record(tmp_path, parts=parts)
+    motion = read_record(tmp_path)
+    assert motion.name == "RSN1_ABC"
+    assert motion.acceleration.shape == (20, 3)  # the shortest of 20, 21, 22
+    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, expected)
+
+
+def test_one_of_several_records_is_chosen_by_name(tmp_path: Path) -> None:
+    write_record(tmp_path, "RSN1_ABC")
+    (tmp_path / "sub").mkdir()
+    write_record(tmp_path / "sub", "RSN2_DEF")
+    (tmp_path / "notes.txt").write_text("not a record")
+    assert read_record(tmp_path).name == "RSN1_ABC"
+    write_record(tmp_path, "RSN2_DEF")
+    assert record_names(tmp_path) == ["RSN1_ABC", "RSN2_DEF"]
+    with pytest.raises(RecordError, match="choose by name=: RSN1_ABC, RSN2_DEF"):
+        read_record(tmp_path)
+    assert read_record(tmp_path, name="def").name == "RSN2_DEF"
+    with pytest.raises(RecordError, match="no record with 'xyz' in its name; it has RSN1_ABC, RSN"):
+        read_record(tmp_path, name="xyz")
+
+
+def test_incomplete_records_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="There is no file or directory"):
+        read_record(tmp_path / "none")
+    with pytest.raises(RecordError, match="has no record; it has none"):
+        read_record(tmp_path)
+    for number, parts in enumerate((("000", "-UP"), ("000", "045", "-UP"), ("000", "090", "180"))):
+        (tmp_path / str(number)).mkdir()
+        write_record(tmp_path / str(number), parts=parts)
+        with pytest.raises(RecordError, match="two horizontal ones at right angles, 'RSN1_ABC' is"):
+            read_record(tmp_path / str(number))
+
+
+def test_components_that_disagree_are_refused(tmp_path: Path) -> None:
+    write_record(tmp_path)
+    (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="UP", dt=".0100"))
+    with pytest.raises(RecordError, match="different time steps"):
+        read_record(tmp_path)
+    (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="DWN"))
+    with pytest.raises(RecordError, match="-UP.AT2, line 2: names another component"):
+        read_record(tmp_path)
+
+
+def test_a_damaged_component_is_refused_not_left_out(tmp_path: Path) -> None:
+    # By its name the file belongs to the record, whatever it holds.
+    write_record(tmp_path)
+    for content, message in ((b"", "-UP.AT2 is empty"), (b"\0\1\2", "-UP.AT2 is not a text file")):
+        (tmp_path / "RSN1_ABC-UP.AT2").write_bytes(content)
+        with pytest.raises(RecordError, match=message):
+            read_record(tmp_path)
+
+
+def test_no_files_and_no_azimuth_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="At least one file is needed, got none"):
+        read_record([])
+    write_record(tmp_path)
+    with pytest.raises(ValueError, match="stream_azimuth_deg is nan; it must be a finite number"):
+        read_record(tmp_path, stream_azimuth_deg=float("nan"))
+
+
+def test_what_names_no_files_is_refused(tmp_path: Path) -> None:
+    write_record(tmp_path)
+    assert len(read_record(path for path in tmp_path.glob("*.AT2")).acceleration) == 20
+    for source, message in (
+        (5, "source is 5; it must be a file, a directory or several files"),
+        (None, "source is None; it must be a file"),
+        ([5], "A file of source is 5; it must be the path of a file"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_record(source)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="name is 3; it must be a part of a record's name"):
+        read_record(tmp_path, name=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="directory is 5; it must be the path"):
+        record_names(5)  # type: ignore[arg-type]

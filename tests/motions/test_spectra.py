@@ -1,0 +1,161 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Spectra against closed forms."""
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.motions.spectra import (
+    arias_intensity,
+    equally_spaced,
+    fourier_amplitude,
+    response_spectrum,
+    running_frequency,
+    significant_duration,
+    spectrogram,
+)
+
+
+def test_fourier_peak_of_a_sine() -> None:
+    # 2 sin(2 pi 5 t) over T = 8 s, whole periods: A T / 2 = 8 at 5 Hz, nothing elsewhere.
+    time = np.arange(1600) * 0.005
+    frequency, amplitude = fourier_amplitude(2.0 * np.sin(2 * np.pi * 5.0 * time), 0.005)
+    assert frequency[np.argmax(amplitude)] == pytest.approx(5.0)
+    assert amplitude.max() == pytest.approx(8.0)
+    assert np.sort(amplitude)[-2] < 1e-10
+    assert frequency[-1] == pytest.approx(100.0)
+
+
+def test_fourier_amplitude_of_a_gauss_curve() -> None:
+    # The transform of exp(-t^2 / (2 s^2)) is s sqrt(2 pi) exp(-2 (pi s f)^2).
+    time, width = np.arange(1000) * 0.01, 0.2
+    frequency, amplitude = fourier_amplitude(np.exp(-0.5 * ((time - 5.0) / width) ** 2), 0.01)
+    exact = width * np.sqrt(2 * np.pi) * np.exp(-2.0 * (np.pi * width * frequency) ** 2)
+    np.testing.assert_allclose(amplitude, exact, atol=1e-12)
+
+
+def test_fourier_amplitude_keeps_components_and_energy() -> None:
+    signal = np.random.default_rng(1).normal(size=(501, 3))
+    frequency, amplitude = fourier_amplitude(signal, 0.02)
+    assert amplitude.shape == (251, 3)
+    doubled = np.r_[1.0, np.full(250, 2.0)] @ amplitude**2 * frequency[1]  # Parseval
+    np.testing.assert_allclose(doubled, 0.02 * (signal**2).sum(axis=0))
+
+
+def test_response_to_a_step() -> None:
+    # u_max omega^2 / a = 1 + exp(-pi zeta / sqrt(1 - zeta^2)), reached after half a damped period.
+    periods = np.array([0.5, 1.0, 2.0])
+    for zeta in (0.0, 0.05, 0.6):
+        spectrum = response_spectrum(np.full(40001, 3.0), 0.0005, periods, zeta)
+        overshoot = 1.0 + np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2))
+        np.testing.assert_allclose(spectrum.pseudo_acceleration, 3.0 * overshoot, rtol=1e-5)
+
+
+def test_response_to_a_ramp_is_exact_at_any_step() -> None:
+    # a = r t from rest, undamped: u = -r (t / omega^2 - sin(omega t) / omega^3).
+    for dt in (0.001, 0.1, 0.7):
+        time = np.arange(int(7.0 / dt) + 1) * dt
+        omega = 2.0 * np.pi / 1.3
+        exact = 2.0 * np.abs(time / omega**2 - np.sin(omega * time) / omega**3).max()
+        spectrum = response_spectrum(2.0 * time, dt, [1.3], 0.0)
+        assert spectrum.displacement[0] == pytest.approx(exact, rel=1e-12)
+
+
+def test_response_in_resonance() -> None:
+    # Steady state at omega: u omega^2 / a = 1 / (2 zeta).
+    time = np.arange(40001) * 0.002
+    spectrum = response_spectrum(np.sin(2 * np.pi * time), 0.002, [1.0], 0.05)
+    assert spectrum.pseudo_acceleration[0] == pytest.approx(10.0, rel=1e-3)
+
+
+def test_response_limits_and_ratios() -> None:
+    time = np.arange(4001) * 0.005
+    motion = np.sin(2 * np.pi * time) * np.sin(np.pi * time / 20.0) ** 2
+    spectrum = response_spectrum(motion, 0.005, [0.01, 0.5, 200.0], 0.05)
+    # A stiff oscillator follows the ground, a soft one stays where it was.
+    assert spectrum.pseudo_acceleration[0] == pytest.approx(np.abs(motion).max(), rel=1e-3)
+    velocity = np.cumsum(motion) * 0.005
+    ground = np.abs(np.cumsum(velocity)).max() * 0.005
+    assert spectrum.displacement[2] == pytest.approx(ground, rel=0.1)
+    omega = 2 * np.pi / spectrum.periods
+    np.testing.assert_allclose(spectrum.pseudo_velocity, omega * spectrum.displacement)
+    np.testing.assert_allclose(spectrum.pseudo_acceleration, omega**2 * spectrum.displacement)
+
+
+def test_response_of_several_components_at_once() -> None:
+    motion = np.random.default_rng(2).normal(size=(300, 3))
+    together = response_spectrum(motion, 0.01, [0.2, 0.4], 0.05)
+    assert together.displacement.shape == together.pseudo_acceleration.shape == (2, 3)
+    alone = response_spectrum(motion[:, 1], 0.01, [0.2, 0.4], 0.05)
+    np.testing.assert_allclose(together.pseudo_velocity[:, 1], alone.pseudo_velocity)
+
+
+def test_arias_intensity_of_a_sine() -> None:
+    # Over whole periods the integral of A^2 sin^2 is A^2 T / 2.
+    time = np.arange(2001) * 0.005
+    intensity = arias_intensity(3.0 * np.sin(2 * np.pi * time), 0.005)
+    assert intensity[0] == 0.0
+    assert intensity[-1] == pytest.approx(np.pi / (2 * STANDARD_GRAVITY) * 9.0 * 10.0 / 2.0)
+    assert np.all(np.diff(intensity) >= 0.0)
+
+
+def test_significant_duration() -> None:
+    # A constant acceleration gathers intensity at a constant rate.
+    start, end = significant_duration(np.full(1001, 2.0), 0.01)
+    assert (start, end) == pytest.approx((0.5, 9.5))
+    # Quiet before and after does not count, and components add up.
+    quiet = np.r_[np.zeros(500), np.full(1001, 2.0), np.zeros(500)]
+    both = np.stack([quiet, 0.5 * quiet], axis=1)
+    assert significant_duration(both, 0.01) == pytest.approx((5.5, 14.5), abs=0.02)
+    whole = significant_duration(quiet, 0.01, lower=0.0, upper=1.0)
+    assert whole == pytest.approx((0.0, 15.01), abs=1e-6)
+
+
+def test_wrong_arguments_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least 2 samples, got shape"):
+        fourier_amplitude([1.0], 0.1)
+    with pytest.raises(ValueError, match="dt must be a positive number of seconds, got 0.0"):
+        arias_intensity([1.0, 2.0], 0.0)
+    with pytest.raises(ValueError, match="finite"):
+        arias_intensity([1.0, np.nan], 0.1)
+    with pytest.raises(ValueError, match="periods must be positive"):
+        response_spectrum([1.0, 2.0], 0.1, [0.0, 1.0], 0.05)
+    with pytest.raises(ValueError, match="damping_ratio must be at least 0 and below 1, got 1.0"):
+        response_spectrum([1.0, 2.0], 0.1, [1.0], 1.0)
+    with pytest.raises(ValueError, match="rise within 0 to 1"):
+        significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1)
+    with pytest.raises(ValueError, match="zero throughout"):
+        significant_duration([0.0, 0.0], 0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda a: running_frequency(a, 0.01, 0.5, band=(1.0, None)), "band must be two frequ"),
+        (
+            lambda a: running_frequency(a, 0.01, 0.5, band=3.0),
+            "band must be two frequencies, got 3",
+        ),
+        (lambda a: spectrogram(a, 0.01, 0.5, hop=-1.0), "hop must be a positive number of seconds"),
+        (lambda a: spectrogram(a, 0.01, np.nan), "window must be from 8 samples, 0.08 s, to the"),
+        (lambda a: spectrogram(a[:, None], 0.01, 0.5), r"must have shape \(n,\), got \(100, 1\)"),
+        (lambda a: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "Times must be finite and rise"),
+        (lambda a: equally_spaced([0.0, 1.0, 1.0], [0, 0, 0]), "Times must be finite and rise"),
+        (lambda a: equally_spaced([0.0, 1e-9, 1.0], [0, 0, 0]), "make more than 1e.07 equal ones"),
+        (lambda a: equally_spaced([0.0, 1.0], None), "At least 2 records with a time each"),
+    ],
+)
+def test_wrong_windows_and_times_are_refused(call, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(np.sin(np.arange(100.0)))
+
+
+def test_a_signal_that_ends_has_no_frequency_where_it_is_still() -> None:
+    # Whole numbers: nothing at all in the second half of some windows.
+    signal = np.zeros(100)
+    signal[:20] = np.sin(np.arange(20.0))
+    _, frequency, damping = running_frequency(signal, 0.01, 0.2)
+    assert np.isnan(damping[-1])
+    assert np.isnan(frequency[-1])
+    assert np.isfinite(damping[0])

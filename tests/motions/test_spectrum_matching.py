@@ -1,0 +1,156 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Matching to a response spectrum: what must stay, what must be reached, what is refused."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.motions.motion import Motion, synthetic_motion
+from dolfinx_joints.motions.spectra import response_history, response_spectrum
+from dolfinx_joints.motions.spectrum_matching import match_spectrum
+
+RECORD = synthetic_motion(seed=2, duration=12.0, dt=0.005, band=(0.3, 8.0))
+STEPS = np.geomspace(0.05, 2.0, 372)  # neighbours 1 % apart: nothing is filled in between
+
+
+def eurocode(periods: np.ndarray) -> np.ndarray:
+    """Elastic spectrum of EN 1998-1, 3.2.2.2, type 1 on ground B, 5 % damping, a_g 2.5 m/s^2."""
+    shape = np.select(
+        [periods <= 0.15, periods <= 0.5], [1 + 1.5 * periods / 0.15, 2.5], 2.5 * 0.5 / periods
+    )
+    return np.asarray(2.5 * 1.2 * shape)
+
+
+def spectrum(motion: Motion, periods: np.ndarray, column: int) -> np.ndarray:
+    """Pseudo-acceleration of one component [m/s^2]."""
+    values = motion.acceleration[:, column]
+    return np.asarray(response_spectrum(values, motion.dt, periods, 0.05).pseudo_acceleration)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_its_own_spectrum_only_scales_a_record(factor: float) -> None:
+    # The whole motion is linear: a spectrum k times its own asks for k times the motion.
+    own = spectrum(RECORD, STEPS, 1)
+    match = match_spectrum(RECORD, (STEPS, factor * own), components="y")
+    expected = RECORD.acceleration * [1.0, factor, 1.0]
+    np.testing.assert_allclose(match.motion.acceleration, expected, rtol=1e-12)
+    assert match.rounds.tolist() == [0]
+    assert match.factors == pytest.approx([factor], rel=1e-12)
+    assert np.abs(match.misfit).max() < 1e-12
+    np.testing.assert_allclose(match.misfit_before[:, 0], 1.0 / factor - 1.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_smooth_spectrum_is_matched_between_its_periods_too() -> None:
+    match = match_spectrum(RECORD, (STEPS, eurocode(STEPS)), components="x", tolerance=0.05)
+    assert np.abs(match.misfit_before).max() > 0.5  # it is far from it before
+    assert np.abs(match.misfit).max() <= 0.05
+    fine = np.geomspace(0.05, 2.0, 1500)
+    # Between periods 1 % apart, a tenth of the bandwidth of 5 % damping: 0.5 % more.
+    assert np.abs(spectrum(match.motion, fine, 0) / eurocode(fine) - 1.0).max() <= 0.055
+    np.testing.assert_array_equal(match.motion.acceleration[:, 1:], RECORD.acceleration[:, 1:])
+    # Wavelets end at rest where they began: the motion does where the scaled record does.
+    before, after = RECORD.scaled([match.factors[0], 1.0, 1.0]).integrated(), match.motion
+    for old, new in zip(before, after.integrated(), strict=True):
+        np.testing.assert_allclose(new[-1], old[-1], atol=1e-12)
+    assert np.corrcoef(after.acceleration[:, 0], RECORD.acceleration[:, 0])[0, 1] > 0.4
+
+
+def test_a_target_of_a_few_points_lies_on_straight_lines_in_logarithms() -> None:
+    # The spectrum falls as 1 / T from 0.5 s on: its chords are the spectrum itself.
+    corners = np.array([0.5, 0.8, 2.0])
+    match = match_spectrum(RECORD.resampled(0.02), (corners, eurocode(corners)), components="xy")
+    np.testing.assert_allclose(match.target, eurocode(match.periods), rtol=1e-12)
+    assert np.diff(np.log(match.periods)).max() <= np.log(1.01) * (1 + 1e-9)
+    assert np.abs(match.misfit).max() <= 0.1
+    lines = match.report().splitlines()
+    assert lines[1].split()[:2] == ["misfit", "%"]
+    assert [line[:10].strip() for line in lines[2:]] == [
+        *("x as given", "x matched", "x: scaled"),
+        *("y as given", "y matched", "y: scaled"),
+    ]
+    words = lines[3].split()
+    assert float(words[2]) == pytest.approx(
+        100 * match.misfit[np.argmax(np.abs(match.misfit[:, 0])), 0], abs=0.05
+    )
+    assert float(words[4]) == pytest.approx(match.motion.peak[0] / 9.80665, abs=5e-4)
+
+
+def test_the_same_on_every_call() -> None:
+    target = (np.array([0.2, 1.0]), np.array([6.0, 3.0]))
+    coarse = RECORD.resampled(0.02)
+    one, two = (match_spectrum(coarse, target, components="x").motion for _ in range(2))
+    np.testing.assert_array_equal(one.acceleration, two.acceleration)
+
+
+def test_histories_of_oscillators_have_the_peaks_of_the_spectrum() -> None:
+    periods = np.array([0.1, 0.7])
+    history = response_history(RECORD.acceleration, RECORD.dt, periods, 0.05)
+    found = response_spectrum(RECORD.acceleration, RECORD.dt, periods, 0.05).displacement
+    np.testing.assert_array_equal(np.abs(history).max(axis=0), found)
+    assert history.shape == (len(RECORD.acceleration), 2, 3)
+    # An undamped oscillator under a step a rests at -a / omega^2 (1 - cos omega t).
+    time = 0.01 * np.arange(300)
+    exact = -2.0 / (2 * np.pi / 0.7) ** 2 * (1 - np.cos(2 * np.pi * time / 0.7))
+    step = response_history(np.full(300, 2.0), 0.01, [0.7], 0.0)[:, 0]
+    np.testing.assert_allclose(step, exact, atol=1e-13)
+
+
+def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
+    narrow = (np.array([0.5, 0.505, 0.51]), np.array([1.0, 50.0, 1.0]))
+    with pytest.raises(RecordError, match=r"came no nearer .*, at 0\.5\d* s, in 3 rounds; toleran"):
+        match_spectrum(RECORD, narrow, components="x", rounds=3)
+    nearest = []
+    for rounds in (1, 3, 8):
+        with pytest.raises(RecordError) as told:
+            match_spectrum(RECORD, narrow, components="x", rounds=rounds)
+        nearest.append(float(re.search(r"than [+-]([\d.]+)%, at", str(told.value))[1]))
+    assert nearest[0] >= nearest[1] >= nearest[2]  # the best round counts, not the last
+    still = RECORD.scaled([1.0, 0.0, 1.0])
+    with pytest.raises(RecordError, match="Component y of 'synthetic motion 2' is zero through"):
+        match_spectrum(still, (STEPS, eurocode(STEPS)), components="y")
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (([0.1, 1.0], [1.0]), r"2 to 2000 of each, got shapes \(2,\) and \(1,\)"),
+        (([0.1], [1.0]), r"got shapes \(1,\) and \(1,\)"),
+        (np.ones((2, 2001)), r"got shapes \(2001,\)"),
+        ("spectrum", "target must be a pair, periods"),
+        (None, "target must be a pair"),
+        ((1.0, 2.0, 3.0), "target must be a pair"),
+        (([0.0, 1.0], [1.0, 1.0]), "Periods of a target must be positive, got 0.0 at place 1"),
+        (([0.1, 1.0], [1.0, -2.0]), "accelerations of a target must be positive, got -2.0 at pl"),
+        (([0.1, 1.0], [1.0, np.nan]), "must be positive, got nan at place 2"),
+        (([0.1, 1.0, 0.5], [1.0, 1.0, 1.0]), "must rise, got 0.5 s after 1 s"),
+        (([0.1, 0.1], [1.0, 1.0]), "must rise, got 0.1 s after 0.1 s"),
+        (([0.04, 1.0], [1.0, 1.0]), "begins at 0.04 s; with samples every 0.005 s it may begin at"),
+        (([0.1, 3.1], [1.0, 1.0]), "ends at 3.1 s; in a motion of 12 s it may end at 3 s"),
+    ],
+)
+def test_targets_that_are_none_are_refused(target: Any, message: str) -> None:
+    with pytest.raises(RecordError, match=message):
+        match_spectrum(RECORD, target)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"components": "xw"}, "components is 'xw'; it must be different ones of x, y, z"),
+        ({"components": ""}, "components is ''"),
+        ({"components": "xx"}, "components is 'xx'"),
+        ({"damping_ratio": 0.0}, "damping_ratio is 0.0; it must be a number from 0.005 to 0.3"),
+        ({"tolerance": 0.01}, "tolerance is 0.01; it must be a number from 0.02 to 0.5"),
+        ({"rounds": 0}, "rounds is 0; it must be a whole number of at least 1"),
+        ({"motion": "record"}, "motion is 'record'; it must be a Motion"),
+    ],
+)
+def test_other_wrong_arguments_are_refused(options: dict[str, Any], message: str) -> None:
+    arguments = {"motion": RECORD, "target": (STEPS, eurocode(STEPS)), **options}
+    with pytest.raises(ValueError, match=message):
+        match_spectrum(**arguments)

@@ -1,0 +1,364 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""CSV tables hold what the file holds, and the overview of a file fits a screen; no DOLFINx."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dolfinx_joints import Results, ResultsError
+from dolfinx_joints import cli
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.postprocessing.measures import joint_measures
+from dolfinx_joints.postprocessing.resultants import block_resultants, joint_resultants
+from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.overview import overview
+from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.postprocessing.csv_tables import tables_of, write_csv
+
+STEPS, EVERY = 7, 3
+RANDOM = np.random.default_rng(7)
+AREAS = np.array([0.5, 1.5])
+POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+LEVEL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # rows n = z, s1 = x, s2 = y
+
+
+def write_run(path: Path, joints: tuple[str, ...] = ("joint_1", "joint_2")) -> Path:
+    """A file with random numbers in every place that a table reads."""
+    joint = {
+        "points": POINTS,
+        "frames": np.stack([LEVEL, LEVEL]),
+        "areas": AREAS,
+        "facet": np.zeros(2, dtype=np.int64),
+    }
+    laws = {"kind": "FrictionNoTension", "friction_angle_deg": 45.0, "cohesion": 0.0}
+    told = {
+        "point_names": ["crest", "left, top"],
+        "stage": "dynamic",
+        "steps": STEPS,
+        "laws": dict.fromkeys(joints, laws),
+    }
+    with ResultsWriter(path, told) as writer:
+        declare_histories(writer, RANDOM.random((2, 3)), accelerations=True)
+        writer.series("histories", "reaction/base", (3,), "N", "force")
+        declare_energy(writer, joints, ["Gravity"])
+        nodes = RANDOM.random((4, 3))
+        declare_states(writer, nodes, [[0, 1, 2, 3]], dict.fromkeys(joints, joint), status=True)
+        declare_envelopes(writer, [1, 3], np.full((2, 3), np.nan), np.full((2, 3), np.nan))
+        writer.start()
+        for step in range(STEPS):
+            time = 0.1 * step
+            append(writer, "histories", time)
+            append(writer, "energy", time)
+            if step % EVERY == 0:
+                append(writer, "states", time)
+        append(writer, "envelopes", 0.6)
+        writer.finish("complete", {"steps": STEPS, "accepted": STEPS, "energy_error": 1e-14})
+    return path
+
+
+def append(writer: ResultsWriter, stream: str, time: float) -> None:
+    """A record of random numbers."""
+    with_shapes = writer._streams[stream]._datasets
+    writer.append(
+        stream,
+        time,
+        {
+            name: RANDOM.standard_normal(data.shape[1:]) * 1e6
+            if data.dtype.kind == "f"
+            else RANDOM.integers(0, 3, data.shape[1:])
+            for name, data in with_shapes.items()
+        },
+    )
+
+
+def read(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of a table."""
+    with path.open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    return header, rows
+
+
+def column(path: Path, name: str) -> np.ndarray:
+    """Numbers of a column."""
+    header, rows = read(path)
+    return np.array([float(row[header.index(name)]) for row in rows])
+
+
+def test_tables_hold_the_numbers_of_the_file(tmp_path):
+    # Bit for bit: what is read back equals what the file holds.
+    with Results(write_run(tmp_path / "r.h5")) as results:
+        paths = write_csv(results, tmp_path / "new" / "tables")
+        names = ["histories", "energy", "joints", "resultants", "envelopes"]
+        assert [path.name for path in paths] == [f"{name}.csv" for name in names]
+        history, energy, joints, forces, envelopes = paths
+        np.testing.assert_array_equal(column(history, "time [s]"), results.time("histories"))
+        for name, unit in (("displacement", "m"), ("acceleration", "m/s^2")):
+            values = results.series("histories", name)
+            for i, point in enumerate(results.point_names):
+                for k, axis in enumerate("xyz"):
+                    found = column(history, f"{name} of {point} {axis} [{unit}]")
+                    np.testing.assert_array_equal(found, values[:, i, k])
+        reaction = results.series("histories", "reaction/base")
+        np.testing.assert_array_equal(column(history, "reaction/base z [N]"), reaction[:, 2])
+        counts = column(history, "iterations [-]")
+        np.testing.assert_array_equal(counts, results.series("histories", "iterations"))
+        # Every series of the stream has its columns: 2 points x 2 x 3, and the others.
+        assert len(read(history)[0]) == 1 + 12 + 3 + 3 + 1 + 3
+        for term in (*ENERGY_TERMS, "joints/joint_2/friction", "loads/Gravity"):
+            values = results.series("energy", term)
+            np.testing.assert_array_equal(column(energy, f"{term} [J]"), values)
+        assert [row[0] for row in read(joints)[1]] == ["joint_1", "joint_2"]
+        for name, unit in (("opening_max", "m"), ("pressure_time", "s"), ("share_sliding", "-")):
+            wanted = [each[name] for each in joint_measures(results).values()]
+            np.testing.assert_array_equal(column(joints, f"{name} [{unit}]"), wanted)
+        for k, name in enumerate(ENVELOPE_NAMES):
+            values = results.series("envelopes", name, -1)
+            np.testing.assert_array_equal(column(envelopes, f"{name} [Pa]"), values, err_msg=str(k))
+        nodes = results.static("mesh/nodes")[[1, 3]]
+        np.testing.assert_array_equal(column(envelopes, "position y [m]"), nodes[:, 1])
+        # Frames n = z, s1 = x, s2 = y: on the + side minus the sums of areas times tractions.
+        for i, joint in enumerate(results.joints):
+            t = results.series("states", f"joints/{joint}/traction")
+            rows = slice(3 * i, 3 * i + 3)
+            for axis, k in (("x", 1), ("y", 2), ("z", 0)):
+                sums = -(t[..., k] @ AREAS)
+                found = column(forces, f"effective force {axis} [N]")[rows]
+                np.testing.assert_allclose(found, sums, rtol=1e-12)
+            normal, shear = -(t[..., 0] @ AREAS), np.hypot(*(AREAS @ t)[:, 1:].T)
+            safety = np.maximum(normal, 0.0) / shear  # tan 45 degrees is 1
+            found = column(forces, "sliding safety [-]")[rows]
+            np.testing.assert_allclose(found, safety, rtol=1e-9)
+            least = column(joints, "safety_min [-]")[i]
+            assert least == pytest.approx(safety.min(), rel=1e-9)
+            # Two forces along z at x = 0 and 1: N acts where their moments balance.
+            place = column(forces, "normal force acts at x [m]")[rows]
+            np.testing.assert_allclose(place, -AREAS[1] * t[:, 1, 0] / normal, rtol=1e-9)
+
+
+def test_every_column_has_a_unit(tmp_path):
+    with Results(write_run(tmp_path / "r.h5")) as results:
+        for path in write_csv(results, tmp_path):
+            header = [name for name in read(path)[0] if name != "joint"]
+            assert all(name.endswith("]") and "[" in name for name in header), header
+            assert len(set(header)) == len(header)
+
+
+def test_tables_are_not_replaced_unless_told(tmp_path, capsys):
+    run, out = write_run(tmp_path / "r.h5"), tmp_path / "out"
+    out.mkdir()
+    (out / "joints.csv").write_text("mine")
+    arguments = ["csv", str(run), "--out", str(out)]
+    assert cli.main(arguments) == 2
+    told = capsys.readouterr()
+    joints = out / "joints.csv"
+    expected = f"dolfinx-joints: {joints}: there already; --force replaces (overwrite=True).\n"
+    assert told.err == expected
+    assert [path.name for path in out.iterdir()] == ["joints.csv"]
+    assert joints.read_text() == "mine"
+    assert cli.main([*arguments, "--force"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        str(out / f"{name}.csv")
+        for name in ("histories", "energy", "joints", "resultants", "envelopes")
+    ]
+    assert read(joints)[0][0] == "joint"
+    assert not list(out.glob("*.part"))
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        Results(write_run(tmp_path / "r.h5")) as results,
+        pytest.raises(ResultsError, match="The tables cannot be written to .*file/in"),
+    ):
+        write_csv(results, tmp_path / "file" / "in")
+
+
+def test_a_folder_that_is_a_file(tmp_path):
+    place = tmp_path / "tables.csv"
+    place.write_text("mine")
+    with (
+        Results(write_run(tmp_path / "r.h5")) as results,
+        pytest.raises(ResultsError, match=r"tables\.csv is a file; the tables need a folder\.$"),
+    ):
+        write_csv(results, place, overwrite=True)
+    assert place.read_text() == "mine"
+
+
+def test_a_table_that_cannot_take_its_place_leaves_nothing(tmp_path):
+    out = tmp_path / "out"
+    (out / "histories.csv").mkdir(parents=True)
+    with (
+        Results(write_run(tmp_path / "r.h5")) as results,
+        pytest.raises(ResultsError, match="The tables cannot be written to .*out: .*directory"),
+    ):
+        write_csv(results, out, overwrite=True)
+    assert [path.name for path in out.iterdir()] == ["histories.csv"]
+
+
+@pytest.mark.parametrize("water", [False, True])
+def test_blocks_have_a_row_for_each_record(tmp_path, water):
+    # Two blocks, three records; the totals are those without water plus those of the water.
+    parts = {"force": "N", "moment": "N m"}
+    if water:
+        parts |= {"water_force": "N", "water_moment": "N m"}
+    values = {name: RANDOM.standard_normal((3, 2, 3)) for name in parts}
+    mass, centre = np.array([2.0, 3.0]), RANDOM.random((2, 3))
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        writer.static("blocks/mass", mass, "kg", "mass")
+        writer.static("blocks/centre", centre, "m", "centre of gravity")
+        for name, unit in parts.items():
+            writer.series("resultants", f"blocks/{name}", (2, 3), unit, name)
+        writer.start()
+        for row in range(3):
+            record = {f"blocks/{name}": value[row] for name, value in values.items()}
+            writer.append("resultants", 0.1 * row, record)
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        (path,) = write_csv(results, tmp_path)
+    assert path.name == "blocks.csv"
+    assert column(path, "block").tolist() == [0, 0, 0, 1, 1, 1]
+    np.testing.assert_allclose(column(path, "time [s]"), [0.0, 0.1, 0.2, 0.0, 0.1, 0.2])
+    assert column(path, "mass [kg]").tolist() == [2, 2, 2, 3, 3, 3]
+    for i, axis in enumerate("xyz"):
+        np.testing.assert_array_equal(
+            column(path, f"centre {axis} [m]"), np.repeat(centre[:, i], 3)
+        )
+        for what, label in (
+            ("force", f"total force {axis} [N]"),
+            ("moment", f"total moment about the centre {axis} [N m]"),
+        ):
+            total = values[what] + values.get(f"water_{what}", 0.0)
+            np.testing.assert_array_equal(column(path, label), total[:, :, i].T.ravel())
+        effective = column(path, f"effective force {axis} [N]")
+        np.testing.assert_array_equal(effective, values["force"][:, :, i].T.ravel())
+
+
+def test_resultants_that_were_not_recorded_are_told(tmp_path):
+    with Results(write_run(tmp_path / "r.h5")) as results:
+        with pytest.raises(ResultsError, match="no resultants of blocks; record them with Results"):
+            block_resultants(results)
+        with pytest.raises(ResultsError, match="No joint 'joint_9' in .*it has joint_1, joint_2"):
+            joint_resultants(results, "joint_9")
+
+
+def test_a_file_without_records_has_no_tables(tmp_path):
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 1.0]])
+    with (
+        Results(tmp_path / "r.h5") as results,
+        pytest.raises(ResultsError, match="holds no records, so there are no tables to write"),
+    ):
+        write_csv(results, tmp_path)
+
+
+def test_a_run_that_is_still_writing(tmp_path):
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 1.0]])
+        writer.start()
+        append(writer, "histories", 0.0)
+        writer.flush()
+        append(writer, "histories", 0.1)
+        with Results(tmp_path / "r.h5") as results:
+            (path,) = write_csv(results, tmp_path)
+            assert results.status == "running"
+        assert column(path, "time [s]").tolist() == [0.0]
+
+
+def test_the_law_of_a_joint_may_be_unknown(tmp_path):
+    # A file of an earlier version: forces are known, the safety is not.
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        joint = {"points": POINTS, "frames": np.stack([LEVEL, LEVEL]), "areas": AREAS}
+        declare_states(writer, POINTS, [[0, 1]], {"joint_1": {**joint, "facet": [0, 0]}})
+        writer.start()
+        append(writer, "states", 0.0)
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        joints, forces = write_csv(results, tmp_path)
+        assert "joint_1" in overview(results.path)
+        assert math.isnan(column(joints, "safety_min [-]")[0])
+        assert np.isfinite(column(forces, "total force z [N]")).all()
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        "rigid",
+        {"joint_1": 30.0},
+        {"joint_1": {"kind": "x", "cohesion": 0.0}},
+        {"joint_1": {"kind": 3, "friction_angle_deg": 30.0, "cohesion": 0.0}},
+        {"joint_1": {"kind": "x", "friction_angle_deg": "30", "cohesion": 0.0}},
+    ],
+)
+def test_metadata_of_laws_that_are_something_else(tmp_path, laws):
+    with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:
+        joint = {"points": POINTS, "frames": np.stack([LEVEL, LEVEL]), "areas": AREAS}
+        declare_states(writer, POINTS, [[0, 1]], {"joint_1": {**joint, "facet": [0, 0]}})
+        writer.start()
+        append(writer, "states", 0.0)
+        writer.finish("complete", {})
+    message = "The metadata 'laws' of .* for 'joint_1'; they must hold kind, friction_angle_deg, c"
+    with pytest.raises(ResultsError, match=message):
+        overview(tmp_path / "r.h5")
+    with (
+        Results(tmp_path / "r.h5") as results,
+        pytest.raises(ResultsError, match=message),
+    ):
+        write_csv(results, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
+    names = tuple(f"joint_{i}" for i in range(1, 13))
+    path = write_run(tmp_path / "r.h5", names)
+    assert cli.main(["info", str(path)]) == 0
+    shown = capsys.readouterr().out.rstrip("\n")
+    assert shown == overview(path)
+    lines = shown.splitlines()
+    assert len(lines) <= 40
+    assert max(len(line) for line in lines[1:]) <= 100
+    assert "complete" in lines[0]
+    words = [word.strip(",:") for word in shown.split()]
+    for name in (*names, f"steps={STEPS}", f"accepted={STEPS}", "joints/*/gap"):
+        assert words.count(name) == 1, name
+    assert f"stream states: {-(-STEPS // EVERY)} records, 0 to 0.6 s" in lines
+    assert "FrictionNoTension, 45 degrees" in shown
+    assert cli.main(["info", str(path), "--all"]) == 0
+    assert "joints/joint_12/traction" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("told", [{"point_names": 1}, {"manifest": {"joint_laws": {"a": []}}}])
+@pytest.mark.parametrize("summary", [{"seconds": {"steps": "long"}}, {"seconds": 3}])
+def test_overview_and_tables_of_what_no_run_writes(tmp_path, told, summary):
+    path = tmp_path / "r.h5"
+    with ResultsWriter(path, told) as writer:
+        writer.static("histories/points", np.zeros((1, 3)), "m", "points")
+        writer.series("histories", "displacement", (), "m", "one number, not one per point")
+        writer.start()
+        writer.append("histories", 0.0, {"displacement": 0.0})
+        writer.finish("complete", summary)
+    with pytest.raises(ResultsError, match="holds something else than a run writes: ") as failure:
+        overview(path)
+    assert "\n" not in str(failure.value)
+    with Results(path) as results, pytest.raises(ResultsError, match="something else than a run"):
+        tables_of(results)
+
+
+def test_overview_of_a_run_that_failed(tmp_path):
+    def fail():
+        with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+            declare_histories(writer, [[0.0, 0.0, 1.0]])
+            writer.start()
+            raise RuntimeError("no convergence")
+
+    with pytest.raises(RuntimeError):
+        fail()
+    shown = overview(tmp_path / "r.h5").splitlines()
+    assert "failed" in shown[0]
+    assert "error        RuntimeError: no convergence" in shown

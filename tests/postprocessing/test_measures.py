@@ -1,0 +1,321 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Response measures of files whose histories and joints can be worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.layout import declare_histories, declare_states
+from dolfinx_joints.results.writer import ResultsWriter
+
+DT = 0.005
+TIME = DT * np.arange(2001)  # 10 s
+OFFSET = np.array([1e-3, -2e-3, -5e-3])  # static displacement
+
+Vector = Callable[[np.ndarray], np.ndarray]
+
+
+def nothing(time: np.ndarray) -> np.ndarray:
+    return np.zeros((*np.shape(time), 3))
+
+
+def write(
+    path: Path,
+    motion: Vector,
+    *,
+    ground: Vector = nothing,
+    acceleration: Vector = nothing,
+    start: float = 0.0,
+) -> Results:
+    """A run whose crest moves by ``motion`` from its static displacement."""
+    u, a, g = OFFSET + motion(TIME), acceleration(TIME), ground(TIME)
+    with ResultsWriter(path, {"point_names": ["base", "crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 0.0], [0.0, 0.0, 8.0]], accelerations=True)
+        writer.start()
+        for row, time in enumerate(TIME):
+            values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
+            values["displacement"] = [np.zeros(3), u[row]]
+            values["acceleration"] = [np.zeros(3), a[row]]
+            writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
+        writer.finish("complete", {"steps": 2000, "seconds": {"statics": 1.0, "steps": 3.0}})
+    return Results(path)
+
+
+def along_x(wave: Callable[[np.ndarray], np.ndarray]) -> Vector:
+    return lambda time: np.stack([wave(time), 0 * time, 0 * time], axis=-1)
+
+
+def decaying(frequency: float, ratio: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Free vibration with an undamped frequency [Hz] and a damping ratio."""
+    omega = 2 * np.pi * frequency
+    damped = omega * np.sqrt(1 - ratio**2)
+    return lambda time: 0.01 * np.exp(-ratio * omega * time) * np.sin(damped * time + 0.3)
+
+
+def test_displacement_counts_from_the_static_state(tmp_path: Path) -> None:
+    results = write(tmp_path / "r.h5", along_x(lambda t: 0.02 * np.sin(2 * np.pi * t)))
+    time, u = measures.displacement_history(results, "crest", "x")
+    np.testing.assert_array_equal(time, TIME)
+    np.testing.assert_allclose(u, 0.02 * np.sin(2 * np.pi * TIME), atol=1e-15)
+    np.testing.assert_array_equal(measures.displacement_history(results, 1, "z")[1], 0.0)
+
+
+def test_absolute_displacement_adds_that_of_the_ground(tmp_path: Path) -> None:
+    # Linear in time: a_g = 2 + 3 t from rest moves by t^2 + t^3 / 2, which the rule has exactly.
+    results = write(tmp_path / "r.h5", nothing, ground=along_x(lambda t: 2.0 + 3.0 * t))
+    _, u = measures.displacement_history(results, "crest", "x", absolute=True)
+    np.testing.assert_allclose(u, TIME**2 + TIME**3 / 2, rtol=1e-12)
+    assert np.all(measures.displacement_history(results, "crest", "x")[1] == 0.0)
+
+
+def test_acceleration_lies_in_the_middle_of_the_steps(tmp_path: Path) -> None:
+    # A straight line has its mean over a step in the middle: 7 - 4 t relative, 1 + t the ground.
+    relative = along_x(lambda t: 7.0 - 4.0 * (t - DT / 2))
+    ground = along_x(lambda t: 1.0 + t)
+    results = write(tmp_path / "r.h5", nothing, ground=ground, acceleration=relative)
+    time, a = measures.acceleration_history(results, "crest", "x", absolute=False)
+    np.testing.assert_allclose(time, TIME[1:] - DT / 2)
+    np.testing.assert_allclose(a, 7.0 - 4.0 * time, rtol=1e-12, atol=1e-12)
+    _, a = measures.acceleration_history(results, "crest", "x")
+    np.testing.assert_allclose(a, 8.0 - 3.0 * time, rtol=1e-12, atol=1e-12)
+
+
+def test_peaks_before_and_after_a_time(tmp_path: Path) -> None:
+    # 20 mm down to 4 s, 5 mm after it.
+    def motion(time: np.ndarray) -> np.ndarray:
+        wave = np.where(time <= 4.0, -0.020, 0.005) * np.abs(np.sin(2 * np.pi * time))
+        return np.stack([wave, 0 * time, wave / 2], axis=-1)
+
+    results = write(tmp_path / "r.h5", motion)
+    found = measures.peaks(results, "crest", strong_until=4.0)
+    assert found["x"] == pytest.approx({"strong": 0.020, "later": 0.005})
+    assert found["z"] == pytest.approx({"strong": 0.010, "later": 0.0025})
+    assert found["y"] == {"strong": 0.0, "later": 0.0}
+    assert np.isnan(measures.peaks(results, "crest", strong_until=10.0)["x"]["later"])
+
+
+def test_end_of_strong_motion(tmp_path: Path) -> None:
+    # Constant acceleration up to 4 s: the intensity grows evenly, 95 % of it is there at 3.8 s. The
+    # motion falls to zero within one step, of which a third of a step counts.
+    ground = along_x(lambda t: np.where(t <= 4.0, 3.0, 0.0))
+    results = write(tmp_path / "r.h5", nothing, ground=ground)
+    assert measures.strong_motion_end(results) == pytest.approx(3.8, abs=DT)
+    assert measures.strong_motion_end(results, 0.5) == pytest.approx(2.0, abs=DT)
+    motion = Motion(acceleration=ground(TIME), dt=DT)
+    assert measures.strong_motion_end(motion) == measures.strong_motion_end(results)
+    continued = write(tmp_path / "c.h5", nothing, ground=ground, start=2.0)
+    assert measures.strong_motion_end(continued) == pytest.approx(5.8, abs=DT)
+    with pytest.raises(ValueError, match="zero throughout"):
+        measures.strong_motion_end(write(tmp_path / "still.h5", nothing))
+
+
+def test_fourier_peaks(tmp_path: Path) -> None:
+    # 2001 samples: bins of 1 / 10.005 s. Amplitudes A T / 2 of two sines, within the leakage.
+    def wave(time: np.ndarray) -> np.ndarray:
+        return 0.010 * np.sin(2 * np.pi * 5.2 * time) + 0.004 * np.sin(2 * np.pi * 2.0 * time)
+
+    results = write(tmp_path / "r.h5", along_x(wave))
+    found = measures.fourier_peaks(results, "crest", "x", below=5.0)
+    assert found.bin_width == pytest.approx(1.0 / 10.005)
+    assert found.frequency == pytest.approx(5.2, abs=0.5 * found.bin_width)
+    assert found.amplitude == pytest.approx(0.010 * 10.005 / 2, rel=0.02)
+    assert found.frequency_below == pytest.approx(2.0, abs=0.5 * found.bin_width)
+    assert found.amplitude_below == pytest.approx(0.004 * 10.005 / 2, rel=0.02)
+    # Just below the main peak its flank is higher than the peak at 2 Hz, but is no peak.
+    near = measures.fourier_peaks(results, "crest", "x", below=5.15)
+    assert near.frequency_below == found.frequency_below
+    assert np.isnan(measures.fourier_peaks(results, "crest", "x").frequency_below)
+
+
+def test_a_residual_displacement_is_no_peak(tmp_path: Path) -> None:
+    # The same sine about 0 and, from 2 s on, about 10 mm: the mean, A T = 0.08 m s, and its flank
+    # exceed the peak A T / 2 = 0.05 m s, which stays where it is.
+    def wave(time: np.ndarray) -> np.ndarray:
+        return 0.010 * np.sin(2 * np.pi * 5.2 * time)
+
+    about_zero = write(tmp_path / "r.h5", along_x(wave))
+    moved = write(tmp_path / "m.h5", along_x(lambda time: wave(time) + 0.010 * (time > 2.0)))
+    whole, found = (measures.fourier_peaks(run, "crest", "x") for run in (about_zero, moved))
+    assert found.frequency == whole.frequency
+    assert found.amplitude == pytest.approx(whole.amplitude, rel=0.02)
+    nowhere = measures.fourier_peaks(about_zero, "base", "x", below=5.0)
+    assert np.isnan(nowhere[:2]).all()
+    assert np.isnan(nowhere[3:]).all()
+
+
+@pytest.mark.parametrize("ratio", [0.005, 0.02, 0.05])
+def test_effective_period_of_a_free_vibration(tmp_path: Path, ratio: float) -> None:
+    results = write(tmp_path / "r.h5", along_x(decaying(5.0, ratio)))
+    found = measures.effective_period(results, "crest", "x", 2.0)
+    assert found.times[0] == pytest.approx(1.0, abs=DT)
+    assert found.times[-1] < 9.0 + DT
+    early = found.times < 4.0  # later the heavily damped one has faded into the others' rounding
+    damped_period = 1.0 / (5.0 * np.sqrt(1 - ratio**2))
+    np.testing.assert_allclose(found.periods[early], damped_period, rtol=1e-3)
+    np.testing.assert_allclose(found.damping_ratios[early], ratio, rtol=0.01)
+
+
+def test_effective_period_follows_a_change(tmp_path: Path) -> None:
+    # 5 Hz growing by 3 %, then 4 Hz decaying by 3 %, from 5 s on.
+    def wave(time: np.ndarray) -> np.ndarray:
+        growing = np.exp(0.03 * 2 * np.pi * 5.0 * (time - 5.0)) * np.sin(2 * np.pi * 5.0 * time)
+        falling = np.exp(-0.03 * 2 * np.pi * 4.0 * (time - 5.0)) * np.sin(2 * np.pi * 4.0 * time)
+        return 0.01 * np.where(time < 5.0, growing, falling)
+
+    found = measures.effective_period(write(tmp_path / "r.h5", along_x(wave)), 1, "x", 2.0)
+    before, after = found.times < 3.9, found.times > 6.1
+    np.testing.assert_allclose(found.periods[before], 0.20, rtol=0.002)
+    np.testing.assert_allclose(found.periods[after], 0.25, rtol=0.002)
+    decrement = 0.03 / np.sqrt(1 + 0.03**2)
+    np.testing.assert_allclose(found.damping_ratios[before], -decrement, rtol=0.01)
+    np.testing.assert_allclose(found.damping_ratios[after], decrement, rtol=0.01)
+
+
+def test_a_point_at_rest_has_no_period(tmp_path: Path) -> None:
+    found = measures.effective_period(write(tmp_path / "r.h5", nothing), "crest", "x")
+    assert np.isnan(found.periods).all()
+    assert np.isnan(found.damping_ratios).all()
+
+
+# A joint of three points of 1, 2 and 5 m2, recorded every second from 0 to 4 s.
+AREAS = np.array([1.0, 2.0, 5.0])
+OPENING = 1e-3 * np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 0, 0], [1, 0, 0]])
+SLIP = 1e-3 * np.array([[1, 0, 0], [1, 2, 0], [1, 5, 0], [1, 3, 0], [1, 1, 0]])
+CLOSED = -2e6 * np.array([[1, 1, 1], [0, 1, 4], [0, 0, 1], [0, 1, 1], [0, 1, 1]])
+STATUS = np.array([[1, 1, 1], [0, 2, 1], [0, 0, 2], [0, 1, 1], [0, 2, 1]])
+
+
+def write_joint(path: Path, *, status: bool = True, ajar: float = 0.0) -> Results:
+    """A run of joint_1 as above, and of joint_2 of twice the area, which never moves."""
+    points = np.array([[0.0, 0.0, z] for z in (1.0, 2.0, 3.0)])
+    arrays = {"points": points, "frames": np.tile(np.eye(3), (3, 1, 1)), "facet": np.zeros(3)}
+    joints = {"joint_1": arrays | {"areas": AREAS}, "joint_2": arrays | {"areas": 2 * AREAS}}
+    with ResultsWriter(path, {}) as writer:
+        declare_states(writer, np.zeros((4, 3)), [[0, 1, 2, 3]], joints, status=status)
+        writer.start()
+        for row in range(5):
+            gap, traction = np.zeros((3, 3)), np.zeros((3, 3))
+            gap[:, 0], gap[:, 2] = OPENING[row] + ajar, -SLIP[row]
+            traction[:, 0] = CLOSED[row]
+            values = {"displacement": np.zeros((4, 3))}
+            values |= {"joints/joint_1/gap": gap, "joints/joint_1/traction": traction}
+            still = np.full((3, 3), -1e5)
+            values |= {"joints/joint_2/gap": 0 * gap, "joints/joint_2/traction": still}
+            if status:
+                values |= {"joints/joint_1/status": STATUS[row], "joints/joint_2/status": [1, 1, 1]}
+            writer.append("states", float(row), values)
+    return Results(path)
+
+
+def test_joint_measures(tmp_path: Path) -> None:
+    found = measures.joint_measures(write_joint(tmp_path / "r.h5"), tail=1.0)
+    assert list(found) == ["joint_1", "joint_2"]
+    # Open areas of 8 m2: 0, 1, 3, 1 and 1; sliding ones: 0, 2, 5, 0 and 2. The slip of the first
+    # point, 1 mm, was there in the static state. The last second holds two records, 3 and 4 s.
+    assert found["joint_1"] == pytest.approx(
+        {
+            "opening_max": 3e-3,
+            "opening_time": 2.0,
+            "opening_static": 0.0,
+            "opening_residual": 1e-3,
+            "slip_max": 5e-3,
+            "slip_time": 2.0,
+            "slip_residual": 2e-3,
+            "pressure_max": 8e6,
+            "pressure_time": 1.0,
+            "share_open": 6 / (5 * 8),
+            "share_sliding": 9 / (5 * 8),
+        }
+    )
+    assert found["joint_2"]["opening_max"] == found["joint_2"]["slip_max"] == 0.0
+    assert found["joint_2"]["share_open"] == found["joint_2"]["share_sliding"] == 0.0
+    last = measures.joint_measures(write_joint(tmp_path / "last.h5"), tail=0.0)
+    assert last["joint_1"]["slip_residual"] == pytest.approx(1e-3)
+
+
+def test_what_was_open_in_the_static_state_is_no_residual(tmp_path: Path) -> None:
+    # Own weight opens the joint by 0.5 mm everywhere, the motion by as much more as before.
+    found = measures.joint_measures(write_joint(tmp_path / "r.h5", ajar=5e-4))["joint_1"]
+    assert found["opening_static"] == pytest.approx(5e-4)
+    assert found["opening_max"] == pytest.approx(3.5e-3)
+    assert found["opening_residual"] == pytest.approx(1e-3)
+
+
+def test_sliding_is_unknown_without_status(tmp_path: Path) -> None:
+    found = measures.joint_measures(write_joint(tmp_path / "r.h5", status=False))["joint_1"]
+    assert np.isnan(found["share_sliding"])
+    assert found["share_open"] == pytest.approx(6 / 40)
+
+
+def test_summary_row_without_joints(tmp_path: Path) -> None:
+    wave = along_x(lambda t: 0.02 * np.sin(2 * np.pi * 5.0 * t))
+    results = write(tmp_path / "r.h5", wave, ground=along_x(np.ones_like))
+    row = measures.summary_row(results)
+    assert all(isinstance(value, float) for value in row.values())
+    assert row["strong_until"] == pytest.approx(9.5, abs=0.01)
+    assert row["crest/x/peak_strong"] == pytest.approx(0.02)
+    assert row["crest/x/frequency"] == pytest.approx(5.0, abs=0.05)
+    assert row["crest/x/acceleration"] == pytest.approx(1.0)  # the ground's, as relative is 0
+    assert row["base/z/peak_strong"] == 0.0
+    assert row["joints/opening_max"] == row["joints/share_open"] == 0.0
+    assert np.isnan(row["stress/arch_max"])
+    assert np.isnan(row["energy_error"])  # not in the file's summary
+    assert (row["steps"], row["seconds"]) == (2000.0, 4.0)
+
+
+def test_all_joints_together(tmp_path: Path) -> None:
+    together = measures.all_joints(write_joint(tmp_path / "r.h5"))
+    assert together["opening_max"] == pytest.approx(3e-3)
+    # joint_2 has twice the area of joint_1 and is never open.
+    assert together["share_open"] == pytest.approx(6 / 40 / 3)
+
+
+def test_stress_extremes(tmp_path: Path) -> None:
+    columns = np.array([[3e6, -1e6, 2e6, -2e6, 1e6, -3e6], [5e6, -4e6, *[np.nan] * 4]])
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        declare_envelopes(writer, [0, 1], np.zeros((2, 3)), np.zeros((2, 3)))
+        writer.start()
+        writer.append("envelopes", 1.0, dict(zip(ENVELOPE_NAMES, columns.T, strict=True)))
+    assert measures.stress_extremes(Results(tmp_path / "r.h5")) == {
+        "principal_max": 5e6,
+        "principal_min": -4e6,
+        "arch_max": 2e6,
+        "arch_min": -2e6,
+        "cantilever_max": 1e6,
+        "cantilever_min": -3e6,
+    }
+
+
+def test_what_a_file_does_not_hold_is_named(tmp_path: Path) -> None:
+    with ResultsWriter(tmp_path / "old.h5", {}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 0.0]])
+        writer.start()
+    results = Results(tmp_path / "old.h5")
+    with pytest.raises(ResultsError, match="No series 'acceleration'"):
+        measures.acceleration_history(results, 0, "x")
+    with pytest.raises(ResultsError, match="No series 'ground_acceleration'"):
+        measures.strong_motion_end(results)
+    with pytest.raises(ValueError, match="component is .w.; it must be one of x, y, z"):
+        measures.displacement_history(results, 0, "w")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="At least 2 records"):
+        measures.fourier_peaks(results, 0, "x")
+    with pytest.raises(ValueError, match="tail is -1.0 s; it must be 0 s or more"):
+        measures.joint_measures(results, tail=-1.0)
+
+
+def test_windows_and_bands_are_checked(tmp_path: Path) -> None:
+    results = write(tmp_path / "r.h5", along_x(decaying(5.0, 0.02)))
+    with pytest.raises(ValueError, match="window must be from 8 samples, 0.04 s, to the whole"):
+        measures.effective_period(results, "crest", "x", 20.0)
+    with pytest.raises(ValueError, match="band must hold frequencies, got 300 to 400 Hz"):
+        measures.effective_period(results, "crest", "x", 2.0, band=(300.0, 400.0))

@@ -1,0 +1,100 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Figures of ground motions: what stands on the axes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.postprocessing import motion_plots
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.motions.spectra import response_spectrum
+from dolfinx_joints.motions.spectrum_matching import match_spectrum
+
+pytest.importorskip("matplotlib")
+
+TIME = 0.005 * np.arange(4001)
+# 0.1 g in x at 2 Hz, an offset of 0.01 g in y, nothing in z.
+MOTION = Motion(
+    acceleration=STANDARD_GRAVITY
+    * np.stack([0.1 * np.sin(4 * np.pi * TIME), 0.01 + 0 * TIME, 0 * TIME], axis=1),
+    dt=0.005,
+    name="shaking",
+)
+
+
+def test_response_spectra_of_a_sine_and_a_step() -> None:
+    ax = motion_plots.response_spectra(MOTION, periods=[0.03, 0.5, 3.0], components="xy")
+    (x, y) = (np.asarray(line.get_ydata()) for line in ax.get_lines())
+    # Stiff, 0.03 s: the peak of the ground times 1 / (1 - 0.06^2), and at its first peak after
+    # 0.125 s still 0.06 exp(-0.05 omega 0.125 s) = 0.016 of the transient of the start.
+    assert x[0] == pytest.approx(0.1, rel=0.0036 + 0.017)
+    # Resonance, after 40 periods: 1 / (2 zeta) times the peak, less exp(-2 pi zeta 40) = 3e-6.
+    assert x[1] == pytest.approx(0.1 / (2 * 0.05), rel=2e-3)
+    # A step is felt with its overshoot.
+    overshoot = 1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))
+    assert y[1:] == pytest.approx([0.01 * overshoot] * 2, rel=1e-3)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        "x, stream",
+        "y, cross-valley",
+    ]
+    assert "5% damping" in ax.get_title(loc="left")
+
+
+def test_a_target_and_a_reference_stand_beside_them() -> None:
+    target = ([0.1, 1.0], [STANDARD_GRAVITY, 2 * STANDARD_GRAVITY])
+    ax = motion_plots.response_spectra(
+        MOTION, components="x", target=target, reference=MOTION.scaled(2.0), periods=[0.1, 0.5]
+    )
+    doubled, single, wanted = (np.asarray(line.get_ydata()) for line in ax.get_lines())
+    np.testing.assert_allclose(doubled, 2 * single, rtol=1e-12)
+    np.testing.assert_allclose(wanted, [1.0, 2.0])
+
+
+def test_a_match_is_drawn_with_the_band_of_its_tolerance() -> None:
+    # Its own spectrum as a target: given, matched and target are one line, 10 % inside the band.
+    periods = np.geomspace(0.4, 0.6, 42)
+    own = response_spectrum(MOTION.acceleration[:, 0], MOTION.dt, periods, 0.05)
+    match = match_spectrum(MOTION, (periods, own.pseudo_acceleration), components="x")
+    ax = motion_plots.spectrum_match(match)
+    expected = own.pseudo_acceleration / STANDARD_GRAVITY
+    for line in ax.get_lines():
+        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-9)
+    (band,) = ax.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert [heights.min(), heights.max()] == pytest.approx(
+        [0.9 * min(expected), 1.1 * max(expected)]
+    )
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["x, as given", "x, stream", "target", "target ± 10%"]
+
+
+def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
+    ax = motion_plots.history(MOTION.baseline_corrected(0), "y", "displacement", reference=MOTION)
+    before, after = (np.asarray(line.get_ydata()) for line in ax.get_lines())
+    # An offset a drifts by a t^2 / 2: 0.01 g over 20 s; a constant is taken off whole.
+    assert before[-1] == pytest.approx(0.01 * STANDARD_GRAVITY * 200.0)
+    assert np.abs(after).max() < 1e-9
+    assert ax.get_ylabel() == "displacement y [m]"
+    plain = motion_plots.history(MOTION, "x")
+    assert np.abs(plain.get_lines()[0].get_ydata()).max() == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("draw", "options", "message"),
+    [
+        (motion_plots.history, {"component": "w"}, "component is 'w'; it must be one of x, y, z"),
+        (
+            motion_plots.history,
+            {"component": "x", "quantity": "jerk"},
+            "'jerk'; it must be one of acceleration, velocity, displacement",
+        ),
+        (motion_plots.response_spectra, {"components": "xx"}, "different ones of x, y, z"),
+        (motion_plots.response_spectra, {"components": ""}, "different ones of x, y, z"),
+        (motion_plots.response_spectra, {"target": ([1.0], [1.0, 2.0])}, "1 periods and as many"),
+    ],
+)
+def test_wrong_wishes_are_refused(draw: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        draw(MOTION, **options)

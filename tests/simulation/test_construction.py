@@ -1,0 +1,410 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Cantilevers that carry their weight alone, joints grouted afterwards, loads that come later.
+
+A wall of blocks side by side on a clamped base. Expected: each block carries its own weight
+(volume times density times g), joints nothing; and, bodies and tied joints being linear,
+
+    u(weight on free blocks, grout, then the rest) = u(weight on blocks alone) + u(the rest, tied),
+
+where each part is a run of its own and the blocks alone are meshes of their own.
+"""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    CheckpointError,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    HydrostaticPressure,
+    JointsError,
+    JointWater,
+    KeyedJoint,
+    MeshError,
+    Model,
+    MohrCoulombJoint,
+    RigidJoint,
+    Simulation,
+    Spring,
+    Temperature,
+    Traction,
+)
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.monitors.surface_stress import SurfaceStress
+
+pytestmark = pytest.mark.mpi
+
+CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
+LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=35.0)
+LENGTH, THICKNESS, HEIGHT = 12.0, 2.0, 6.0
+WEIGHT = LENGTH * THICKNESS * HEIGHT * 2400.0 * STANDARD_GRAVITY
+CLAMPED = (Fixed(group="base"),)
+# Pressed from both ends, so that joints stay closed and stick: the structure is linear.
+PRESSED = [
+    Traction(group="x_min", value=(4e6, 0.0, 0.0)),
+    Traction(group="x_max", value=(-4e6, 0.0, 0.0)),
+]
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """``wall(loads, **options)``: three blocks of 4 m side by side, clamped at the base."""
+    path = wall_file(
+        length=LENGTH, thickness=THICKNESS, height=HEIGHT, divisions=(6, 1, 3), joints=2
+    )
+
+    def make(loads, *, law=LAW, supports=CLAMPED, **options):
+        return Model(
+            read(path),
+            material=CONCRETE,
+            joints=law,
+            supports=list(supports),
+            loads=loads,
+            **options,
+        )
+
+    return make
+
+
+def gathered(model, vector):
+    """Nodal vectors in the order of the input's nodes on all ranks."""
+    comm = model.jointed.mesh.comm
+    return comm.bcast(NodeGather(model).gather(vector))
+
+
+def largest(comm, values):
+    """Largest absolute value on all ranks."""
+    return max(comm.allgather(float(np.abs(values).max(initial=0.0))))
+
+
+def test_blocks_carry_their_own_weight(comm, wall):
+    model = wall([Gravity()])
+    state = Simulation(model).statics(joints="free")
+    assert state.joints_free
+    assert not state.joints.traction.any()
+    # Nodes on a joint are double: those of a block are the nodes of its cells.
+    cells = model.V.dofmap.list
+    x = model.V.tabulate_dof_coordinates()[:, 0]
+    block = (x[cells].mean(axis=1) // (LENGTH / 3)).astype(int)
+    base = model.nodes("base")
+    forces = state.reaction.getArray(readonly=True).reshape(-1, 3)
+    for i in range(3):
+        mine = np.intersect1d(base, cells[block == i])
+        total = comm.allreduce(forces[mine].sum(axis=0))
+        np.testing.assert_allclose(total, [0.0, 0.0, WEIGHT / 3], rtol=1e-10, atol=1e-10 * WEIGHT)
+
+
+def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
+    """The left block of the wall moves as the one block of a mesh of its own."""
+    model = wall([Gravity()])
+    state = Simulation(model).statics(joints="free")
+    found, places = gathered(model, state.displacement), comm.bcast(NodeGather(model).positions)
+    path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
+    alone = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
+    single = gathered(alone, Simulation(alone).statics().displacement)
+    there = comm.bcast(NodeGather(alone).positions)
+    scale = np.abs(single).max()
+    # Nodes on the joint are double: one of the two at that place is the block's.
+    for place, u in zip(there, single, strict=True):
+        near = np.flatnonzero(np.abs(places - place).max(axis=1) < 1e-9)
+        assert np.abs(found[near] - u).max(axis=1).min() < 1e-10 * scale
+
+
+@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+def test_tractions_are_those_of_the_later_load(comm, wall, solver):
+    weight = Gravity()
+    both = wall([weight, *PRESSED])
+    run = Simulation(both, solver=solver)
+    alone = run.statics(joints="free", loads=[weight])
+    run.grout()
+    after = run.statics(steps=2)
+    later = wall(PRESSED)
+    tied = Simulation(later, solver=solver).statics()
+    counts = later.contact.counts(tied.joints.status)
+    assert (counts.open, counts.slip) == (0, 0)  # else nothing could be superposed
+    scale = largest(comm, tied.joints.traction)
+    assert scale > 1e6
+    np.testing.assert_allclose(after.joints.traction, tied.joints.traction, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        after.joints.state.gap, tied.joints.state.gap, atol=1e-9 * scale / 4e10
+    )
+    total = alone.displacement.copy()
+    total.axpy(1.0, tied.displacement)
+    size = total.norm()
+    total.axpy(-1.0, after.displacement)
+    assert total.norm() < 1e-9 * size
+    # Stresses of the cantilevers stay in the results.
+    stress = SurfaceStress(both, NodeGather(both))
+    parts = [stress(s.displacement, 0.0).copy() for s in (alone, tied, after)]
+    error = largest(comm, parts[0] + parts[1] - parts[2])
+    assert error < 1e-9 * largest(comm, parts[2])
+    assert largest(comm, parts[0]) > 0.9 * 2400.0 * STANDARD_GRAVITY * HEIGHT * 0.5
+
+
+def test_order_of_the_stages_matters(comm, wall):
+    """Grout before the weight: Poisson's swelling presses the joints. After it: nothing does."""
+    model = wall([Gravity()])
+    before = Simulation(model).statics()
+    run = Simulation(model)
+    run.statics(joints="free")
+    after = run.grout()
+    assert largest(comm, before.joints.traction) > 1e3
+    assert largest(comm, after.joints.traction) == 0.0
+    assert largest(comm, after.joints.state.gap) == 0.0
+    # Nothing is added: the stage stays where it is.
+    again = run.statics()
+    assert largest(comm, again.joints.traction) < 1e-9 * largest(comm, before.joints.traction)
+
+
+def test_joints_left_open(comm, wall):
+    """Cold blocks part by alpha 8 K 4 m between centres; one joint is grouted, one is not."""
+    cold = Temperature(value=4.0, reference=12.0, expansion=1e-5)
+    sides = [Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
+    # Free to shrink along x about springs, too weak to matter beside the body's stiffness.
+    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
+    model = wall([cold], supports=[*sides, held])
+    run = Simulation(model)
+    parted = run.statics(joints="free")
+    np.testing.assert_allclose(parted.joints.state.gap[:, 0], 1e-5 * 8.0 * 4.0, rtol=1e-6)
+    grouted = run.grout(["joint_2"], gap=2e-5)
+    first = model.operator.joint == model.jointed.joint_names.index("joint_1")
+    gap = grouted.joints.state.gap[:, 0]
+    np.testing.assert_allclose(gap[first], 1e-5 * 8.0 * 4.0, rtol=1e-6)
+    np.testing.assert_array_equal(gap[~first], 2e-5)
+    later = run.grout().joints.state.gap  # the rest, another day
+    assert largest(comm, later) == 0.0
+
+
+def test_blocks_that_moved_into_each_other_touch(comm, wall):
+    """Warm blocks overlap while they stand alone; a joint not grouted begins closed and idle."""
+    warm = Temperature(value=20.0, reference=12.0, expansion=1e-5)
+    model = wall([warm])
+    run = Simulation(model)
+    overlap = run.statics(joints="free").joints.state.gap[:, 0] < 0.0
+    assert comm.allreduce(int(overlap.sum())) > 0
+    state = run.grout([]).joints
+    assert min(comm.allgather(state.state.gap[:, 0].min(initial=0.0))) == 0.0
+    assert not state.traction.any()
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        LAW,
+        RigidJoint(friction_angle_deg=35.0),
+        KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
+        MohrCoulombJoint(
+            normal_stiffness=1e11,
+            shear_stiffness=4e10,
+            friction_angle_deg=35.0,
+            cohesion=2e6,
+            tensile_strength=1e6,
+        ),
+    ],
+)
+def test_a_run_stays_at_rest_after_grouting(comm, wall, law):
+    """Nothing acts but the weight, which the blocks carry alone: nothing moves."""
+    model = wall([Gravity()], law=law)
+    run = Simulation(model)
+    run.statics(joints="free")
+    start = run.grout().displacement
+    outcome = run.dynamics(dt=1e-3, steps=5)
+    moved = outcome.state.displacement.copy()
+    moved.axpy(-1.0, start)
+    assert moved.norm() < 1e-11 * start.norm()
+    assert outcome.imbalance is None or outcome.imbalance < 1e-12
+
+
+def test_weight_carried_before_is_no_load_later(comm, wall):
+    """A shaken wall moves about its weighed state as one without weight does about zero."""
+
+    def shaking(time):
+        return 3.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.0])
+
+    moves = []
+    for loads in ([], [Gravity()]):
+        model = wall(loads)
+        run = Simulation(model)
+        if loads:
+            run.statics(joints="free")
+            run.grout()
+        outcome = run.dynamics(dt=2e-3, steps=20, motion=shaking)
+        moved = outcome.state.displacement.copy()
+        if loads:
+            moved.axpy(-1.0, run.static.displacement)
+        moves.append((moved, outcome.state.joints.state.gap))
+    (one, gap), (other, same_gap) = moves
+    assert comm.allreduce(int((gap[:, 0] > 1e-7).sum())) > 0  # joints have opened
+    np.testing.assert_allclose(same_gap, gap, rtol=0, atol=1e-9 * largest(comm, gap))
+    size = one.norm()
+    other.axpy(-1.0, one)
+    assert other.norm() < 1e-9 * size
+
+
+def test_grouted_gaps_that_opened_in_the_cold(comm, wall):
+    """Active joints: points that carry nothing are closed, tractions of the others stay."""
+    pull = [Traction(group="x_max", value=(1e5, 0.0, 0.0))]
+    model = wall(pull)
+    run = Simulation(model)
+    before = run.statics()
+    open_ = before.joints.state.gap[:, 0] > 0.0
+    assert comm.allreduce(int(open_.sum())) > 0
+    assert comm.allreduce(int((~open_).sum())) > 0
+    after = run.grout()
+    np.testing.assert_array_equal(after.joints.state.gap[open_], 0.0)
+    np.testing.assert_array_equal(after.joints.state.gap[~open_], before.joints.state.gap[~open_])
+    np.testing.assert_array_equal(after.joints.traction, before.joints.traction)
+    # In balance: another stage with the same loads does not move it.
+    there = after.displacement.copy()
+    again = run.statics()
+    there.axpy(-1.0, again.displacement)
+    assert there.norm() < 1e-9 * again.displacement.norm()
+
+
+def test_loads_come_and_go(wall):
+    """Weight, then weight and water, then weight: where the body is linear, back again."""
+    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
+    model = wall([weight, water], law=KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10))
+    run = Simulation(model)
+    run.statics(joints="free", loads=[weight])
+    run.grout()
+    first = run.static.displacement.copy()
+    assert run.statics(loads=[weight, water], steps=3).missing == ()
+    assert run.static.reaction.norm() > 0.0
+    last = run.statics(loads=[weight])
+    assert last.missing == ("HydrostaticPressure",)
+    change = last.displacement.copy()
+    change.axpy(-1.0, first)
+    assert change.norm() < 1e-9 * first.norm()
+
+
+def test_saved_and_taken_up_again(comm, wall, new_path):
+    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
+    model, path = wall([weight, water]), new_path("weight.static")
+    run = Simulation(model)
+    run.statics(joints="free", loads=[weight])
+    run.save_static(path)
+    run.grout()
+    end = run.statics()
+    other = Simulation(model)
+    found = other.load_static(path)
+    assert (found.joints_free, found.missing) == (True, ("HydrostaticPressure",))
+    other.grout()
+    resumed = other.statics()
+    difference = resumed.displacement.copy()
+    difference.axpy(-1.0, end.displacement)
+    assert difference.norm() == 0.0
+    np.testing.assert_array_equal(resumed.joints.traction, end.joints.traction)
+    with pytest.raises(CheckpointError, match=r"is of another model; load HydrostaticPressure"):
+        Simulation(wall([weight])).load_static(path)
+    with pytest.raises(CheckpointError, match="There is no checkpoint"):
+        other.load_static(new_path("none.static"))
+    if comm.rank == 0:
+        path.write_bytes(path.read_bytes()[:-40])
+    comm.barrier()
+    with pytest.raises(CheckpointError, match="or a damaged one"):
+        other.load_static(path)
+
+
+def test_a_block_that_does_not_stand_is_refused(wall):
+    """Supports on one side of the wall leave two blocks loose; rollers leave all three."""
+    message = (
+        r"The block around \(6, 1, 3\) m, at joint_1, joint_2, is held by its supports alone "
+        r"against 0 of 6 rigid motions"
+    )
+    with pytest.raises(JointsError, match=message):
+        Simulation(
+            wall([Gravity()], supports=[Fixed(group="x_min"), Fixed(group="x_max")])
+        ).statics(joints="free")
+    # Upright and sideways motion and two rotations are held, sliding along x, y and turning not.
+    with pytest.raises(JointsError, match=r"at joint_1, is held .* against 3 of 6"):
+        Simulation(wall([Gravity()], supports=[Fixed(group="base", components="z")])).statics(
+            joints="free"
+        )
+    springs = [Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e8)]
+    Simulation(wall([Gravity()], supports=springs)).statics(joints="free")
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_plane_block_that_does_not_stand_is_refused(read, two_rectangles_file, order):
+    """The upper of two blocks rests on the joint alone."""
+    model = Model(
+        read(two_rectangles_file(order=order)),
+        material=CONCRETE,
+        joints=LAW,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+    )
+    with pytest.raises(JointsError, match=r"at joint_1, is held .* against 0 of 3 rigid motions"):
+        Simulation(model).statics(joints="free")
+
+
+def test_without_joints_grouting_is_nothing(read, wall_file):
+    path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
+    model = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
+    run = Simulation(model)
+    free = run.statics(joints="free").displacement
+    run.grout()
+    whole = Simulation(model).statics().displacement
+    whole.axpy(-1.0, free)
+    assert whole.norm() == 0.0
+
+
+def test_refusals(wall):
+    """One sentence each, on all ranks."""
+    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
+    model = wall([weight, water])
+    run = Simulation(model)
+    with pytest.raises(JointsError, match="nothing to grout yet"):
+        run.grout()
+    with pytest.raises(JointsError, match="no static state to save yet"):
+        run.save_static("nothing")
+    with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, free"):
+        run.statics(joints="open")
+    with pytest.raises(ValueError, match="loads is .*; it must be a list of loads"):
+        run.statics(loads=weight)
+    with pytest.raises(ValueError, match="A Gravity was given to a static stage that is not"):
+        run.statics(loads=[Gravity(acceleration=(0.0, 0.0, -9.0))])
+    run.statics(loads=[weight], joints="free")
+    for stage in (
+        run.statics,
+        lambda: run.quasi_statics([0.0]),
+        lambda: run.dynamics(dt=1e-3, steps=1),
+    ):
+        with pytest.raises(JointsError, match="The joints are still free; call grout"):
+            stage()
+    with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
+        run.grout(["joint_9"])
+    with pytest.raises(ValueError, match="joints is 'joint_1'; it must be a list of joint names"):
+        run.grout("joint_1")
+    with pytest.raises(ValueError, match="gap is -0.001 m; it must be zero or more"):
+        run.grout(gap=-1e-3)
+    run.grout()
+    with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
+        run.dynamics(dt=1e-3, steps=1)
+    with pytest.raises(JointsError, match="Joints cannot become free again"):
+        run.statics(joints="free")
+
+
+def test_water_in_a_joint_is_looked_at_again_after_the_grout(wall):
+    """Grouting an open joint takes its water away: that is no start for an earthquake."""
+    weight, water = Gravity(), JointWater(joint="joint_1", level=5.0)
+    run = Simulation(wall([weight, water]))
+    with pytest.raises(JointsError, match="JointWater acts in the joint 'joint_1', which is free"):
+        run.statics(joints="free")
+    run.statics(joints="free", loads=[weight])
+    run.grout()
+    run.statics(loads=[weight, water])
+    run.grout(["joint_1"])
+    with pytest.raises(JointsError, match="lacks JointWater as the dynamic stage has it"):
+        run.dynamics(dt=1e-3, steps=1)
+    state = run.statics()
+    end = run.dynamics(dt=1e-3, steps=5).state.displacement
+    end.axpy(-1.0, state.displacement)
+    assert end.norm() <= 1e-8 * state.displacement.norm()

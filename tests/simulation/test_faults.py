@@ -1,0 +1,700 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Faults of the machine: one sentence each, what was written stays whole, no rank waits."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import resource
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
+from dolfinx_joints.common import file_lock
+from dolfinx_joints.cli import main
+from dolfinx_joints.common.errors import CheckpointError
+from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.results.writer import ResultsWriter
+
+WRITER = """
+import sys, time
+from dolfinx_joints.results.writer import ResultsWriter
+writer = ResultsWriter(sys.argv[1], {})
+writer.series("run", "u", (), "m", "displacement")
+writer.start()
+writer.append("run", 0.0, {"u": 1.0})
+writer.flush()
+print("written", flush=True)
+time.sleep(100)
+"""
+
+
+def environment():
+    """The variables of this process but those by which MPI knows it."""
+    own = ("PMIX_", "OMPI_COMM_", "OMPI_UNIVERSE_", "PRTE_LAUNCHED")
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(own) or name.startswith("PMIX_MCA_")
+    }
+
+
+@pytest.fixture
+def other_run(tmp_path):
+    """A process that writes run.h5, and the file."""
+    path = tmp_path / "run.h5"
+    command = [sys.executable, "-c", WRITER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment()) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"written\n"
+        yield process, path
+        process.kill()
+
+
+def test_a_results_file_has_one_writer(other_run):
+    process, path = other_run
+    sentence = rf"run\.h5 is being written by process {process.pid} on \S+; wait for it, end it"
+    with pytest.raises(ResultsError, match=sentence):
+        ResultsWriter(path, {}, overwrite=True)
+    with pytest.raises(ResultsError, match=sentence):
+        ResultsWriter.resume(path, {"run": 1})
+    with Results(path) as results:  # readers are welcome, and nothing was harmed
+        assert results.series("run", "u").tolist() == [1.0]
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert path.with_name("run.h5.lock").exists()  # the dead one's
+    with ResultsWriter.resume(path, {"run": 1}) as writer:
+        writer.append("run", 1.0, {"u": 2.0})
+    with Results(path) as results:
+        assert results.series("run", "u").tolist() == [1.0, 2.0]
+    assert sorted(p.name for p in path.parent.iterdir()) == ["run.h5"]
+
+
+def test_a_lock_is_free_after_its_release(tmp_path):
+    path = tmp_path / "run.ckpt"
+    first = FileLock(path, CheckpointError)
+    with pytest.raises(CheckpointError, match=f"written by process {os.getpid()} on"):
+        FileLock(path, CheckpointError)
+    first.release()
+    with FileLock(path, CheckpointError):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
+    def none(file, how):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    with pytest.warns(UserWarning, match=r"run\.h5 is on a file system without locks \(No locks"):
+        FileLock(tmp_path / "run.h5", ResultsError).release()
+
+    def broken(file, how):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(fcntl, "flock", broken)
+    with pytest.raises(ResultsError, match=r"run\.h5 cannot be locked: .*Input/output error"):
+        FileLock(tmp_path / "run.h5", ResultsError)
+
+
+# The kernel refuses files in /proc to everybody, root included.
+@pytest.mark.parametrize("name", ["run.h5", "run.ckpt"])
+def test_a_folder_that_cannot_be_written_is_named(name):
+    with pytest.raises(ResultsError, match=rf"^/proc/{name} cannot be created: .*\.$"):
+        ResultsWriter(f"/proc/{name}", {})
+
+
+FULL = """
+import resource, sys
+import numpy as np
+from dolfinx_joints import ResultsError
+from dolfinx_joints.results.writer import ResultsWriter
+limit = int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    with ResultsWriter(sys.argv[1], {}, flush_interval=0.0) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for row in range(10_000):
+            writer.append("run", float(row), {"u": np.full(1000, float(row))})
+except ResultsError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("limit", [2_000_000, 2_100_007, 3_000_001])
+def test_what_was_written_before_the_disk_was_full_is_read(tmp_path, limit):
+    # A limit of file sizes fails as a full disk does, by an error of the system's write.
+    path = tmp_path / "run.h5"
+    command = [sys.executable, "-c", FULL, str(path), str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+    assert (done.returncode, done.stderr) == (0, "")  # HDF5 has nothing to say when it closes
+    assert "run.h5 cannot grow by" in done.stdout
+    assert "File too large; what it holds so far is whole." in done.stdout
+    with Results(path) as results:
+        rows = results.rows("run")
+        assert results.status == "failed"
+        assert "cannot grow" in results.summary["error"]
+        assert results.series("run", "u")[:, 0].tolist() == list(range(rows))
+        # 8 kB a row, less the 1 MiB that is kept for HDF5 itself and a chunk of 64 KiB.
+        assert rows >= (limit - 2**20) / 8000 - 40
+    assert path.stat().st_size <= limit
+    with ResultsWriter.resume(path, {"run": rows}) as writer:
+        writer.append("run", 1e9, {"u": np.zeros(1000)})
+
+
+def test_no_room_for_a_new_file_leaves_none(tmp_path):
+    path = tmp_path / "run.h5"
+    command = [sys.executable, "-c", FULL, str(path), "100000"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "run.h5 cannot grow by" in done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """``wall(**changes)``: a jointed wall with joint laws by name."""
+    dj = pytest.importorskip("dolfinx_joints")
+    pytest.importorskip("dolfinx")
+    jointed = read(wall_file())
+
+    def make(laws=None):
+        plain = dj.FrictionNoTension(**STIFF)
+        return dj.Model(
+            jointed,
+            material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+            joints=laws or plain,
+            supports=[dj.Fixed(group="base")],
+            loads=[dj.Gravity()],
+        )
+
+    return make
+
+
+STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
+POINTS = {"corner": (0.0, 0.0, 20.0)}
+
+
+def shaking(time):
+    """A ground acceleration strong enough to open the joints, [m/s^2]."""
+    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
+
+
+def spoilt_law(field, after):
+    """A law whose ``field`` holds NaN at its last point after some answers."""
+    from dolfinx_joints import FrictionNoTension
+
+    class Spoilt(FrictionNoTension):
+        answers = 0
+
+        def _spoil(self, response):
+            Spoilt.answers += 1
+            if Spoilt.answers > after:
+                getattr(response, field)[-1:] = np.nan
+            return response
+
+        def end_point(self, gap, state):
+            return self._spoil(super().end_point(gap, state))
+
+        def step(self, gap, state):
+            return self._spoil(super().step(gap, state))
+
+        def local_solve(self, gap, compliance, state):
+            return self._spoil(super().local_solve(gap, compliance, state))
+
+        def local_step(self, gap, compliance, state):
+            return self._spoil(super().local_step(gap, compliance, state))
+
+    return Spoilt(**STIFF)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+@pytest.mark.parametrize("field", ["traction", "tangent"])
+@pytest.mark.parametrize("after", [0, 5, 60])  # statics, a later iteration of it, dynamics
+def test_nan_of_a_law_names_law_and_joint(wall, solver, field, after):
+    from dolfinx_joints import FrictionNoTension, Simulation
+
+    laws = dict.fromkeys(("joint_1", "joint_2"), FrictionNoTension(**STIFF))
+    run = Simulation(wall(laws | {"joint_3": spoilt_law(field, after)}), solver=solver)
+
+    def all_of_it():
+        run.statics()
+        run.dynamics(dt=4e-3, steps=40, motion=shaking)
+
+    with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_3' gave NaN") as got:
+        all_of_it()
+    assert (got.value.law, got.value.joint) == ("Spoilt", "joint_3")
+
+
+def diagonal(comm, values):
+    from petsc4py import PETSc
+
+    matrix = PETSc.Mat().createAIJ((len(values), len(values)), nnz=1, comm=comm)
+    for row in range(*matrix.getOwnershipRange()):
+        matrix[row, row] = values[row]
+    matrix.assemble()
+    return matrix
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("values", "symmetric", "sentence"),
+    [
+        # MUMPS stops at its zero pivot: INFOG(1) = -10.
+        ([1.0, 2.0, 0.0, 3.0], False, r"numerically singular after \d pivots; INFOG\(1\) = -10"),
+        ([1.0, 2.0, 0.0, 3.0], True, "singular"),
+        ([1.0, 2.0, np.nan, 3.0], False, "^The matrix holds numbers that are not finite"),
+        ([1.0, 2.0, np.nan, 3.0], True, "^The matrix holds numbers that are not finite"),
+    ],
+)
+def test_a_factorization_that_fails_says_why(comm, values, symmetric, sentence):
+    from dolfinx_joints.solvers.direct import DirectSolver
+
+    matrix = diagonal(comm, values)
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    b.set(1.0)
+    solver = DirectSolver(matrix, symmetric=symmetric)
+    with pytest.raises(JointsError, match=sentence) as got:
+        solver.solve(b, x)
+    assert "\n" not in str(got.value)
+    solver.destroy()
+
+
+class Failed:
+    """A factorization by MUMPS that ended with a code."""
+
+    def __init__(self, code, size):
+        self._facts = {1: code, 2: size}
+
+    def getFactorSolverType(self):
+        return "mumps"
+
+    def getFactorMatrix(self):
+        return self
+
+    def getMumpsInfog(self, place):
+        return self._facts[place]
+
+
+@pytest.mark.parametrize(
+    ("code", "size", "words"),
+    [
+        # As its user's guide tells them: a negative INFOG(2) counts millions.
+        (-9, 12345, "real workspace too small by 12 345 numbers; INFOG(1) = -9"),
+        (-9, -3, "real workspace too small by 3 000 000 numbers"),
+        (-13, 7, "allocation of 7 numbers failed in the factorization"),
+        (-6, 20, "structurally singular, of rank 20"),
+        (-99, 0, "see its user's guide; INFOG(1) = -99, INFOG(2) = 0"),
+    ],
+)
+def test_codes_of_mumps_in_words(code, size, words):
+    from dolfinx_joints.solvers.diagnosis import in_words
+
+    assert words in in_words(Failed(code, size))
+
+
+def test_what_petsc_says_of_other_failures():
+    # Codes of petscerror.h: 55 is no memory, 76 an error of a library that PETSc calls.
+    from petsc4py import PETSc
+
+    from dolfinx_joints.solvers.diagnosis import NO_MEMORY, NOT_FACTORED, in_words, of_error
+
+    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
+    assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
+    told = of_error(PETSc.Error(76), matrix)
+    assert told.startswith(f"{NOT_FACTORED}; PETSc says: ")
+    assert told.endswith(".")
+    assert "\n" not in told
+    # What is said in MUMPS's words is of MUMPS, and of a failure.
+    assert in_words(Failed(0, 0)) == ""
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("petsc")
+    assert in_words(ksp.getPC()) == ""
+
+
+def test_a_failure_without_a_sentence_has_petscs_reason(monkeypatch):
+    from petsc4py import PETSc
+
+    from dolfinx_joints.solvers.direct import DirectSolver
+
+    monkeypatch.setattr(DirectSolver, "_factor", lambda self: 4)
+    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
+    solver = DirectSolver(matrix, symmetric=False)
+    b, x = matrix.createVecLeft(), matrix.createVecRight()
+    with pytest.raises(JointsError, match="could not be factored; PETSc's reason is 4.$"):
+        solver.solve(b, x)
+    solver.destroy()
+
+
+def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
+    # Between opening and locking, its last owner deletes the file: what is locked then is no lock.
+    place, flock, calls = tmp_path / "r.h5.lock", file_lock.fcntl.flock, []
+
+    def slow(file, how):
+        if not calls:
+            place.unlink()
+        elif len(calls) == 1:
+            place.rename(tmp_path / "older.lock")
+            place.touch()
+        calls.append(how)
+        flock(file, how)
+
+    monkeypatch.setattr(file_lock.fcntl, "flock", slow)
+    with FileLock(tmp_path / "r.h5", ResultsError) as lock:
+        assert len(calls) == 3
+        with pytest.raises(ResultsError, match=r"r\.h5 is being written by process \d+ on"):
+            FileLock(tmp_path / "r.h5", ResultsError)
+    assert not place.exists()
+    lock.release()  # again is nothing
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_lock_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "r.h5.lock").symlink_to("/dev/full")
+    with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: [\w ]+\.$"):
+        FileLock(tmp_path / "r.h5", ResultsError)
+
+
+def test_memory_is_known_without_linuxs_reports(monkeypatch):
+    # From the system's calls: not less than what Linux tells of now, and of the same size.
+    from dolfinx_joints.common import memory
+    from dolfinx_joints.common import memory_use
+
+    free, peak = memory._free_on_machine(), memory_use.peak_mb()
+    monkeypatch.setattr(Path, "exists", lambda self: False)
+    assert (
+        free
+        <= memory._free_on_machine()
+        == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    )
+    assert memory_use.peak_mb() >= 0.9 * peak
+    monkeypatch.setattr(memory_use.sys, "platform", "darwin")  # which counts bytes
+    assert memory_use.peak_mb() * 1024 == pytest.approx(peak, rel=0.5)
+
+
+def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
+    # As in kernels before 3.14: from the system's calls.
+    from dolfinx_joints.common import memory
+    from dolfinx_joints.common import memory_use
+
+    monkeypatch.setattr(Path, "read_text", lambda self, **_: "Other: 1 kB\n")
+    assert memory._free_on_machine() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    assert memory_use.peak_mb() == pytest.approx(used, rel=0.01)
+
+
+def test_a_warning_is_kept_once_and_shown_each_time():
+    from dolfinx_joints.simulation.dynamic_stage import _heard
+
+    said = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        with _heard(said):
+            for text in ("slip", "slip", "opening"):
+                warnings.warn(text, stacklevel=1)
+    assert said == ["slip", "opening"]
+    assert [str(w.message) for w in shown] == ["slip", "slip", "opening"]
+
+
+def test_packages_without_metadata_are_unknown_to_the_manifest(monkeypatch):
+    from dolfinx_joints.monitors import manifest
+
+    def nothing(package):
+        raise manifest.PackageNotFoundError(package)
+
+    known = manifest.versions()
+    monkeypatch.setattr(manifest, "version", nothing)
+    monkeypatch.delitem(sys.modules, "gmsh", raising=False)
+    found = manifest.versions()
+    assert "gmsh" not in found
+    assert {found[package] for package in manifest._PACKAGES} == {"unknown"}
+    assert found["petsc"] == known["petsc"]
+
+
+RANK = """
+import sys
+from mpi4py import MPI
+import dolfinx_joints as dj
+dj.abort_on_error(MPI.COMM_WORLD)
+if MPI.COMM_WORLD.rank == 1:
+    raise ValueError("the second rank has had enough")
+MPI.COMM_WORLD.barrier()
+print("never reached")
+"""
+
+
+def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
+    pytest.importorskip("mpi4py")
+    script = tmp_path / "analysis.py"
+    script.write_text(RANK)
+    command = ["mpirun", "-n", "2", sys.executable, str(script)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment(), check=False, timeout=120
+    )
+    assert done.returncode != 0
+    assert "ValueError: the second rank has had enough" in done.stderr
+    assert "never reached" not in done.stdout
+
+
+class Ranks:
+    """Stands for a communicator that can be aborted."""
+
+    def __init__(self, size):
+        self.size, self.aborted = size, None
+
+    def Abort(self, code):
+        self.aborted = code
+
+
+def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
+    from dolfinx_joints import abort_on_error
+
+    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    abort_on_error(Ranks(1))
+    assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
+    ranks = Ranks(2)
+    abort_on_error(ranks)
+    assert ranks.aborted is None
+    sys.excepthook(ValueError, ValueError("too bad"), None)
+    assert ranks.aborted == 1
+    assert "ValueError: too bad" in capsys.readouterr().err
+
+
+def marched(model, folder, *, steps=6, monitors=None, **options):
+    """A short run with results and checkpoints."""
+    from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation
+
+    if monitors is None:
+        monitors = [ResultsMonitor(folder / "run.h5", points=POINTS, every=1, overwrite=True)]
+    kept = Checkpoints(folder / "run.ckpt", every=2)
+    run = Simulation(model, monitors=monitors)
+    if not options.get("resume"):
+        run.statics()
+    return run.dynamics(dt=4e-3, steps=steps, motion=shaking, checkpoint=kept, **options)
+
+
+class Then:
+    """A monitor that does something in a step."""
+
+    def __init__(self, step, work):
+        self.step, self.work = step, work
+
+    def start(self, model, stage, steps, first):
+        """Nothing to prepare."""
+
+    def record(self, record):
+        if record.step == self.step:
+            self.work()
+
+    def finish(self, status, summary):
+        """Nothing to close."""
+
+    def memory(self):
+        return {}
+
+    def resume(self, model, stage, steps, last, memory):
+        """Nothing to take up."""
+
+
+@pytest.mark.mpi
+def test_a_live_run_is_not_continued_by_another(wall, comm, new_path):
+    folder = new_path("live")
+    if comm.rank == 0:
+        folder.mkdir()
+    comm.barrier()
+    sentences = []
+
+    def another():
+        for resume in (True, False):
+            with pytest.raises(CheckpointError) as got:
+                marched(wall(), folder, monitors=[Then(0, int)], resume=resume)
+            sentences.append(str(got.value))
+
+    marched(wall(), folder, monitors=[Then(3, another)])
+    assert f"run.ckpt is being written by process {comm.bcast(os.getpid())} on" in sentences[0]
+    assert "exists; pass resume=True" in sentences[1]
+    comm.barrier()
+    marched(wall(), folder, monitors=[Then(0, int)], resume=True)  # it has ended
+
+
+def test_a_disk_that_fills_up_in_a_run(wall, tmp_path):
+    # From step 4 on no file may become larger than the results file is; some 60 states fit into
+    # what it has already.
+    path, old = tmp_path / "run.h5", resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, old[1]))
+
+    def monitors(step):
+        from dolfinx_joints import ResultsMonitor
+
+        writes = ResultsMonitor(path, points=POINTS, every=1, overwrite=True)
+        return [writes, Then(step, fill)]
+
+    try:
+        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
+            marched(wall(), tmp_path, steps=100, monitors=monitors(4))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+    with Results(path) as results:
+        assert results.status == "failed"
+        assert 3 <= results.rows("histories") < 101
+        assert "cannot grow" in results.summary["error"]
+    marched(wall(), tmp_path, steps=100, monitors=monitors(-1), resume=True)
+    with Results(path) as results:
+        assert results.status == "complete"
+        assert results.rows("histories") == 101
+
+
+def test_a_disk_that_is_full_at_the_first_record(wall, tmp_path, monkeypatch):
+    # From the end of the declarations on the file may not grow, and the record is written at once.
+    from dolfinx_joints.monitors import results_monitor as monitors
+
+    path, old = tmp_path / "run.h5", resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    class Full(ResultsWriter):
+        def start(self):
+            super().start()
+            self._flush_interval = 0.0
+            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, old[1]))
+
+    monkeypatch.setattr(monitors, "ResultsWriter", Full)
+    try:
+        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
+            marched(wall(), tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+    assert list(tmp_path.glob("*.lock")) == []
+    with Results(path) as results:
+        assert results.status == "failed"
+        assert "cannot grow" in results.summary["error"]
+    monkeypatch.undo()
+    marched(wall(), tmp_path)  # nobody holds the file
+    with Results(path) as results:
+        assert results.status == "complete"
+
+
+@pytest.mark.mpi
+def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
+    from dolfinx_joints import FieldMonitor, Simulation
+
+    path = new_path("run.bp")
+
+    def shake(*others):
+        run = Simulation(wall(), monitors=[FieldMonitor(path, every=1), *others])
+        run.statics()
+        run.dynamics(dt=4e-3, steps=2, motion=shaking)
+
+    def another():
+        sentence = rf"run\.bp is being written by process {comm.bcast(os.getpid())} on \S+; wait"
+        with pytest.raises(ResultsError, match=sentence):
+            shake()
+
+    def fail():
+        raise RuntimeError("enough")
+
+    shake(Then(1, another))
+    with pytest.raises(RuntimeError, match="enough"):
+        shake(Then(1, fail))
+    shake()  # whatever ended the runs before, the folder is free
+    comm.barrier()
+    assert path.is_dir()
+    assert not path.with_name("run.bp.lock").exists()
+
+
+@pytest.mark.mpi
+def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
+    from dolfinx_joints import ResultsMonitor, Simulation, __version__
+
+    path = new_path("run.h5")
+    run = Simulation(wall(), monitors=[ResultsMonitor(path, points=POINTS)])
+    run.statics()
+    run.dynamics(dt=4e-3, steps=2, motion=shaking)
+    comm.barrier()
+    with Results(path) as results:
+        made = results.metadata["manifest"]
+    assert made["versions"]["dolfinx_joints"] == __version__
+    assert made["versions"]["numpy"] == np.__version__
+    assert {"dolfinx", "petsc", "h5py", "gmsh", "numba"} <= set(made["versions"])
+    assert made["settings"]["time step"] == 4e-3
+    assert made["settings"]["number of steps"] == 2
+    assert "relative_tolerance" in made["settings"]["Newton"]
+    assert made["material"]["all"].startswith("Elastic(young=24000000000.0")
+    assert set(made["joint_laws"]) == {"joint_1", "joint_2", "joint_3"}
+    assert "base" in made["supports"][0]
+    assert len(made["mesh_sha256"]) == 64
+    assert made["mesh_sha256"] in (comm.bcast(made["mesh_sha256"]),)
+    assert main(["info", "--all", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert f"      dolfinx_joints: {__version__}\n" in printed
+    assert "      time step: 0.004\n" in printed
+
+
+def test_the_hash_of_a_mesh_knows_its_nodes_and_facets():
+    from dolfinx_joints.monitors.manifest import mesh_hash
+
+    nodes, facets = np.eye(3), np.array([[0, 1, 2], [2, 1, 3]])
+    one = mesh_hash(nodes, facets)
+    # The order of facets and of their vertices differs between numbers of ranks.
+    assert mesh_hash(nodes, [[1, 3, 2], [0, 1, 2]]) == one
+    assert mesh_hash(nodes, [[1, 3, 0], [0, 1, 2]]) != one
+    assert mesh_hash(nodes * (1 + 2e-16), facets) != one
+
+
+def test_warnings_of_a_run_are_kept(wall, tmp_path):
+    from dolfinx_joints import ResultsMonitor, Simulation
+
+    # Steps as long as half the periods of the shaking: each errs by more than 5 %.
+    run = Simulation(wall(), monitors=[ResultsMonitor(tmp_path / "run.h5", points=POINTS)])
+    run.statics()
+    with pytest.warns(UserWarning, match="A single step errs") as said:
+        run.dynamics(dt=0.15, steps=3, motion=shaking)
+    assert said.list[-1].filename == __file__  # the line that asks for the run
+    with Results(tmp_path / "run.h5") as results:
+        assert any("A single step errs" in text for text in results.summary["warnings"])
+
+
+def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
+    from types import SimpleNamespace
+    from unittest.mock import MagicMock
+
+    from dolfinx_joints.simulation.dynamic_stage import DynamicRun
+    from dolfinx_joints.time_integration.substeps import StepCounts
+
+    finished = []
+
+    def fail(status, summary):
+        raise OSError("no room")
+
+    run = DynamicRun.__new__(DynamicRun)
+    bad = SimpleNamespace(finish=fail)
+    good = SimpleNamespace(finish=lambda status, summary: finished.append(status))
+    run._started, run._seconds, run._warnings = [bad, good], {}, []
+    run.outcome = MagicMock(return_value=MagicMock(counts=StepCounts()))
+    with pytest.raises(OSError, match="no room"):
+        run._finish("complete", {})
+    assert finished == ["complete"]
+
+
+def test_parameters_are_told_without_addresses_and_numpy():
+    from functools import partial
+
+    from dolfinx_joints.monitors.manifest import told
+
+    assert told(np.int64(200)) == 200
+    assert told(np.float32(0.5)) == 0.5
+    text = told(partial(shaking, group="crest"))
+    assert "0x" not in text
+    assert "function shaking" in text
+    assert "group='crest'" in text

@@ -1,0 +1,319 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's corrections of the joint forces against dense solves of (I + T S) d = r."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mpi4py")
+pytest.importorskip("numba")
+pytest.importorskip("scipy")
+
+from dolfinx_joints.solvers.interface import corrections
+from dolfinx_joints.solvers.interface.corrections import Corrections
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+
+POINTS = 40
+EXACT = 1e-13  # asked for where solutions are compared to rounding
+
+
+def scaled_compliance(seed: int = 1, *, dead: np.ndarray | None = None) -> np.ndarray:
+    """S = G - I of random points on a plate: G positive definite, diagonal about 1."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(0.0, 4.0, (POINTS, 2))
+    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
+    own = np.array([[1.0, 0.2, -0.1], [0.2, 0.9, 0.1], [-0.1, 0.1, 1.1]])
+    s = np.kron(np.exp(-2.0 * distance), own) - np.eye(3 * POINTS)
+    if dead is not None:
+        s[dead.ravel()] = 0.0
+        s[:, dead.ravel()] = 0.0
+    return s
+
+
+def stuck_tangent(stiffness: float, *, shear: float = 0.4) -> np.ndarray:
+    """T0 = c / (c + 1/k) for c = 1, shape (points, 3)."""
+    k = np.array([stiffness, shear * stiffness, shear * stiffness])
+    with np.errstate(divide="ignore"):
+        return np.tile(1.0 / (1.0 + 1.0 / k), (POINTS, 1))
+
+
+def tangents(status: np.ndarray, stuck: np.ndarray, seed: int = 3) -> np.ndarray:
+    """Of open (0), sticking (1) and sliding (2) points: the last unsymmetric, with mu = tan 30."""
+    rng = np.random.default_rng(seed)
+    angle, part = rng.uniform(0.0, 2.0 * np.pi, POINTS), rng.uniform(0.0, 1.0, POINTS)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    blocks = np.zeros((POINTS, 3, 3))
+    for i in np.flatnonzero(status):
+        blocks[i] = np.diag(stuck[i])
+        if status[i] == 2:
+            m = along[i]
+            blocks[i, 1:, 0] = -0.577 * stuck[i, 0] * m
+            blocks[i, 1:, 1:] = part[i] * stuck[i, 1] * (np.eye(2) - np.outer(m, m))
+    return blocks
+
+
+def whole(blocks: np.ndarray) -> np.ndarray:
+    """The block diagonal as a matrix."""
+    matrix = np.zeros((3 * POINTS, 3 * POINTS))
+    for i, block in enumerate(blocks):
+        matrix[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    return matrix
+
+
+def states(kind: str, seed: int = 4) -> np.ndarray:
+    """Mixtures: which share of the points is open, sticks and slides."""
+    shares = {
+        "open": [1.0, 0.0, 0.0],
+        "one closed": [1.0, 0.0, 0.0],
+        "mostly open": [0.8, 0.1, 0.1],
+        "mixed": [0.3, 0.4, 0.3],
+        "mostly stuck": [0.05, 0.9, 0.05],
+        "stuck": [0.0, 1.0, 0.0],
+        "sliding": [0.0, 0.0, 1.0],
+    }[kind]
+    status = np.random.default_rng(seed).choice(3, POINTS, p=shares)
+    if kind == "one closed":
+        status[7] = 2
+    return status
+
+
+KINDS = ("open", "one closed", "mostly open", "mixed", "mostly stuck", "stuck", "sliding")
+
+
+@dataclass
+class Unwanted:
+    """S of which a route must not take blocks or the whole."""
+
+    matrix: RowMatrix
+
+    @property
+    def size(self) -> int:
+        return self.matrix.size
+
+    def cost(self, rows: int) -> float:
+        return float(self.size) ** 2
+
+    def whole(self) -> None:
+        return None
+
+    def product(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return self.matrix.product(values, rows)
+
+    def block(self, rows: np.ndarray) -> Any:
+        raise AssertionError("the block was taken from the fine S")
+
+
+@pytest.fixture(params=["active", "complement"])
+def route(request, monkeypatch):
+    """Which of the two sets; the second is made at once where it is allowed."""
+    if request.param == "complement":
+        monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    return request.param
+
+
+def solver(comm, s, stuck, route):
+    return Corrections(RowMatrix.of(s, comm), None, stuck if route == "complement" else None, comm)
+
+
+def check(found, s, blocks, r, *, error=1e-11):
+    expected = np.linalg.solve(np.eye(len(s)) + whole(blocks) @ s, r)
+    size = max(1.0, float(np.abs(expected).max()))
+    np.testing.assert_allclose(found.step, expected, rtol=0, atol=error * size)
+    np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12 * size)
+
+
+def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:
+    r = np.random.default_rng(seed).normal(size=3 * POINTS)
+    if kind == "few":
+        r[np.random.default_rng(seed).permutation(3 * POINTS)[9:]] = 0.0
+    return r
+
+
+@pytest.mark.parametrize("which", ["all", "few"])
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, np.inf])
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_sets_give_the_dense_solution(comm, route, kind, stiffness, which):
+    s, stuck = scaled_compliance(), stuck_tangent(stiffness)
+    blocks, r = tangents(states(kind), stuck), right_side(which)
+    found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
+    check(found, s, blocks, r)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_frictionless_joints(comm, route, kind):
+    # T0 and T are zero along the joint: nothing slides there, all of it is "free".
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    stuck[:, 1:] = 0.0
+    status = np.minimum(states(kind), 1)
+    blocks, r = tangents(status, stuck), right_side()
+    check(solver(comm, s, stuck, route).solve(r, blocks, EXACT), s, blocks, r)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_dead_directions(comm, route, kind):
+    # The third of all points, as in a plane, and all of some points, as at a clamped edge.
+    dead = np.zeros((POINTS, 3), dtype=bool)
+    dead[:, 2] = dead[::7] = True
+    s, stuck = scaled_compliance(dead=dead), stuck_tangent(1e3)
+    stuck[dead] = 0.0
+    blocks = tangents(states(kind), stuck_tangent(1e3))
+    blocks[dead] = 0.0
+    blocks.transpose(0, 2, 1)[dead] = 0.0
+    r = right_side()
+    found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
+    check(found, s, blocks, r)
+    still = dead.ravel()
+    np.testing.assert_allclose(found.step[still], r[still], rtol=0, atol=1e-12)
+
+
+@pytest.mark.mpi
+def test_points_that_all_stick_need_no_iteration(comm, route):
+    s, stuck = scaled_compliance(), stuck_tangent(1e6)
+    blocks, r = tangents(states("stuck"), stuck), right_side()
+    found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
+    assert (found.products == 0) == (route == "complement")
+
+
+def test_points_that_are_all_open_need_none_either(comm):
+    s, stuck = scaled_compliance(), stuck_tangent(1e6)
+    blocks, r = np.zeros((POINTS, 3, 3)), right_side()
+    found = solver(comm, s, stuck, "active").solve(r, blocks, EXACT)
+    np.testing.assert_array_equal(found.step, r)
+    assert found.products == 0
+
+
+def test_nothing_to_correct(comm, route):
+    s, stuck = scaled_compliance(), stuck_tangent(1.0)
+    blocks = tangents(states("mixed"), stuck)
+    found = solver(comm, s, stuck, route).solve(np.zeros(3 * POINTS), blocks, EXACT)
+    np.testing.assert_array_equal(found.step, np.zeros(3 * POINTS))
+    np.testing.assert_array_equal(found.coupled, np.zeros(3 * POINTS))
+
+
+@pytest.mark.mpi
+def test_what_is_kept_between_solves_does_not_matter(comm, route):
+    # Sets grow, shrink, move to the other half and vanish; each solve against its dense one.
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    one = solver(comm, s, stuck, route)
+    rng = np.random.default_rng(9)
+    kinds = ("mostly open", "mixed", "mostly open", "one closed", "stuck", "open", "sliding")
+    for turn, kind in enumerate(3 * kinds):
+        status = rng.permutation(states(kind, seed=turn))
+        blocks, r = tangents(status, stuck, seed=turn), right_side(seed=turn)
+        if turn % 2:
+            r[60:] = 0.0
+        check(one.solve(r, blocks, EXACT), s, blocks, r)
+
+
+@pytest.mark.mpi
+def test_the_complement_is_made_once_it_pays(comm):
+    # All points stick: 15 products of 120^2 each time, against 2.3 x 120^3 operations. The answer
+    # is the same before and after, and the iteration gone.
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    one = Corrections(RowMatrix.of(s, comm), None, stuck, comm)
+    blocks, r = tangents(states("stuck"), stuck), right_side()
+    products = []
+    for _ in range(4):
+        found = one.solve(r, blocks, EXACT)
+        check(found, s, blocks, r)
+        products.append(found.products)
+    assert products[-1] == 0
+
+
+def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
+    # One point of forty is closed: the small system is far cheaper, however much W would save.
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    monkeypatch.setattr(corrections, "_Tied", None)
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    one = Corrections(RowMatrix.of(s, comm), None, stuck, comm)
+    blocks, r = tangents(states("one closed"), stuck), right_side("few")
+    check(one.solve(r, blocks, EXACT), s, blocks, r)
+
+
+def test_a_rough_matrix_that_costs_more_than_the_exact_one_is_not_asked(comm):
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    blocks, r = tangents(states("mixed"), stuck), right_side()
+    rough = Unwanted(RowMatrix.of(s, comm))
+    found = Corrections(RowMatrix.of(s, comm), rough, None, comm).solve(r, blocks, EXACT)
+    check(found, s, blocks, r)
+
+
+def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch):
+    # I + T0 S = G with two rows alike, as where three rigid joints meet: no W, yet an answer to
+    # every right-hand side in its range.
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    s, stuck = scaled_compliance(), np.ones((POINTS, 3))
+    g = s + np.eye(3 * POINTS)
+    g[3:6], g[:, 3:6] = g[:3], g[:, :3]
+    g[3:6, 3:6] = g[:3, :3]
+    one = Corrections(RowMatrix.of(g - np.eye(3 * POINTS), comm), None, stuck, comm)
+    blocks, r = tangents(states("stuck"), stuck), g @ right_side()
+    for _ in range(3):
+        found = one.solve(r, blocks, EXACT)
+        np.testing.assert_allclose(g @ found.step, r, rtol=0, atol=1e-10 * np.abs(r).max())
+
+
+@pytest.mark.parametrize("tolerance", [0.03, 1e-4, 1e-8])
+@pytest.mark.parametrize("kind", ["mixed", "sliding"])
+def test_the_residual_is_within_the_tolerance(comm, route, kind, tolerance):
+    # The complement's is relative to W r at its points; |E| and |W| are of the order one here.
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    blocks, r = tangents(states(kind), stuck), right_side()
+    found = solver(comm, s, stuck, route).solve(r, blocks, tolerance)
+    left = r - found.step - whole(blocks) @ (s @ found.step)
+    factor = 1.0 if route == "active" else 3.0
+    assert 0.0 < np.linalg.norm(left) <= factor * tolerance * np.linalg.norm(r)
+    np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rough_matrix_inside(comm, kind):
+    """Errors of 1e-4 in S and 1e-3 of the iteration: what is left is of that size, S d is exact.
+
+    The fine S is not kept in rows here, and gives products only.
+    """
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    noise = np.random.default_rng(7).normal(size=s.shape)
+    noise += noise.T
+    rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
+    blocks, r = tangents(states(kind), stuck), right_side()
+    fine = Unwanted(RowMatrix.of(s, comm))
+    one = Corrections(fine, RowMatrix.of(rough, comm), None, comm)
+    found = one.solve(r, blocks, EXACT)
+    left = r - found.step - whole(blocks) @ (s @ found.step)
+    assert np.linalg.norm(left) <= 1.2e-3 * np.linalg.norm(r)
+    np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12)
+
+
+@pytest.mark.mpi
+def test_corrections_with_a_rough_matrix_converge(comm):
+    # Each leaves a thousandth: four of them solve to 1e-11.
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    noise = np.random.default_rng(7).normal(size=s.shape)
+    noise += noise.T
+    rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
+    blocks, r = tangents(states("mixed"), stuck), right_side()
+    one = Corrections(Unwanted(RowMatrix.of(s, comm)), RowMatrix.of(rough, comm), None, comm)
+    total, left = np.zeros_like(r), r
+    for _ in range(4):
+        total = total + one.solve(left, blocks, EXACT).step
+        left = r - total - whole(blocks) @ (s @ total)
+    assert np.linalg.norm(left) <= 1e-11 * np.linalg.norm(r)
+
+
+@pytest.mark.mpi
+def test_results_do_not_depend_on_the_ranks(comm, route):
+    from mpi4py import MPI
+
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    blocks, r = tangents(states("mixed"), stuck), right_side()
+    spread = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
+    alone = solver(MPI.COMM_SELF, s, stuck, route).solve(r, blocks, EXACT)
+    np.testing.assert_allclose(spread.step, alone.step, rtol=0, atol=1e-11)
+    for part in comm.allgather(spread.step):
+        np.testing.assert_array_equal(part, spread.step)

@@ -1,0 +1,427 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The condensed solver: whatever it keeps and however the bulk is solved, the run is the same.
+
+Statics of blocks that joints alone hold, rigid joints among them, are in
+`verification/test_loose_blocks.py`.
+"""
+
+from __future__ import annotations
+
+import gc
+import re
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+import ufl
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx_joints import ConvergenceError, Elastic, EnergyConsistent, Fixed, FrictionNoTension, GeneralizedAlpha, Gravity, JointsError, KeyedJoint, Model, NewtonOptions, RigidJoint, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints.solvers.interface import corrections
+from dolfinx_joints.solvers.interface import solver as interface
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.interface.residual import JointStep
+from dolfinx_joints.solvers.direct import Effective
+from dolfinx_joints.model.modes import modes
+from dolfinx_joints.solvers.newton import NewtonSolver
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.states import initial_state
+
+COMPLIANCES = ("dense", "compressed", "free")
+LINEAR = ("direct", "iterative")
+DT = 0.005
+
+
+def shaking(time: float) -> np.ndarray:
+    """A motion that opens and slides the joints of the wall, [m/s^2]."""
+    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
+
+
+def friction(**changes: float) -> FrictionNoTension:
+    given = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
+    return FrictionNoTension(**{**given, **changes})
+
+
+@pytest.fixture
+def wall(wall_file, read) -> Callable[..., Any]:
+    """Makes a wall of three joints on a clamped base under its own weight."""
+
+    def make(law: Any = None, *, on: Any = None, **changes: Any) -> Any:
+        return Model(
+            read(wall_file(divisions=(8, 2, 3)), on),
+            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+            joints=law or friction(),
+            supports=[Fixed(group="base")],
+            loads=[Gravity()],
+            damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+            **changes,
+        )
+
+    return make
+
+
+class Path:
+    """Monitor that keeps gaps and tractions of all points, and the counts, of each step."""
+
+    def __init__(self) -> None:
+        self.gaps, self.tractions, self.counts = [], [], []
+
+    def start(self, model: Any, stage: str, steps: int, first: Any) -> None:
+        self._operator = model.operator
+
+    def record(self, record: Any) -> None:
+        joints = record.joints
+        comm = self._operator.comm
+        for kept, values in ((self.gaps, joints.state.gap), (self.tractions, joints.traction)):
+            kept.append(np.concatenate(comm.allgather(values)))
+        self.counts.append(record.solve.counts)
+
+    def finish(self, status: str, summary: Any) -> None:
+        """Nothing to close."""
+
+
+def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: Any) -> Any:
+    """Self weight and some steps: the path, the static and the last state, the outcome."""
+    scheme = options.pop("scheme", None)
+    path = Path()
+    newton = NewtonOptions(**{"relative_tolerance": 1e-12, **options})
+    simulation = Simulation(model, newton=newton, solver=solver, monitors=[path])
+    static = simulation.statics()
+    outcome = simulation.dynamics(dt=DT, steps=steps, motion=shaking, scheme=scheme)
+    return path, static, outcome
+
+
+def difference(one: Any, two: Any) -> float:
+    """Of two displacements, relative to the largest."""
+    change = one.copy()
+    change.axpy(-1.0, two)
+    return float(change.norm(3) / two.norm(3))
+
+
+def far(one: list[np.ndarray], two: list[np.ndarray]) -> float:
+    """Largest difference over a path, relative to the largest value."""
+    return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
+
+
+def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
+    """All six, against the dense one with a direct solver, which the monolithic one checks.
+
+    Of a closed joint the traction is some k_n h/E = 4 times what gaps of a given size make of it.
+    """
+    model = wall()
+    path, static, outcome = march(model, compliance="dense", linear="direct")
+    seen = path.counts
+    assert any(c.open for c in seen)
+    assert any(c.slip for c in seen)
+    assert any(c.stick for c in seen)
+    for compliance, linear in product(COMPLIANCES, LINEAR):
+        other, at_rest, end = march(model, compliance=compliance, linear=linear)
+        assert end.solver == "condensed"
+        assert end.imbalance <= 1e-10
+        assert difference(at_rest.displacement, static.displacement) <= 1e-9
+        assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
+        assert far(other.gaps, path.gaps) <= 1e-9
+        assert far(other.tractions, path.tractions) <= 1e-8
+        assert other.counts == seen
+    _, _, reference = march(model, solver="monolithic")
+    assert difference(outcome.state.displacement, reference.state.displacement) <= 1e-9
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("compliance", "linear"), [*product(COMPLIANCES, ["direct"]), ("dense", "iterative")]
+)
+def test_ranks_do_not_matter(wall, compliance, linear):
+    spread, _, outcome = march(wall(), compliance=compliance, linear=linear)
+    alone, _, expected = march(wall(on=MPI.COMM_SELF), compliance=compliance, linear=linear)
+    assert far(spread.gaps, alone.gaps) <= 1e-9
+    assert far(spread.tractions, alone.tractions) <= 1e-8
+    assert spread.counts == alone.counts
+    assert outcome.energy.friction == pytest.approx(expected.energy.friction, rel=1e-8)
+    assert max(outcome.imbalance, expected.imbalance) <= 1e-10
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        friction(friction_angle_deg=0.0),
+        friction(shear_stiffness=0.0),
+        friction(normal_stiffness=1e15, shear_stiffness=1e15),
+        KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11),
+        RigidJoint(friction_angle_deg=30.0),
+    ],
+    ids=["frictionless", "no shear", "stiff", "keyed", "rigid"],
+)
+def test_other_laws_with_every_compliance(wall, law):
+    model = wall(law)
+    path, _, outcome = march(model, compliance="dense")
+    for compliance in ("compressed", "free"):
+        other, _, end = march(model, compliance=compliance)
+        assert end.imbalance <= 1e-10
+        assert far(other.gaps, path.gaps) <= 1e-9
+        assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
+
+
+@pytest.mark.parametrize("now", [True, False], ids=["complement at once", "never"])
+def test_both_sets_march_alike(wall, monkeypatch, now):
+    model = wall()
+    path, _, outcome = march(model)
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30 if now else 0.0)
+    other, _, end = march(model)
+    assert far(other.gaps, path.gaps) <= 1e-9
+    assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
+    assert end.imbalance <= 1e-10
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
+def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
+    """Steps of ten times the length, with sweeps in all of them or in none."""
+    ends = {}
+    for name, hard in (("never", 10**6), ("always", 0)):
+        monkeypatch.setattr(interface, "HARD", hard)
+        monkeypatch.setattr(interface, "EASY", hard)
+        simulation = Simulation(wall(law), newton=NewtonOptions(relative_tolerance=1e-12))
+        simulation.statics()
+        ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=shaking)
+    one, other = ends["never"], ends["always"]
+    assert other.iterations < one.iterations
+    assert difference(other.state.displacement, one.state.displacement) <= 1e-9
+    assert other.imbalance <= 1e-10
+
+
+@pytest.mark.mpi
+def test_a_sweep_solves_each_point_with_what_the_colours_before_left(wall):
+    """After a sweep the last colour's own equations hold exactly."""
+    model = wall()
+    contact = model.contact
+    parts = contact.colours(5)
+    mine = [points for part in parts for _, points in part]
+    assert np.array_equal(np.sort(np.concatenate(mine)), np.arange(len(contact.operator.areas)))
+    seen = []
+    real = JointStep.sweep
+
+    def watched(step: Any, at: Any, colours: Any) -> Any:
+        swept = real(step, at, colours)
+        seen.append(np.abs(swept.residual[colours[-1][1]]).max() / np.abs(at.residual).max())
+        return swept
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interface, "HARD", 0)
+        patch.setattr(interface, "EASY", 0)
+        patch.setattr(JointStep, "sweep", watched)
+        march(model, steps=3)
+    assert seen
+    assert max(seen) <= 1e-12
+
+
+def test_gauss_points_and_a_mass_without_joint_nodes(wall):
+    # More joint unknowns than dofs at the joint (G is singular), and nodes without mass.
+    for changes in ({"quadrature": "gauss"}, {"redistribute_mass": True}):
+        model = wall(**changes)
+        path, _, outcome = march(model)
+        assert outcome.imbalance <= 1e-10
+        for compliance in ("compressed", "free"):
+            other, _, end = march(model, compliance=compliance)
+            assert far(other.gaps, path.gaps) <= 1e-9
+            assert end.imbalance <= 1e-10
+        _, _, reference = march(model, solver="monolithic")
+        assert difference(outcome.state.displacement, reference.state.displacement) <= 1e-8
+
+
+def test_end_point_schemes(wall):
+    # The weight of 1/k in the law is another one there.
+    model = wall()
+    scheme = GeneralizedAlpha(spectral_radius=0.8)
+    _, _, reference = march(model, solver="monolithic", scheme=scheme)
+    for compliance in COMPLIANCES:
+        _, _, end = march(model, compliance=compliance, scheme=scheme)
+        assert difference(end.state.displacement, reference.state.displacement) <= 1e-8
+
+
+def test_steps_of_changing_length(wall):
+    """Two lengths in turn, each with a factor and a compliance of its own, from known forces."""
+    system, scheme = wall().system(), EnergyConsistent()
+    states = []
+    for kind in ("condensed", "monolithic"):
+        solver = make_solver(system, NewtonOptions(relative_tolerance=1e-12), kind, scheme.rule)
+        state = initial_state(solver)
+        for dt in (DT, DT, 0.3 * DT, DT, 0.3 * DT, 0.3 * DT, 0.1 * DT, DT, DT):
+            state, report = scheme.advance(solver, state, dt)
+            assert report.dt == dt
+        states.append(state)
+    assert difference(states[0].displacement, states[1].displacement) <= 1e-9
+
+
+@pytest.mark.mpi
+def test_a_step_too_hard_is_cut(wall):
+    # Four iterations are too few for some of the steps from a sudden self weight; halves pass.
+    model = wall()
+    simulation = Simulation(model, newton=NewtonOptions(max_iterations=4))
+    outcome = simulation.dynamics(dt=4 * DT, steps=10, motion=shaking)
+    assert outcome.counts.rejected > 0
+    assert outcome.imbalance <= 1e-10
+    with pytest.raises(ConvergenceError, match="dynamic stage.* did not converge in 1 iteration:"):
+        Simulation(model, newton=NewtonOptions(max_iterations=1)).dynamics(
+            dt=4 * DT, steps=10, motion=shaking, control=StepControl(max_halvings=0)
+        )
+
+
+@pytest.mark.mpi
+def test_a_solve_that_failed_leaves_no_trace(wall):
+    """The next solve starts from zero forces and gives what a new solver gives."""
+    model = wall()
+    options = NewtonOptions(relative_tolerance=1e-12)
+    system = model.system()
+    b = system.stiffness.createVecRight()
+    system.load(0.0, b)
+    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+    expected, _ = solved(InterfaceSolver(system, options), effective, b, system)
+    solver = InterfaceSolver(system, replace(options, max_iterations=1))
+    with pytest.raises(ConvergenceError, match="in 1 iteration:"):
+        solved(solver, effective, b, system)
+    solver.options = options
+    again, _ = solved(solver, effective, b, system)
+    assert difference(again, expected) <= 1e-10
+
+
+def solved(solver: Any, effective: Effective, b: Any, system: Any) -> Any:
+    x = b.duplicate()
+    x.set(0.0)
+    _, report = solver.solve(effective, b, x, system.contact.at_rest(x))
+    return x, report
+
+
+@pytest.mark.mpi
+def test_the_same_solve_again_starts_from_its_solution(wall):
+    # Statics go to rounding, which may be a last iteration away.
+    system = wall().system()
+    b = system.stiffness.createVecRight()
+    system.load(0.0, b)
+    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+    solver = InterfaceSolver(system, NewtonOptions())
+    first, report = solved(solver, effective, b, system)
+    assert report.iterations > 3
+    second, report = solved(solver, effective, b, system)
+    assert report.iterations <= 1
+    assert difference(second, first) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("compliance", "compliance is 'sparse'; it must be one of auto, dense, compressed, free."),
+        ("linear", "linear is 'sparse'; it must be one of auto, direct, mumps, iterative."),
+    ],
+)
+@pytest.mark.mpi
+def test_unknown_options_are_refused(name, text):
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        NewtonOptions(**{name: "sparse"})
+    for wrong in (None, 1, "", "DENSE"):
+        with pytest.raises(ValueError, match=f"{name} is {wrong!r}; it must be one of"):
+            NewtonOptions(**{name: wrong})
+
+
+def test_a_system_without_joints_is_refused(wall_file, read):
+    model = Model(
+        read(wall_file(divisions=(8, 2, 3)), joints=[]),
+        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+        supports=[Fixed(group="base")],
+    )
+    with pytest.raises(ValueError, match="has nothing to condense onto"):
+        InterfaceSolver(model.system())
+
+
+def test_what_a_solver_cannot_do_is_refused(wall):
+    # A law of one's own, without a local solution, and one that is rigid beside it.
+    class Plain:
+        internal_variables = ()
+
+        def __init__(self, law: Any) -> None:
+            self._law = law
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("local_"):
+                raise AttributeError(name)
+            return getattr(self._law, name)
+
+    system = wall(Plain(friction())).system()
+    sentence = r"^The condensed solver needs laws with a local solution; Plain has none\.$"
+    with pytest.raises(JointsError, match=sentence):
+        make_solver(system, kind="condensed")
+    rigid = RigidJoint(friction_angle_deg=30.0)
+    laws = {"joint_1": Plain(friction()), "joint_2": rigid, "joint_3": rigid}
+    mixed = wall(laws).system()
+    with pytest.raises(JointsError, match="^Rigid joints need the condensed solver. The condensed"):
+        make_solver(mixed)
+    with pytest.raises(JointsError, match="A rigid joint has no stiffness: modes and the monolit"):
+        modes(mixed, 1)
+
+
+def test_a_solve_needs_the_state_of_the_joints(wall):
+    system = wall().system()
+    x = system.mass.createVecRight()
+    with pytest.raises(ValueError, match="The state of the joints is missing"):
+        InterfaceSolver(system).solve(
+            Effective(mass=0.0, damping=0.0, stiffness=1.0), x.duplicate(), x, None
+        )
+
+
+@pytest.mark.parametrize("compliance", COMPLIANCES)
+def test_an_unsymmetric_body(wall, compliance):
+    """Compressed, half of an unsymmetric matrix must not stand for the other half."""
+
+    def skew(u: Any, v: Any) -> Any:
+        return 1e9 * (u[0] * v[2] - u[2] * v[0]) * ufl.dx
+
+    model = wall(extra_stiffness=skew, symmetric=False)
+    _, at_rest, end = march(model, compliance=compliance)
+    _, expected_at_rest, expected = march(model, solver="monolithic")
+    assert difference(at_rest.displacement, expected_at_rest.displacement) <= 1e-9
+    assert difference(end.state.displacement, expected.state.displacement) <= 1e-9
+
+
+@pytest.mark.mpi
+def test_clamped_points_that_carry_load_do_not_loosen_tolerances(wall):
+    """A joint pressed 10 um together on its clamped base: some 1e4 N there, which nothing moves."""
+    model = wall(initial_gaps={"joint_2": -1e-5})
+    outcome = Simulation(model).dynamics(dt=DT, steps=10, motion=shaking)
+    assert outcome.counts.rejected == 0
+    assert outcome.imbalance <= 1e-12
+
+
+@pytest.mark.mpi
+def test_ranks_count_costs_alike(wall):
+    """The choice between the two sets, made of costs, must be the same on all ranks."""
+    model = wall()
+    system = model.system()
+    solver = InterfaceSolver(system, NewtonOptions(compliance="dense"))
+    effective = Effective(mass=1e5, damping=0.0, stiffness=1.0)
+    b = system.stiffness.createVecRight()
+    system.load(0.0, b)
+    solved(solver, effective, b, system)
+    split = solver._last[0].compliance.split
+    costs = model.operator.comm.allgather(split.cost(7))
+    assert len(set(costs)) == 1
+
+
+@pytest.mark.parametrize("kind", [InterfaceSolver, NewtonSolver])
+def test_solvers_go_when_nothing_uses_them(wall, kind):
+    """Without waiting for Python's search for cycles: a factor may hold gigabytes."""
+    solver = kind(wall().system())
+    watched = weakref.ref(solver)
+    gc.disable()
+    try:
+        del solver
+        assert watched() is None
+    finally:
+        gc.enable()

@@ -1,0 +1,191 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What numba makes of the kernels is what their text says: the interpreter gets the same numbers.
+
+Compiled sums may be in another order, so that the two differ by rounding: some 1e-16 of the largest
+number for each of at most some hundred terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mpi4py")
+pytest.importorskip("numba")
+
+from mpi4py import MPI
+from test_low_rank import compressed, kernel, plates
+
+from dolfinx_joints.solvers.interface import corrections
+from dolfinx_joints.laws import return_mapping as end_point_law
+from dolfinx_joints.solvers.interface import gmres
+from dolfinx_joints.solvers.interface import residual as joint_step
+from dolfinx_joints.solvers.interface import low_rank as lowrank
+from dolfinx_joints.laws import discrete_gradient as midpoint_law
+from dolfinx_joints.solvers.interface import row_matrix as row_matrices
+
+RANDOM = np.random.default_rng(20)
+ROUNDING = 1e-13
+
+
+@contextmanager
+def interpreted(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> Iterator[None]:
+    """Let the interpreter run the kernels of a module; compiled ones divide by zero in silence."""
+    kernels = {name: k for name, k in vars(module).items() if hasattr(k, "py_func")}
+    assert kernels
+    with monkeypatch.context() as patch, np.errstate(all="ignore"):
+        for name, compiled in kernels.items():
+            patch.setattr(module, name, compiled.py_func)
+        yield
+
+
+def check_same(compiled: Any, written: Any) -> None:
+    """Compare arrays to rounding of the largest finite number in them; the others are equal."""
+    compiled, written = np.asarray(compiled), np.asarray(written)
+    assert compiled.dtype == written.dtype
+    size = np.abs(compiled[np.isfinite(compiled)]).max(initial=0.0)
+    np.testing.assert_allclose(compiled, written, rtol=ROUNDING, atol=ROUNDING * size)
+
+
+def check(
+    monkeypatch: pytest.MonkeyPatch, module: ModuleType, work: Callable[[], tuple[Any, ...]]
+) -> tuple[Any, ...]:
+    """The arrays that ``work`` gives, which both ways are the same."""
+    compiled = work()
+    with interpreted(monkeypatch, module):
+        written = work()
+    for one, other in zip(compiled, written, strict=True):
+        check_same(one, other)
+    return compiled
+
+
+# And the products that they take: as many as there are different eigenvalues to be told apart.
+MATRICES = {
+    "near the identity": (np.eye(9) + 0.05 * RANDOM.normal(size=(9, 9)), 9),
+    "identity, done at once": (np.eye(4), 1),
+    "singular": (np.diag([1.0, 2.0, 0.0, 3.0]), 4),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_gmres(monkeypatch, name):
+    matrix, expected = MATRICES[name]
+    right = np.arange(1.0, len(matrix) + 1)
+
+    def work():
+        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20)
+
+    x, products = check(monkeypatch, gmres, work)
+    assert products == expected
+    if name != "singular":
+        np.testing.assert_allclose(matrix @ x, right, rtol=1e-10)
+
+
+@pytest.mark.parametrize("share", ["all rows", "some rows"])
+def test_low_rank_products(monkeypatch, share):
+    # All rows: of a block and its mirror image one is kept; some rows: each block for itself.
+    points, joint = plates(across=6)
+    rows = None if share == "all rows" else np.arange(40)
+    small = compressed(kernel(points, joint), points, leaf=6, tolerance=1e-3, rows=rows)
+    vector = RANDOM.normal(size=3 * len(points))
+    ranks = small._blocks[:, 4]
+    assert ranks.min() < 0 < ranks.max()  # blocks of both kinds
+    assert small._blocks[:, 5].any() == (rows is None)
+    check(monkeypatch, lowrank, lambda: (small.product(vector),))
+
+
+@pytest.mark.parametrize("count", [0, 1, 4, 7])
+def test_products_with_few_rows(monkeypatch, count):
+    whole = RANDOM.normal(size=(9, 9))
+    matrix = row_matrices.RowMatrix.of(whole + whole.T, MPI.COMM_SELF)
+    rows = np.sort(RANDOM.permutation(9)[:count])
+    values = np.zeros(9)
+    values[rows] = RANDOM.normal(size=count)
+
+    def work():
+        return matrix.product(values, rows), matrix.block(rows).product(values[rows])
+
+    product, part = check(monkeypatch, row_matrices, work)
+    np.testing.assert_allclose(product, (whole + whole.T) @ values, atol=1e-12)
+    np.testing.assert_allclose(part, product[rows], atol=1e-12)
+
+
+def test_blocks_of_points(monkeypatch):
+    tangent, values = RANDOM.normal(size=(5, 3, 3)), RANDOM.normal(size=15)
+    diagonal = RANDOM.normal(size=(1, 3))
+    tangent[[1, 4]] = np.diag(diagonal[0])
+
+    def work():
+        return (
+            corrections._turned(tangent, values),
+            corrections._where(tangent, diagonal, 1e-12),
+            corrections._where(tangent, np.repeat(diagonal, 5, axis=0), 1e-12),
+        )
+
+    turned, *found = check(monkeypatch, corrections, work)
+    np.testing.assert_allclose(
+        turned, np.einsum("nij,nj->ni", tangent, values.reshape(5, 3)).ravel()
+    )
+    assert [each.tolist() for each in found] == [[0, 2, 3], [0, 2, 3]]
+
+
+def test_scaled_residuals(monkeypatch):
+    force, scale, areas = RANDOM.normal(size=12), RANDOM.random(12), RANDOM.random(12)
+    traction, tangent = RANDOM.normal(size=(4, 3)), RANDOM.normal(size=(4, 3, 3))
+    dead = np.zeros((4, 3), dtype=bool)
+    dead[1, 2] = dead[3] = True
+    given = (force, traction, tangent, scale, areas, dead)
+    residual, scaled = check(monkeypatch, joint_step, lambda: joint_step._scaled(*given))
+    assert not residual.reshape(4, 3)[dead].any()
+    assert not scaled[3].any()
+    assert residual[0] == pytest.approx(force[0] - scale[0] * areas[0] * traction[0, 0])
+
+
+# Gaps of the points before a step and after it if nothing were carried, of every kind: they stay
+# open or closed, open, close, touch, and start and end at zero.
+STARTS = np.array([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+ENDS = np.array([-3.0, 1.0, 0.0, -2.0, 1.0, 0.0, 2.0, -2.0, 0.0, -1.2, 5.0])
+
+
+def gaps() -> tuple[np.ndarray, np.ndarray]:
+    """Gaps before and free gaps after, with little slip and with much, shape (22, 3), [um]."""
+    slip = np.outer(np.repeat([0.01, 3.0], len(STARTS)), [1.0, -0.5])
+    before = np.column_stack([np.tile(STARTS, 2), 0.0 * slip])
+    after = np.column_stack([np.tile(ENDS, 2), slip])
+    return before, after
+
+
+@pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+@pytest.mark.parametrize("rigid", [False, True])
+def test_whole_steps(monkeypatch, compliance, friction, rigid):
+    before, after = gaps()
+    normal, shear = (0.0, 0.0) if rigid else (1.0, 2.5)
+    if rigid:
+        before[:, 0] = np.abs(before[:, 0])  # what is rigid does not overlap
+    stored = midpoint_law.stored_by(before, np.full((len(before), 2), 0.1), 1.0, 0.4)
+    stiffness = midpoint_law.Stiffness(
+        normal_compliance=normal, shear_compliance=shear, ratio=2.5, friction=friction
+    )
+    given = (after, np.array(compliance), before, stored, stiffness)
+    check(monkeypatch, midpoint_law, lambda: tuple(vars(midpoint_law.solve_step(*given)).values()))
+
+
+@pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
+@pytest.mark.parametrize(("normal", "shear"), [(1.0, 2.5), (0.0, 0.0), (1.0, np.inf)])
+def test_ends_of_steps(monkeypatch, compliance, normal, shear):
+    before, after = gaps()
+    stiffness = {"normal_compliance": normal, "shear_compliance": shear, "ratio": 2.5}
+    given = (after, np.array(compliance), before, np.full((len(before), 2), 0.1))
+
+    def work():
+        answer = end_point_law.solve_end_point(*given, **stiffness, friction=0.6)
+        return tuple(vars(answer).values())
+
+    check(monkeypatch, end_point_law, work)

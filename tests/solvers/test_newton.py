@@ -1,0 +1,139 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's method on one unknown, where each of its choices is known by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("petsc4py")
+
+from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, NewtonOptions
+from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.solvers.direct import STATIC
+from dolfinx_joints.solvers.newton import NewtonSolver, SolveReport
+from dolfinx_joints.solvers.choice import make_solver
+
+
+class Backwards(FrictionNoTension):
+    """A law whose tangent is wrong: Newton's correction goes away from the solution."""
+
+    def end_point(self, gap, state):
+        response = super().end_point(gap, state)
+        return replace(response, tangent=-3.0 * response.tangent)
+
+
+@pytest.mark.parametrize("cuts", [0, 1, 2])
+def test_where_no_share_helps_the_best_is_taken(cuts):
+    # u + min(u, 0) = -1 from u = 0, residual 1. The wrong tangent makes the matrix 1 - 3 and the
+    # correction -1/2; at u = share / 2, open, the residual is 1 + share / 2. Shares are halved
+    # `cuts` times, and the smallest is the best. Forces are 1, so that this is relative too.
+    law = Backwards(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
+    solver = NewtonSolver(system, NewtonOptions(max_iterations=1, max_cuts=cuts))
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(-1.0)
+    with pytest.raises(ConvergenceError) as failure:
+        solver.solve(STATIC, b, x, JointState.at_rest(system.contact.operator.gap(x)))
+    assert failure.value.iteration == 1
+    assert failure.value.residual == pytest.approx(1.0 + 0.5 ** (cuts + 1), rel=1e-14)
+
+
+def test_without_joints_a_solve_is_linear():
+    # 4 u = 2 in one back-substitution, the first of which factors.
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=4.0)
+    solver = NewtonSolver(system)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(2.0)
+    for factorizations in (1, 0):
+        response, report = solver.solve(STATIC, b, x, None)
+        assert response is None
+        assert report == SolveReport(
+            iterations=1, factorizations=factorizations, residual=0.0, counts=None
+        )
+        assert x.array[0] == pytest.approx(0.5, rel=1e-15)
+
+
+def test_joints_without_a_state_are_left_out():
+    # 4 u = 2 of the body alone; with the joint, of 4 N/m where it is closed, half of it.
+    law = FrictionNoTension(normal_stiffness=4.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[-1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=4.0, gap=gap, law=law)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(2.0)
+    state = JointState.at_rest(system.contact.operator.gap(x))
+    for given, expected in ((None, 0.5), (state, 0.25)):
+        x.set(0.0)
+        NewtonSolver(system).solve(STATIC, b, x, given)
+        assert x.array[0] == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("load", [1.0, 1e-20, 1e20])
+@pytest.mark.parametrize("kind", ["condensed", "monolithic"])
+def test_loads_of_any_size_are_carried(kind, load):
+    # [[3, -1], [-1, 3]] u = (load, 0): three springs in a row and two closed joints, of 1 N/m each.
+    # Residuals are relative to the forces.
+    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[-1, 0], [0, 0], [0, 0], [0, -1], [0, 0], [0, 0]]
+    stiffness = [[2.0, -1.0], [-1.0, 2.0]]
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=stiffness, gap=gap, law=law)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.setArray([load, 0.0])
+    state = JointState.at_rest(system.contact.operator.gap(x))
+    make_solver(system, kind=kind).solve(STATIC, b, x, state)
+    np.testing.assert_allclose(x.array, [0.375 * load, 0.125 * load], rtol=1e-13)
+
+
+@pytest.mark.parametrize("load", np.linspace(-30.0, -1.1, 20))
+def test_a_step_ends_at_rounding(load):
+    # A point 1 m open closes, and its mean traction over the step is no line in u. The iteration
+    # ends with the residual below 1e-10 of the forces; one correction more leaves their rounding.
+    law = FrictionNoTension(normal_stiffness=7.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law, initial_gap=1.0)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(load)
+    state = JointState.at_rest(system.contact.gap(x))
+    _, report = NewtonSolver(system).solve(STATIC, b, x, state, "step")
+    assert report.residual <= 4.0 * np.finfo(float).eps
+    # The energy that the joint stores, 7 J/m^2 (1 + u)^2 / 2, over the way u is its mean force.
+    u = x.array[0]
+    assert u + 3.5 * (1.0 + u) ** 2 / u == pytest.approx(load, rel=1e-14)
+
+
+def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
+    # Bulk and closed joint of 1 N/m each: Newton's first correction solves this.
+    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    gap = [[-1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(3.0)
+    state = JointState.at_rest(system.contact.operator.gap(x))
+    solver = make_solver(system, NewtonOptions(max_cuts=0), kind="condensed")
+    _, report = solver.solve(STATIC, b, x, state)
+    assert x.array[0] == pytest.approx(1.5, rel=1e-14)
+    assert report.iterations == 1
+
+
+@pytest.mark.parametrize(
+    ("points", "steps", "asked", "kept"),
+    [
+        (584, 1, "auto", "free"),  # 1752 unknowns for 1750 products of a solve
+        (583, 1, "auto", "auto"),  # 1749
+        (584, 2, "auto", "auto"),
+        (584, 0, "auto", "auto"),  # dynamics
+        (584, 1, "dense", "dense"),
+    ],
+)
+def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
+    # A column costs a seventh of a back-substitution, and a static solve takes 250 products: what
+    # is kept pays from m / 1750 solves on (docs/design.md, "Two paths for a step").
+    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=1.0, friction_angle_deg=30.0)
+    gap = np.zeros((3 * points, 1))
+    gap[0] = 1.0
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    options = NewtonOptions(compliance=asked)
+    assert make_solver(system, options, static_steps=steps).options.compliance == kept

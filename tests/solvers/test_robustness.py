@@ -1,0 +1,186 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What must not pass in silence, crash or grow, on any number of ranks."""
+
+import gc
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import ufl
+
+import dolfinx_joints as dj
+from dolfinx_joints.mesh.gmsh_file import load_msh
+from dolfinx_joints.results.writer import ResultsWriter
+
+NAN = float("nan")
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    """Makes a small jointed wall with what is changed."""
+
+    def make(**changes):
+        arguments = {
+            "material": dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+            "joints": dj.FrictionNoTension(
+                normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
+            ),
+            "supports": [dj.Fixed(group="base")],
+            "loads": [dj.Gravity()],
+        }
+        return dj.Model(read(wall_file()), **{**arguments, **changes})
+
+    return make
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (
+            {"loads": [dj.Traction(group="crest", value=(0, 0, 1), factor=lambda t: NAN)]},
+            "The factor of Traction_crest at t = 0 s is nan; it must be",
+        ),
+        (
+            {"supports": [dj.Prescribed(group="base", component="z", value=lambda t: NAN)]},
+            "The displacement z prescribed on 'base' at t = 0 s is nan m",
+        ),
+        ({"initial_gaps": {"joint_1": NAN}}, "The initial gap of 'joint_1' is nan m"),
+        ({"initial_gaps": {"joint_1": lambda x: np.zeros((2, 2))}}, "gave an array of shape"),
+        ({"loads": [dj.FormLoad(form=lambda v: None)]}, "A load must be a linear UFL form of v"),
+        (
+            {"extra_stiffness": lambda u, v: ufl.inner(ufl.as_vector([1.0, 0, 0]), v) * ufl.dx},
+            "An extra form must be a bilinear UFL form",
+        ),
+        ({"loads": [dj.Pressure(group="no such", value=1.0)]}, "no facet group 'no such'"),
+        ({"loads": dj.Gravity()}, "it must be a list of loads"),
+        ({"damping": 0.05}, "it must be a Rayleigh damping"),
+    ],
+)
+def test_refused_on_all_ranks_alike(wall, changes, text):
+    with pytest.raises(ValueError, match=text):
+        dj.Simulation(wall(**changes)).statics()
+
+
+class NoNumber(dj.FrictionNoTension):
+    """A law that gives NaN."""
+
+    def end_point(self, gap, state):
+        response = super().end_point(gap, state)
+        response.traction[:] = NAN
+        return response
+
+    def local_solve(self, free_gap, compliance, state):
+        response = super().local_solve(free_gap, compliance, state)
+        response.traction[:] = NAN
+        return response
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+def test_nan_from_a_law_does_not_converge(wall, solver):
+    law = NoNumber(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+    with pytest.raises(dj.ConvergenceError, match="residual nan"):
+        dj.Simulation(wall(joints=law), solver=solver).statics()
+
+
+@pytest.mark.mpi
+def test_what_a_model_made_outlives_it(wall):
+    def made():
+        model = wall()
+        return dj.modes(model.system(), 1).shapes, dj.Simulation(model).statics().displacement
+
+    shapes, displacement = made()
+    gc.collect()
+    made()
+    gc.collect()
+    assert shapes[0].copy().norm() == pytest.approx(shapes[0].norm())
+    assert displacement.copy().norm() > 0.0
+
+
+@pytest.mark.mpi
+def test_memory_does_not_grow_with_the_steps(wall_file, comm):
+    # A dozen vectors are made in each step; on several ranks PETSc would keep them all.
+    def resident():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * 4096 / 1e6
+
+    sizes = []
+
+    class Watch:
+        def start(self, model, stage, steps, first):
+            """Nothing to prepare."""
+
+        def record(self, record):
+            sizes.append(resident())
+
+        def finish(self, status, summary):
+            """Nothing to close."""
+
+    model = dj.Model(
+        dj.read_msh(wall_file(divisions=(12, 4, 10)), comm, joints=[]),
+        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
+        degree=2,
+    )
+    dj.Simulation(model, monitors=[Watch()]).dynamics(dt=0.005, steps=140)
+    assert sizes[-1] - sizes[40] < 10.0
+
+
+def test_prescribed_displacements_do_not_jump(wall):
+    top = dj.Prescribed(group="crest", component="x", value=lambda t: 1e-4 * t)
+    simulation = dj.Simulation(wall(supports=[dj.Fixed(group="base"), top]))
+    simulation.quasi_statics([1.0])
+    with pytest.raises(ValueError, match="prescribed at t = 0 differ from those of the static"):
+        simulation.dynamics(dt=0.005, steps=1)
+
+
+def test_a_truncated_results_file_is_refused(tmp_path):
+    whole, torn = tmp_path / "whole.h5", tmp_path / "torn.h5"
+    with ResultsWriter(whole, {}) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for step in range(20):
+            writer.append("run", float(step), {"u": np.arange(1000.0)})
+        writer.finish("complete", {})
+    size = whole.stat().st_size
+    for length in (10, 35, 36, size // 2, size - 1):
+        torn.write_bytes(whole.read_bytes()[:length])
+        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
+            dj.Results(torn)
+
+
+def test_a_truncated_copy_of_a_growing_file_is_refused(tmp_path):
+    grows, torn = tmp_path / "grows.h5", tmp_path / "torn.h5"
+    with ResultsWriter(grows, {}, flush_interval=0.0) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for step in range(20):
+            writer.append("run", float(step), {"u": np.arange(1000.0)})
+            with dj.Results(grows) as results:
+                assert results.rows("run") == step + 1
+        content = grows.read_bytes()
+    assert content[11]  # marked as open
+    end = int.from_bytes(content[28:36], "little")  # room that HDF5 has not used yet follows
+    for length in (20, 200, 2000, end // 2, end - 1):
+        torn.write_bytes(content[:length])
+        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
+            dj.Results(torn)
+
+
+def test_reading_a_mesh_leaves_the_models_of_gmsh_alone(wall_file):
+    import gmsh
+
+    path = wall_file()
+    gmsh.initialize()
+    try:
+        gmsh.model.add("mine")
+        load_msh(path)
+        assert gmsh.model.getCurrent() == "mine"
+        assert "mine" in gmsh.model.list()
+    finally:
+        gmsh.finalize()

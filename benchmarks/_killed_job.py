@@ -118,7 +118,7 @@ class _StepTold:
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Nothing to close."""
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing."""
         return {}
 

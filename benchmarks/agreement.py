@@ -36,7 +36,7 @@ from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.states import DynamicState, initial_state
 
 SCHEME = dj.EnergyConsistent()
-REFERENCE = dj.NewtonOptions(relative_tolerance=1e-13)
+REFERENCE = dj.SolverOptions(relative_tolerance=1e-13)
 BOUNDS = {"steps": 1e-9, "histories": 1e-8}
 
 Vector = Callable[[DynamicState], np.ndarray]

@@ -107,7 +107,7 @@ def measure(scene: Scene, kind: str, options: argparse.Namespace) -> Row:
     simulation = dj.Simulation(
         model,
         monitors=[watch],
-        newton=dj.NewtonOptions(compliance=kind, linear=options.linear, max_iterations=100),
+        newton=dj.SolverOptions(compliance=kind, linear=options.linear, max_iterations=100),
         solver="condensed",
     )
     free_memory()

@@ -80,7 +80,7 @@ def measure(side: int, repeats: int) -> dict[str, Any]:
     setup = seconds(lambda: JointOperator(jointed, space), 1)
     operator = JointOperator(jointed, space)
     gap, state = mixed_state(len(operator.areas))
-    response = LAW.end_point(gap, state)
+    response = LAW.backward_euler(gap, state)
     shares = np.bincount(response.status, minlength=len(Status)) / max(len(gap), 1)
     if len(gap) and shares.min() < 0.3:
         raise RuntimeError(f"The state is not mixed: shares {shares} are open, stick, slide.")
@@ -92,7 +92,7 @@ def measure(side: int, repeats: int) -> dict[str, Any]:
     first = seconds(lambda: tangent.assemble(response.tangent), 1)
     times = {
         "gap": seconds(lambda: operator.gap(u), repeats),
-        "law": seconds(lambda: LAW.end_point(gap, state), repeats),
+        "law": seconds(lambda: LAW.backward_euler(gap, state), repeats),
         "residual": seconds(lambda: operator.force(response.traction, force), repeats),
         "tangent": seconds(lambda: tangent.assemble(response.tangent), repeats),
         "first tangent": first,

@@ -64,7 +64,7 @@ def measure(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any
     with phases.phase("assembly"):
         model = scene.model(jointed, None if tied else scene.law())
     progress(f"{kind}: {model.num_dofs} dofs are assembled, {phases.seconds['assembly']:.0f} s")
-    newton = dj.NewtonOptions(linear=options.linear, compliance="free", max_iterations=100)
+    newton = dj.SolverOptions(linear=options.linear, compliance="free", max_iterations=100)
     simulation = dj.Simulation(model, monitors=[watch], newton=newton)
     petsc_seconds(SET_UP)
     with phases.phase("steps"):

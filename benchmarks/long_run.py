@@ -70,7 +70,7 @@ class MemoryWatch:
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Nothing to close."""
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing: the run is not interrupted."""
         return {}
 

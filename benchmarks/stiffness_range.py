@@ -33,7 +33,7 @@ ANGLES = (0.0, 30.0, 60.0, 89.9)
 STEP_FACTORS = (0.1, 1.0, 10.0)
 QUICK = {"stiffness": (1e11, math.inf), "angle": (30.0, 89.9), "factor": (1.0, 10.0)}
 LARGEST_LEDGER = 1e-9
-NEWTON = dj.NewtonOptions()
+NEWTON = dj.SolverOptions()
 
 
 @dataclass(frozen=True, kw_only=True)

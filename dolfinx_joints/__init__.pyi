@@ -79,7 +79,7 @@ from .postprocessing.csv_tables import write_csv as write_csv
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.simulation import Simulation as Simulation
-from .solvers.newton import NewtonOptions as NewtonOptions
+from .solvers.newton import SolverOptions as SolverOptions
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
 from .time_integration.midpoint import GeneralizedAlpha as GeneralizedAlpha
 from .time_integration.midpoint import HilberHughesTaylor as HilberHughesTaylor

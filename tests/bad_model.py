@@ -85,11 +85,11 @@ class Own:
         if "internal_variables" in parts:
             self.internal_variables = parts.pop("internal_variables")
 
-    def end_point(self, gap: Any, state: Any) -> Any:
+    def backward_euler(self, gap: Any, state: Any) -> Any:
         """See the class."""
         if not self.parts:
             return self.given
-        answer = self.law.end_point(gap, state)
+        answer = self.law.backward_euler(gap, state)
         every = {name: getattr(answer, name) for name in Response.__dataclass_fields__}
         return Response(**{**every, **self.parts})
 
@@ -255,7 +255,7 @@ DOORS: tuple[Door, ...] = (
             },
             "newton": {
                 "number": "1e-10",
-                "class": "dj.NewtonOptions",
+                "class": "dj.SolverOptions",
                 "mapping": "{'linear': 'auto'}",
             },
             "solver": NO_CHOICE,

@@ -104,7 +104,7 @@ DOORS: tuple[Door, ...] = (
         names,
     ),
     door(
-        "dj.NewtonOptions",
+        "dj.SolverOptions",
         {},
         {
             "relative_tolerance": without(NO_NUMBER, zero="0.0", negative="-1e-9", too_large="1.0"),

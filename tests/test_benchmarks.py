@@ -121,7 +121,7 @@ def test_compliances_that_differ_are_shown(monkeypatch, capsys):
 
 def test_a_case_that_fails_is_shown(capsys, monkeypatch):
     # 89.9 degrees and long steps take more than one iteration from the first step on.
-    monkeypatch.setattr(stiffness_range, "NEWTON", dj.NewtonOptions(max_iterations=1))
+    monkeypatch.setattr(stiffness_range, "NEWTON", dj.SolverOptions(max_iterations=1))
     one = ["--stiffness", "1e11", "--angle", "89.9", "--factor", "10"]
     status = stiffness_range.main(["--scenes", "tiny", "--steps", "5", "--json", *one])
     assert status == 1
@@ -141,7 +141,7 @@ def test_agreement(capsys):
 
 def test_a_disagreement_is_seen(monkeypatch):
     # A reference that stops at 1e-2 of the forces is not equal to nine digits.
-    monkeypatch.setattr(agreement, "REFERENCE", dj.NewtonOptions(relative_tolerance=1e-2))
+    monkeypatch.setattr(agreement, "REFERENCE", dj.SolverOptions(relative_tolerance=1e-2))
     assert agreement.main(["--scenes", "tiny", "--steps", "5", "--history", "5"]) == 1
 
 

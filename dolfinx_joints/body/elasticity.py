@@ -237,7 +237,7 @@ def _tensor(stress: Any, dimension: int) -> Any:
 
 def is_plastic(material: Material) -> bool:
     """Whether a material has a law of its own beyond its elastic part."""
-    return offers(material, "end_point")
+    return offers(material, "backward_euler")
 
 
 def elastic_part(material: Material) -> Elastic | Orthotropic:

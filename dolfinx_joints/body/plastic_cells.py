@@ -83,8 +83,8 @@ class PlasticBulk:
     ) -> None:
         """Build the strain operator (collective)."""
         for law in laws.values():
-            wanted = "a law with the methods end_point and step"
-            check_kind_of("A plastic material", law, hasattr(law, "step"), wanted)
+            wanted = "a law with the methods backward_euler and step"
+            check_kind_of("A plastic material", law, hasattr(law, "discrete_gradient"), wanted)
         topology = jointed.mesh.topology
         every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         groups = {name: jointed.cells(name) if name else every for name in laws}
@@ -108,7 +108,7 @@ class PlasticBulk:
     def trial(self, u: PETSc.Vec, state: PlasticState) -> PlasticResponse:
         """End-point answer at the displacement ``u``, from ``state`` (collective)."""
         joints = self._joints.trial(u, state) if self._joints else _no_joints()
-        return self._beside(joints, "end_point", self.operator.strain(u), state.bulk)
+        return self._beside(joints, "backward_euler", self.operator.strain(u), state.bulk)
 
     def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
         """Answer to a change of the displacement since ``state`` (collective).
@@ -116,7 +116,7 @@ class PlasticBulk:
         Args:
             change: Displacement less that at ``state``, [m].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``end_point`` or ``step``.
+            rule: Which method of the laws is asked, ``backward_euler`` or ``step``.
         """
         joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
         strain = state.bulk.strain + self.operator.strain(change)
@@ -144,7 +144,7 @@ class PlasticBulk:
         bulk = self._ask(rule, strain, before)
         facts = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
         # A whole step sees half of the change of strain, as its matrix holds half of K.
-        softening = bulk.tangent - (0.5 if rule == "step" else 1.0) * self._elastic
+        softening = bulk.tangent - (0.5 if rule == "discrete_gradient" else 1.0) * self._elastic
         return PlasticResponse(**facts, bulk=bulk, softening=softening)
 
     def force(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:

@@ -21,7 +21,7 @@ from dolfinx_joints.common.mpi import raised_together
 InitialGap = float | Callable[[Floats], Floats]
 
 # How a time scheme asks the laws: at the end of a step, or for the step as a whole.
-Rule = Literal["end_point", "step"]
+Rule = Literal["backward_euler", "discrete_gradient"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ class Contact:
         """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
         gap = self.gap(u)
         with raised_together(self.operator.comm):
-            return self._ask("end_point", gap, None, state)
+            return self._ask("backward_euler", gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
         """Answer of the laws to a change of the displacement since ``state`` (collective).
@@ -125,25 +125,25 @@ class Contact:
         Args:
             change: Displacement less that at ``state``, [m].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``end_point`` or ``step``.
+            rule: Which method of the laws is asked, ``backward_euler`` or ``step``.
         """
         gap = state.gap + self.operator.gap(change)
         with raised_together(self.operator.comm):
             return self._ask(rule, gap, None, state)
 
     def respond_locally(
-        self, free_gap: Floats, compliance: Floats, state: JointState, rule: Rule
+        self, trial_gap: Floats, compliance: Floats, state: JointState, rule: Rule
     ) -> Response:
         """Answer of the laws of the local points, each on its own compliance (collective).
 
         Args:
-            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
             compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``local_solve`` or ``local_step``.
+            rule: Which method of the laws is asked, ``condensed_backward_euler`` or ``condensed_discrete_gradient``.
         """
         with raised_together(self.operator.comm):
-            return self._ask(rule, free_gap, compliance, state)
+            return self._ask(rule, trial_gap, compliance, state)
 
     def colours(self, count: int) -> list[list[tuple[Law, NDArray[np.int64]]]]:
         """Local points by their number over all ranks modulo ``count``, and by law (collective)."""
@@ -155,7 +155,7 @@ class Contact:
     def tractions_locally(
         self,
         part: list[tuple[Law, NDArray[np.int64]]],
-        free_gap: Floats,
+        trial_gap: Floats,
         compliance: Floats,
         state: JointState,
         rule: Rule,
@@ -166,7 +166,7 @@ class Contact:
             for law, points in part:
                 before = _state_of(law, points, state)
                 method = _local_method(law, rule)
-                answer = method(free_gap[points], compliance[points], before)
+                answer = method(trial_gap[points], compliance[points], before)
                 answers.append((points, answer.traction))
         return answers
 
@@ -290,17 +290,17 @@ def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
 
 def _steps(law: Law) -> bool:
     """Whether a law has an answer for whole steps of its own."""
-    return hasattr(law, "step")
+    return hasattr(law, "discrete_gradient")
 
 
 def _method(law: Any, rule: Rule) -> Any:
     """Method of a law under a rule; end point where it has none for whole steps."""
-    return law.step if rule == "step" and _steps(law) else law.end_point
+    return law.discrete_gradient if rule == "discrete_gradient" and _steps(law) else law.backward_euler
 
 
 def _local_method(law: Any, rule: Rule) -> Any:
     """The same on a point's own compliance, None where there is none."""
-    return getattr(law, "local_step" if rule == "step" and _steps(law) else "local_solve", None)
+    return getattr(law, "condensed_discrete_gradient" if rule == "discrete_gradient" and _steps(law) else "condensed_backward_euler", None)
 
 
 def _checked(law: Law, response: Response, count: int) -> Response:

@@ -44,14 +44,14 @@ class SmallDisplacements:
         jump = np.linalg.norm(gap - self._contact.initial_gap, axis=1) / self._sizes
         np.maximum.at(self._largest, self._contact.operator.joint, jump)
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """What has been seen and said so far (collective)."""
         if self._contact is None:
             return {}
         largest = np.max(self._contact.operator.comm.allgather(self._largest), axis=0)
         return {"largest": largest, "warned": self._warned}
 
-    def recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Take up what another's ``memory`` gave."""
         if memory:
             self._largest[:], self._warned[:] = memory["largest"], memory["warned"]

@@ -58,7 +58,7 @@ class StepAnswer:
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
-        tangent: d traction / d free_gap, shape (n, 3, 3), [Pa/m].
+        tangent: d traction / d trial_gap, shape (n, 3, 3), [Pa/m].
         gap: Gap at the end, shape (n, 3), [m].
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the end, shape (n, 3).
         dissipation: Friction work of the step, shape (n,), [J/m^2].
@@ -74,7 +74,7 @@ class StepAnswer:
 
 
 def solve_step(
-    free_gap: Floats,
+    trial_gap: Floats,
     compliance: Floats,
     gap: Floats,
     stored: Floats,
@@ -85,13 +85,13 @@ def solve_step(
     Compiled for double precision; arrays of any other type are worked on by the interpreter.
 
     Args:
-        free_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
+        trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n, 2) or (1, 2), [m/Pa].
         gap: Gap at the start, shape (n, 3), [m].
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
         stiffness: Of the joint.
     """
-    count, kind = len(free_gap), free_gap.dtype
+    count, kind = len(trial_gap), trial_gap.dtype
     answer = StepAnswer(
         traction=np.zeros((count, 3), kind),
         tangent=np.zeros((count, 3, 3), kind),
@@ -102,7 +102,7 @@ def solve_step(
     )
     march = _solve_step if kind == np.float64 else _solve_step.py_func
     march(
-        free_gap,
+        trial_gap,
         compliance,
         gap,
         stored,
@@ -133,7 +133,7 @@ def stored_by(
 
 @njit(cache=True, error_model="numpy")
 def _solve_step(
-    free_gap: Floats,
+    trial_gap: Floats,
     compliance: Floats,
     gap: Floats,
     stored: Floats,
@@ -149,11 +149,11 @@ def _solve_step(
     status: NDArray[np.int8],
 ) -> None:
     """`solve_step` into arrays: d = 1/k_n, kappa = k_n/k_s, zeta_closed = sqrt(1/k_s)."""
-    for i in range(len(free_gap)):
+    for i in range(len(trial_gap)):
         j = i if len(compliance) > 1 else 0
         c_n, c_t = compliance[j, 0], compliance[j, 1]
-        h_n = free_gap[i, 0] - gap[i, 0]
-        h_1, h_2 = free_gap[i, 1] - gap[i, 1], free_gap[i, 2] - gap[i, 2]
+        h_n = trial_gap[i, 0] - gap[i, 0]
+        h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
         t_n, slope, end_gap[i, 0], end_energy, zeta, zeta_slope = _normal(
             h_n, c_n, gap[i, 0], stored[i, 0], d, kappa, zeta_closed
         )
@@ -195,8 +195,8 @@ def _solve_step(
         if reached > most:
             end_1, end_2 = end_1 * (most / reached), end_2 * (most / reached)
         end_stored[i, 0], end_stored[i, 1], end_stored[i, 2] = end_energy, end_1, end_2
-        end_gap[i, 1] = free_gap[i, 1] - c_t * t_1
-        end_gap[i, 2] = free_gap[i, 2] - c_t * t_2
+        end_gap[i, 1] = trial_gap[i, 1] - c_t * t_1
+        end_gap[i, 2] = trial_gap[i, 2] - c_t * t_2
         gained = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
         dissipation[i] = t_1 * (h_1 - c_t * t_1) + t_2 * (h_2 - c_t * t_2) - 0.5 * gained
         if not end_gap[i, 0] > 0.0:

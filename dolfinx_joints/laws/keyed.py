@@ -73,30 +73,30 @@ class KeyedJoint:
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Tractions of a gap of shape (n, 3), [m]; they depend on no history."""
-        return self.local_solve(gap, NO_COMPLIANCE, state)
+        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
-    def step(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy, see `FrictionNoTension.step`."""
-        return self.local_step(gap, NO_COMPLIANCE, state)
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """Tractions over a step that balance the energy, see `FrictionNoTension.discrete_gradient`."""
+        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
-    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """What satisfies `end_point`; see `FrictionNoTension.local_solve`."""
+    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `backward_euler`; see `FrictionNoTension.condensed_backward_euler`."""
         k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
-        closed = free_gap[:, 0] <= 0.0
-        t_n = np.where(closed, k_n * free_gap[:, 0], 0.0)
+        closed = trial_gap[:, 0] <= 0.0
+        t_n = np.where(closed, k_n * trial_gap[:, 0], 0.0)
         slope = np.where(closed, k_n, 0.0)
-        gap_n = np.where(closed, t_n / self.normal_stiffness, free_gap[:, 0])
-        return self._with_keys(free_gap, compliance, state, (t_n, slope, gap_n), mean=1.0)
+        gap_n = np.where(closed, t_n / self.normal_stiffness, trial_gap[:, 0])
+        return self._with_keys(trial_gap, compliance, state, (t_n, slope, gap_n), mean=1.0)
 
-    def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """What satisfies `step`; see `FrictionNoTension.local_solve`."""
+    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `discrete_gradient`; see `FrictionNoTension.condensed_backward_euler`."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
 
         k_n = self.normal_stiffness
         answer = solve_step(
-            free_gap,
+            trial_gap,
             compliance,
             state.gap,
             stored_by(state.gap, np.zeros_like(state.elastic_slip), k_n, k_n),
@@ -105,11 +105,11 @@ class KeyedJoint:
             ),
         )
         normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap[:, 0])
-        return self._with_keys(free_gap, compliance, state, normal, mean=0.5)
+        return self._with_keys(trial_gap, compliance, state, normal, mean=0.5)
 
     def _with_keys(
         self,
-        free_gap: Floats,
+        trial_gap: Floats,
         compliance: Floats,
         state: JointState,
         normal: tuple[Floats, Floats, Floats],
@@ -119,12 +119,12 @@ class KeyedJoint:
         """Add the keys to normal traction, slope and end gap; ``mean`` of the slip counts."""
         t_n, slope, gap_n = normal
         k_s = self.shear_stiffness / (1.0 + mean * compliance[:, 1] * self.shear_stiffness)
-        slip = state.elastic_slip + mean * (free_gap[:, 1:] - state.gap[:, 1:])
+        slip = state.elastic_slip + mean * (trial_gap[:, 1:] - state.gap[:, 1:])
         traction = np.column_stack([t_n, k_s[:, None] * slip])
-        tangent = np.zeros((len(free_gap), 3, 3))
+        tangent = np.zeros((len(trial_gap), 3, 3))
         tangent[:, 0, 0] = slope
         tangent[:, 1, 1] = tangent[:, 2, 2] = mean * k_s
-        gap = gap_under(free_gap, compliance, traction)
+        gap = gap_under(trial_gap, compliance, traction)
         gap[:, 0] = gap_n
         return Response(
             traction=traction,
@@ -148,7 +148,7 @@ class ViscousJoint:
 
     where the point is closed at the end of the step; t_s is never larger than the pressure, else it
     would stop at once where the joint opens. In statics the dashpots are at rest. There is no
-    ``local_solve``: models take the monolithic path.
+    ``condensed_backward_euler``: models take the monolithic path.
 
     Attributes:
         law: The law without dashpots, without dilatancy.
@@ -188,13 +188,13 @@ class ViscousJoint:
         """Elastic energy of the law, shape (n,), [J/m^2]."""
         return self.law.stored_energy(state)
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """The law's answer with the dashpots' tractions; their work counts as dissipation."""
-        return self._with_dashpots(self.law.end_point(gap, state), gap, state)
+        return self._with_dashpots(self.law.backward_euler(gap, state), gap, state)
 
-    def step(self, gap: Floats, state: JointState) -> Response:
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """The same for the law's answer over a whole step, or at its end if it has no other."""
-        answer = getattr(self.law, "step", self.law.end_point)(gap, state)
+        answer = getattr(self.law, "discrete_gradient", self.law.backward_euler)(gap, state)
         return self._with_dashpots(answer, gap, state)
 
     def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:

@@ -98,11 +98,11 @@ class Law(Protocol):
 
     A law may also offer
 
-    - ``step(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap`` such that the
+    - ``discrete_gradient(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap`` such that the
       work of the traction over the step is what the joint stores and dissipates; without it
-      energy-consistent schemes use ``end_point`` for this law, and what that loses is counted as
+      energy-consistent schemes use ``backward_euler`` for this law, and what that loses is counted as
       numerical;
-    - ``local_solve(free_gap, compliance, state)`` and ``local_step`` with the same arguments, as
+    - ``condensed_backward_euler(trial_gap, compliance, state)`` and ``condensed_discrete_gradient`` with the same arguments, as
       `FrictionNoTension` does; without them a model is solved on the monolithic path.
 
     A law with a history of its own names it in ``internal_variables``, a tuple of strings: it then
@@ -110,7 +110,7 @@ class Law(Protocol):
     ``initial_variables(gap)``, and returns the new ones in the state of its response.
     """
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Traction and consistent tangent at the end of a step, gap of shape (n, 3), [m]."""
 
     def stored_energy(self, state: JointState) -> Floats:
@@ -169,7 +169,7 @@ class FrictionNoTension:
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Return mapping at the end of a step (backward Euler, closed form).
 
         Args:
@@ -179,27 +179,27 @@ class FrictionNoTension:
         Returns:
             Tractions, consistent tangent, trial state, friction work and status.
         """
-        return self.local_solve(gap, NO_COMPLIANCE, state)
+        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
-    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """What satisfies `end_point` at gap = free_gap - compliance * t (closed form).
+    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `backward_euler` at gap = trial_gap - compliance * t (closed form).
 
         With the compliance c of the structure at the point, the law's stiffness k becomes
         1 / (c + 1/k), and k_s that of the fraction of the slip that counts; nothing else changes.
 
         Args:
-            free_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
             compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
             state: State at the start of the step.
 
         Returns:
-            The answer at that gap, its tangent being d traction / d free_gap.
+            The answer at that gap, its tangent being d traction / d trial_gap.
         """
-        from dolfinx_joints.laws.return_mapping import solve_end_point
+        from dolfinx_joints.laws.return_mapping import solve_backward_euler
 
         k_s = self.shear_stiffness
-        answer = solve_end_point(
-            free_gap,
+        answer = solve_backward_euler(
+            trial_gap,
             compliance,
             state.gap,
             state.elastic_slip,
@@ -216,7 +216,7 @@ class FrictionNoTension:
             status=answer.status,
         )
 
-    def step(self, gap: Floats, state: JointState) -> Response:
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Energy-consistent answer over a whole step, see `midpoint_law` (closed form).
 
         Args:
@@ -227,10 +227,10 @@ class FrictionNoTension:
             Tractions that act over the step, consistent tangent, trial state, friction work and
             status at the end.
         """
-        return self.local_step(gap, NO_COMPLIANCE, state)
+        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
-    def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """What satisfies `step` at gap = free_gap - compliance * t; see `local_solve`."""
+    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """What satisfies `discrete_gradient` at gap = trial_gap - compliance * t; see `condensed_backward_euler`."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
 
         # Without shear stiffness friction is never mobilised, as if there were none.
@@ -239,7 +239,7 @@ class FrictionNoTension:
             state.gap, state.elastic_slip, self.normal_stiffness, self.shear_stiffness
         )
         answer = solve_step(
-            free_gap,
+            trial_gap,
             compliance,
             state.gap,
             stored,
@@ -261,9 +261,9 @@ class FrictionNoTension:
         )
 
 
-def gap_under(free_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
+def gap_under(trial_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
     """The gap that a traction leaves of a free gap, shape (n, 3), [m]."""
-    gap = free_gap.copy()
+    gap = trial_gap.copy()
     gap[:, 0] -= compliance[:, 0] * traction[:, 0]
     gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
     return gap
@@ -308,7 +308,7 @@ def check_law(name: str, law: Any) -> None:
     Raises:
         ValueError: It has not the methods of one, or its stiffness is none.
     """
-    good = offers(law, "end_point", "stored_energy", "closed_stiffness")
+    good = offers(law, "backward_euler", "stored_energy", "closed_stiffness")
     check_kind_of(name, law, good, "a joint law")
     stiffness = numbers_of(law.closed_stiffness())
     if stiffness is None or stiffness.shape != (2,) or not (stiffness >= 0.0).all():

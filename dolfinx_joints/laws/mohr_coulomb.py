@@ -37,7 +37,7 @@ class MohrCoulombJoint:
     raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
     grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
     for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
-    have no bond. There is no ``local_solve``: models take the monolithic path.
+    have no bond. There is no ``condensed_backward_euler``: models take the monolithic path.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 
@@ -115,7 +115,7 @@ class MohrCoulombJoint:
         normal = self._elastic_gap(state)
         return 0.5 * self.normal_stiffness * normal**2 + 0.5 * self.shear_stiffness * slip
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Return mapping at the end of a step (backward Euler, closed form).
 
         Args:

@@ -70,7 +70,7 @@ class RigidJoint:
         """Energy of each point, shape (n,), [J/m^2]."""
         return state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
 
-    def end_point(self, gap: Floats, state: JointState) -> Response:
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """No traction at points that touch or are open, as where a motion starts.
 
         Raises:
@@ -92,7 +92,7 @@ class RigidJoint:
             status=np.where(gap[:, 0] > 0.0, Status.OPEN, Status.STICK).astype(np.int8),
         )
 
-    def step(self, gap: Floats, state: JointState) -> Response:
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Refused: without the compliance of the structure there is no answer.
 
         Raises:
@@ -100,12 +100,12 @@ class RigidJoint:
         """
         raise JointsError("A rigid joint needs the condensed solver.")
 
-    def local_solve(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """Answer at the end of a step; see `FrictionNoTension.local_solve`. It stores no energy."""
-        from dolfinx_joints.laws.return_mapping import solve_end_point
+    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """Answer at the end of a step; see `FrictionNoTension.condensed_backward_euler`. It stores no energy."""
+        from dolfinx_joints.laws.return_mapping import solve_backward_euler
 
-        answer = solve_end_point(
-            free_gap,
+        answer = solve_backward_euler(
+            trial_gap,
             compliance,
             state.gap,
             state.elastic_slip,
@@ -126,12 +126,12 @@ class RigidJoint:
             status=answer.status,
         )
 
-    def local_step(self, free_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """Answer over a step on a point's own compliance; see `FrictionNoTension.local_step`."""
+    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+        """Answer over a step on a point's own compliance; see `FrictionNoTension.condensed_discrete_gradient`."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step
 
         answer = solve_step(
-            free_gap,
+            trial_gap,
             compliance,
             state.gap,
             state.internal,
@@ -147,7 +147,7 @@ class RigidJoint:
             tangent=answer.tangent,
             state=JointState(
                 gap=answer.gap,
-                elastic_slip=np.zeros((len(free_gap), 2)),
+                elastic_slip=np.zeros((len(trial_gap), 2)),
                 internal=answer.stored,
             ),
             dissipation=answer.dissipation,

@@ -99,10 +99,10 @@ class BulkLaw(Protocol):
     def elastic(self) -> Elastic:
         """See above."""
 
-    def end_point(self, strain: Floats, state: BulkState) -> BulkResponse:
+    def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
         """Stress and consistent tangent at the end of a step, strain of shape (n, 6)."""
 
-    def step(self, strain: Floats, state: BulkState) -> BulkResponse:
+    def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
         """The same for a whole step: stress times change of strain is stored or dissipated."""
 
 
@@ -192,7 +192,7 @@ class DruckerPrager:
         _, radius, trace = _invariants(stress)
         return radius + self.slope * trace - self.strength
 
-    def end_point(self, strain: Floats, state: BulkState) -> BulkResponse:
+    def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
         """Return mapping at the end of a step (backward Euler, closed form).
 
         Args:
@@ -217,7 +217,7 @@ class DruckerPrager:
             status=status,
         )
 
-    def step(self, strain: Floats, state: BulkState) -> BulkResponse:
+    def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
         """Return mapping at the middle of a step, which balances energy (docs/theory.md).
 
         The stress of the step is admissible; that at its end, twice it less the one at the start,

@@ -70,7 +70,7 @@ def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
         ValueError: They are neither laws nor gaps.
         MeshError: There are none, or laws are missing.
     """
-    named = joints is None or isinstance(joints, Mapping) or offers(joints, "end_point")
+    named = joints is None or isinstance(joints, Mapping) or offers(joints, "backward_euler")
     check_kind_of("joints", joints, named, "a joint law, or one per joint name")
     named = initial_gaps is None or isinstance(initial_gaps, Mapping)
     check_kind_of("initial_gaps", initial_gaps, named, "a gap per joint name")

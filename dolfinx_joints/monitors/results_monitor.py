@@ -149,7 +149,7 @@ class ResultsMonitor:
             self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
         self._before: tuple[float, Floats] | None = None
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
         records: dict[str, int] = {}
@@ -193,7 +193,7 @@ class ResultsMonitor:
         self._before = memory["time"], memory["velocity"]
         self._time = last.time
         if self._envelopes is not None:
-            self._envelopes.recall(memory["envelopes"])
+            self._envelopes.load_state_dict(memory["envelopes"])
 
         def reopen() -> None:
             self._writer = ResultsWriter.resume(self._path, memory["records"])
@@ -332,7 +332,7 @@ class FieldMonitor:
             self._u = model.function(first.displacement)
             self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing."""
         return {}
 
@@ -379,7 +379,7 @@ class ProgressMonitor:
                 total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
             )
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing."""
         return {}
 

@@ -222,9 +222,9 @@ class StressEnvelopes:
         """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""
         return self._stress.gather(self._seen.columns)
 
-    def recall(self, columns: Floats) -> None:
+    def load_state_dict(self, columns: Floats) -> None:
         """Go on from the envelopes of all vertices, as ``gather`` gave them."""
-        self._seen.recall(columns[self._stress.own])
+        self._seen.load_state_dict(columns[self._stress.own])
 
 
 def facets_of_groups(model: Model, nodes: NodeGather, groups: Sequence[str]) -> Ints:

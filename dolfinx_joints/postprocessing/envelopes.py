@@ -125,7 +125,7 @@ class Envelopes:
         both: Floats = np.stack([self._largest, self._smallest], axis=1)
         return both.reshape(6, -1).T
 
-    def recall(self, columns: Floats) -> None:
+    def load_state_dict(self, columns: Floats) -> None:
         """Go on from what ``columns`` gave."""
         both = columns.T.reshape(3, 2, -1)
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()

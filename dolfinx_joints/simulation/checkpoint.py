@@ -174,7 +174,7 @@ class CheckpointKeeper:
         tree = {
             "run": self._facts,
             "monitors": [type(monitor).__name__ for monitor in run.monitors],
-            "memory": run.memory(),
+            "memory": run.state_dict(),
             "state": self._kept(run.state),
             "origin": self._kept(run.origin),
             "static": self._kept(static),

@@ -78,7 +78,7 @@ def grouted(
     target[idle & ~here, 0] = np.maximum(target[idle & ~here, 0], 0.0)
     still = before.displacement.duplicate()
     still.set(0.0)
-    fresh = contact.respond(still, contact.resting(target), "end_point")
+    fresh = contact.respond(still, contact.resting(target), "backward_euler")
     joints = _chosen(idle if before.joints_free else idle & here, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
     wet = {

@@ -81,7 +81,7 @@ class DynamicRun:
         self._ledger.start(state)
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
-        whole = scheme.rule == "step" and contact is not None
+        whole = scheme.rule == "discrete_gradient" and contact is not None
         self._end_point_laws = contact.without_step if whole and contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
@@ -97,18 +97,18 @@ class DynamicRun:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything but vectors that the rest of the run depends on (collective)."""
         return {
             "step": self.step,
             "iterations": self._iterations,
             "local_error": self._local_error,
             "largest": self._largest,
-            "watch": self._watch.memory(),
-            "solver": self._solver.memory(),
-            "steps": self._stepper.memory(),
-            "energy": self._ledger.memory(),
-            "monitors": {str(i): monitor.memory() for i, monitor in enumerate(self.monitors)},
+            "watch": self._watch.state_dict(),
+            "solver": self._solver.state_dict(),
+            "steps": self._stepper.state_dict(),
+            "energy": self._ledger.state_dict(),
+            "monitors": {str(i): monitor.state_dict() for i, monitor in enumerate(self.monitors)},
         }
 
     def resume(self, memory: Mapping[str, Any], origin: PETSc.Vec) -> None:
@@ -120,10 +120,10 @@ class DynamicRun:
         """
         self.origin, self.step, self._iterations = origin, memory["step"], memory["iterations"]
         self._local_error, self._largest = memory["local_error"], memory["largest"]
-        self._watch.recall(memory["watch"])
-        self._solver.recall(memory["solver"])
-        self._stepper.recall(memory["steps"])
-        self._ledger.recall(memory["energy"])
+        self._watch.load_state_dict(memory["watch"])
+        self._solver.load_state_dict(memory["solver"])
+        self._stepper.load_state_dict(memory["steps"])
+        self._ledger.load_state_dict(memory["energy"])
         last = self._record(self.step, None, self._ledger.row, 0)
         for i, monitor in enumerate(self.monitors):
             monitor.resume(self.model, "dynamic", self._steps, last, memory["monitors"][str(i)])

@@ -83,7 +83,7 @@ class Monitor(Protocol):
 class LastingMonitor(Monitor, Protocol):
     """A monitor of runs that write checkpoints: it can be left and taken up again."""
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What it needs to go on, asked for at each checkpoint.
 
         Names to arrays and to what JSON can hold; those of rank 0 are kept.

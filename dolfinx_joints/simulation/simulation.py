@@ -32,7 +32,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solvers.newton import NewtonOptions, StepSolver
+from dolfinx_joints.solvers.newton import SolverOptions, StepSolver
 from dolfinx_joints.solvers.choice import check_kind, make_solver
 from dolfinx_joints.simulation.records import Monitor, Outcome, StaticState
 from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
@@ -70,7 +70,7 @@ class Simulation:
         model: Model,
         *,
         monitors: Sequence[Monitor] = (),
-        newton: NewtonOptions | None = None,
+        newton: SolverOptions | None = None,
         solver: str = "auto",
     ) -> None:
         """Nothing is solved yet."""
@@ -78,12 +78,12 @@ class Simulation:
         methods = ("start", "record", "finish")
         good = isinstance(monitors, list | tuple) and all(offers(m, *methods) for m in monitors)
         check_kind_of("monitors", monitors, good, "a list of monitors")
-        options = isinstance(newton, NewtonOptions | None)
-        check_kind_of("newton", newton, options, "a NewtonOptions")
+        options = isinstance(newton, SolverOptions | None)
+        check_kind_of("newton", newton, options, "a SolverOptions")
         self.model, self.monitors = model, list(monitors)
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
-        self._newton, self._kind = newton or NewtonOptions(), solver
+        self._newton, self._kind = newton or SolverOptions(), solver
         self._watch = SmallDisplacements(model.contact)
         check_kind(solver)
 
@@ -383,7 +383,7 @@ class Simulation:
     def _solver(self, outcome: Outcome) -> str:
         """The solver of a run, and which laws left no choice."""
         contact = self.model.contact
-        missing = () if contact is None else contact.without_local("end_point")
+        missing = () if contact is None else contact.without_local("backward_euler")
         text = f"{outcome.solver} solver"
         if outcome.solver == "monolithic" and missing:
             text += f" (no local solution in {', '.join(missing)})"

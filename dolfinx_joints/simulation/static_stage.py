@@ -18,7 +18,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.joints.internal_forces import Resistance
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solvers.newton import NewtonOptions, SolveReport
+from dolfinx_joints.solvers.newton import SolverOptions, SolveReport
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.time_integration.states import Products
@@ -32,7 +32,7 @@ def march(
     acting: Sequence[Load],
     *,
     free: bool,
-    newton: NewtonOptions,
+    newton: SolverOptions,
     kind: str,
     watch: SmallDisplacements,
 ) -> StaticState:

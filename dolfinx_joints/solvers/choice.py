@@ -10,7 +10,7 @@ from dolfinx_joints.common.parameters import check_choice
 from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.newton import NewtonOptions, NewtonSolver, StepSolver
+from dolfinx_joints.solvers.newton import SolverOptions, NewtonSolver, StepSolver
 from dolfinx_joints.model.system import MatrixSystem
 
 KINDS = ("auto", "condensed", "monolithic")
@@ -27,9 +27,9 @@ def check_kind(kind: str) -> None:
 
 def make_solver(
     system: MatrixSystem,
-    options: NewtonOptions | None = None,
+    options: SolverOptions | None = None,
     kind: str = "auto",
-    rule: Rule = "end_point",
+    rule: Rule = "backward_euler",
     *,
     static_steps: int = 0,
 ) -> StepSolver:
@@ -76,12 +76,12 @@ def make_solver(
     return solver
 
 
-def _for_steps(options: NewtonOptions | None, contact: Contact, static_steps: int) -> NewtonOptions:
+def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:
     """Options with no compliance kept where few solves do not pay for it.
 
     A static solve takes some 250 products, and a column of the compliance in a block of them a
     seventh of a back-substitution.
     """
-    options = options or NewtonOptions()
+    options = options or SolverOptions()
     few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
     return replace(options, compliance="free") if few and options.compliance == "auto" else options

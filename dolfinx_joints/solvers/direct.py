@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Effective matrices A = m M + c C + k K with constraints, and their linear solvers."""
+"""Matrices A = m M + c C + k K with constraints, and their linear solvers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ZERO_PIVOT = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effective:
+class MatrixCoefficients:
     """Coefficients of A = mass M + damping C + stiffness K."""
 
     mass: float
@@ -51,7 +51,7 @@ class Effective:
 
 
 # K alone.
-STATIC = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 
 
 class DirectSolver:
@@ -234,7 +234,7 @@ class EffectiveMatrix:
     def __init__(
         self,
         system: MatrixSystem,
-        effective: Effective,
+        effective: MatrixCoefficients,
         *,
         linear: str = "auto",
         added: PETSc.Mat | None = None,
@@ -352,7 +352,7 @@ def check_linear(linear: str, *, symmetric: bool) -> None:
         )
 
 
-def free_dofs(system: MatrixSystem) -> PETSc.Vec:
+def unconstrained_dofs(system: MatrixSystem) -> PETSc.Vec:
     """1 for free and 0 for constrained dofs."""
     free = system.stiffness.createVecRight()
     free.set(1.0)

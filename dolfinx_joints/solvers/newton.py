@@ -33,9 +33,9 @@ from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.solvers.direct import (
     LINEAR,
     Cache,
-    Effective,
+    MatrixCoefficients,
     EffectiveMatrix,
-    free_dofs,
+    unconstrained_dofs,
 )
 from dolfinx_joints.joints.internal_forces import Resistance
 from dolfinx_joints.model.system import MatrixSystem
@@ -55,7 +55,7 @@ MOST_CUTS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
-class NewtonOptions:
+class SolverOptions:
     """When Newton stops, and what it may do on its way.
 
     Attributes:
@@ -136,18 +136,18 @@ class StepSolver(Protocol):
 
     def solve(
         self,
-        effective: Effective,
+        effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "end_point",
+        rule: Rule = "backward_euler",
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve`."""
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What later solves depend on beyond their arguments: names to arrays and numbers."""
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what the ``memory`` of a solver of the same system gave (collective)."""
 
 
@@ -162,13 +162,13 @@ class NewtonSolver:
         options: Tolerances and limits.
     """
 
-    def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
+    def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
         """Make the work vectors (collective)."""
         self.system = system
         self._resistance = system.resistance
         self.name = "linear" if self._resistance is None else "monolithic"
-        self.options = options or NewtonOptions()
-        self.free = free_dofs(system)
+        self.options = options or SolverOptions()
+        self.free = unconstrained_dofs(system)
         self._correction = self.free.duplicate()
         resistance = self._resistance
         product = None if resistance is None else resistance.tangent_matrix(self.free)
@@ -181,11 +181,11 @@ class NewtonSolver:
 
     def solve(
         self,
-        effective: Effective,
+        effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "end_point",
+        rule: Rule = "backward_euler",
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place, starting from it (collective).
 
@@ -210,11 +210,11 @@ class NewtonSolver:
         balance = _Balance(self, tangent.effective, resistance, b, x, state, rule)
         return self._iterate(resistance, tangent, balance, x, state)
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing: every solve starts from its arguments alone."""
         return {}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up nothing."""
 
     def _iterate(
@@ -237,7 +237,7 @@ class NewtonSolver:
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
-        if balance.rule == "step" and norm > 0.0:
+        if balance.rule == "discrete_gradient" and norm > 0.0:
             factorizations += self._correct(resistance, tangent, response, balance)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
@@ -364,7 +364,7 @@ def solve_failure(
     state: JointState,
     iteration: int,
     residual: float,
-    options: NewtonOptions,
+    options: SolverOptions,
 ) -> ConvergenceError:
     """What to raise when an iteration on joints and plastic cells did not converge (collective)."""
     return ConvergenceError(

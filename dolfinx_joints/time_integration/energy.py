@@ -148,13 +148,13 @@ class EnergyLedger:
         self.row = row
         return row
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Where the ledger stands."""
         row = {each.name: getattr(self.row, each.name) for each in fields(EnergyRow)}
         names = ("_at_start", "scale", "_error", "_imbalance")
         return {"row": row, "totals": [getattr(self, name) for name in names]}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Go on from what another's ``memory`` gave."""
         self.row = EnergyRow(**memory["row"])
         self._at_start, self.scale, self._error, self._imbalance = memory["totals"]

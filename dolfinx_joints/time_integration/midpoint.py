@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.parameters import check_number, hold_floats
 from dolfinx_joints.joints.contact import Rule
-from dolfinx_joints.solvers.direct import Effective
+from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.solvers.newton import StepSolver
 from dolfinx_joints.time_integration.states import (
     DynamicState,
@@ -37,7 +37,7 @@ class _Midpoint:
     and that of the joints, to rounding.
     """
 
-    rule: ClassVar[Rule] = "step"
+    rule: ClassVar[Rule] = "discrete_gradient"
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -52,7 +52,7 @@ class _Midpoint:
             ConvergenceError: The joints did not converge.
         """
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
-        if system.bulk is not None and self.rule != "step":
+        if system.bulk is not None and self.rule != "discrete_gradient":
             raise ValueError(
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
@@ -69,7 +69,7 @@ class _Midpoint:
         turn = _Turn(system, state, x, rate, time, dt)
         turn.add(turn.momentum, b, -0.5 * rate)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
-        effective = Effective(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
+        effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule)
         products = Products(solver, effective, b, x, joints)
         velocity = combination((rate, x), (-1.0, state.velocity))
@@ -123,7 +123,7 @@ class ImplicitContact(_Midpoint):
     1999). What impacts lose is counted as numerical.
     """
 
-    rule: ClassVar[Rule] = "end_point"
+    rule: ClassVar[Rule] = "backward_euler"
 
 
 class _Alpha:
@@ -135,7 +135,7 @@ class _Alpha:
     u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
     """
 
-    rule: ClassVar[Rule] = "end_point"
+    rule: ClassVar[Rule] = "backward_euler"
     beta: float
     gamma: float
 
@@ -182,7 +182,7 @@ class _Alpha:
         load = system.load(time, state.load.duplicate())
         b = self._right_hand_side(solver, state, load, a_known, v_known)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
-        effective = Effective(
+        effective = MatrixCoefficients(
             mass=(1.0 - self.alpha_m) / share * of_mass, damping=of_damping, stiffness=1.0
         )
         joints, solve = solver.solve(effective, b, x, before, self.rule)

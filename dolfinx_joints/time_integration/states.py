@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import Floats, JointState, Response
-from dolfinx_joints.solvers.direct import Effective
+from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.model.mass_redistribution import joint_dofs
 from dolfinx_joints.solvers.newton import SolveReport, StepSolver
 from dolfinx_joints.model.system import MatrixSystem
@@ -139,7 +139,7 @@ class Products:
     def __init__(
         self,
         solver: StepSolver,
-        effective: Effective,
+        effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         joints: Response | None,
@@ -313,11 +313,11 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     """Acceleration with M a = force at the free dofs with mass and zero at all others."""
     resting = np.zeros(force.getLocalSize(), dtype=bool)
     resting[system.constrained] = True
-    free_dofs = int((~resting).sum())
+    unconstrained_dofs = int((~resting).sum())
     resting[system.massless] = True
-    left = [free_dofs, int((~resting).sum())]
-    free_dofs, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
-    if free_dofs and not moving:
+    left = [unconstrained_dofs, int((~resting).sum())]
+    unconstrained_dofs, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
+    if unconstrained_dofs and not moving:
         raise JointsError(
             "The body has no mass: all densities are zero, which dynamics cannot do with; "
             "quasi_statics can."

@@ -152,11 +152,11 @@ class Stepper:
         after, report = self._scheme.advance(self._solver, state, dt)
         return replace(after, water=water.codes), report
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What later steps depend on."""
         return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what another's ``memory`` gave."""
         self._largest, self._level = memory["largest"], memory["level"]
         self.counts = StepCounts(**memory["counts"])

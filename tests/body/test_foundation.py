@@ -333,7 +333,7 @@ class Stop:
     def resume(self, model, stage, steps, last, memory):
         pass
 
-    def memory(self):
+    def state_dict(self):
         return {}
 
     def record(self, record):

@@ -42,8 +42,8 @@ DOORS: dict[str, tuple[Any, Any, Any]] = {
         {},
         {"max_halvings": COUNT, "tolerance": st.none() | numbers(0.01), "landing": FLAG},
     ),
-    "NewtonOptions": (
-        dj.NewtonOptions,
+    "SolverOptions": (
+        dj.SolverOptions,
         {},
         {
             "relative_tolerance": numbers(1e-10),

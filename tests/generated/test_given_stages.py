@@ -71,7 +71,7 @@ class Odd:
         {},
         {
             "monitors": st.sampled_from([(), [dj.ProgressMonitor], [Odd], [None]]),
-            "newton": st.sampled_from([None, dj.NewtonOptions(max_iterations=5)]),
+            "newton": st.sampled_from([None, dj.SolverOptions(max_iterations=5)]),
             "solver": st.sampled_from(["auto", "condensed", "monolithic"]),
         },
     ),
@@ -221,7 +221,7 @@ def test_seasonal_temperatures(blocks: Any, comm: Any, given: dict[str, Any]) ->
     answer("seasonal_temperatures", solve, REFUSALS, comm)
 
 
-METHODS = ("end_point", "step", "stored_energy", "closed_stiffness", "initial_variables")
+METHODS = ("backward_euler", "step", "stored_energy", "closed_stiffness", "initial_variables")
 
 
 def own_law(spoiled: dict[str, Any], parts: dict[str, Any]) -> Any:
@@ -230,8 +230,8 @@ def own_law(spoiled: dict[str, Any], parts: dict[str, Any]) -> Any:
     class Own:
         internal_variables = spoiled.pop("internal_variables", ())
 
-        def end_point(self, gap: Any, state: Any) -> Any:
-            answer = LAW.end_point(gap, state)
+        def backward_euler(self, gap: Any, state: Any) -> Any:
+            answer = LAW.backward_euler(gap, state)
             given = {name: getattr(answer, name) for name in Response.__dataclass_fields__}
             return Response(**{**given, **parts})
 

@@ -51,7 +51,7 @@ LAWS = {
 def one_step(before, after, slip=(0.0, 0.0), law=LAW):
     """Answer to a step between two gaps [um] from an elastic slip [um]."""
     state = JointState(gap=UM * np.array([before]), elastic_slip=UM * np.array([slip]))
-    return law.step(UM * np.array([after]), state)
+    return law.discrete_gradient(UM * np.array([after]), state)
 
 
 @dataclass(frozen=True)
@@ -141,11 +141,11 @@ def test_a_rigid_joint_by_hand():
     law = RigidJoint(friction_angle_deg=0.0)
     compliance = UM / MPA * np.array([[2.0, 2.0]])
     state = JointState.at_rest(UM * np.array([[1.0, 0, 0]]), variables=3)
-    closed = law.local_step(UM * np.array([[-2.0, 0, 0]]), compliance, state)
+    closed = law.condensed_discrete_gradient(UM * np.array([[-2.0, 0, 0]]), compliance, state)
     np.testing.assert_allclose(closed.traction[0] / MPA, [-1, 0, 0], rtol=1e-13)
     assert closed.state.gap[0, 0] == 0.0
     assert law.stored_energy(closed.state)[0] == pytest.approx(1.0, rel=1e-13)
-    left = law.local_step(UM * np.array([[1.0, 0, 0]]), compliance, closed.state)
+    left = law.condensed_discrete_gradient(UM * np.array([[1.0, 0, 0]]), compliance, closed.state)
     np.testing.assert_allclose(left.traction[0] / MPA, [-0.5, 0, 0], rtol=1e-13)
     assert left.state.gap[0, 0] == pytest.approx(2 * UM, rel=1e-13)
     assert law.stored_energy(left.state)[0] == 0.0
@@ -246,7 +246,7 @@ def reference(law, gap, state):
 
 def test_random_steps_are_of_all_kinds():
     steps = random_steps(LAW)
-    answer = LAW.step(steps.gap, steps.state)
+    answer = LAW.discrete_gradient(steps.gap, steps.state)
     was, now = steps.state.gap[:, 0] > 0, steps.gap[:, 0] > 0
     for before in (False, True):
         for status in Status:
@@ -264,7 +264,7 @@ def test_step_is_the_rule_written_in_gaps(name):
     """
     law = LAWS[name]
     steps = random_steps(law)
-    answer = law.step(steps.gap, steps.state)
+    answer = law.discrete_gradient(steps.gap, steps.state)
     traction, slip, loss, _ = reference(law, steps.gap, steps.state)
     scale = np.where(steps.size > 0, steps.size, 1.0)
     worst = float((np.abs(answer.traction - traction).max(axis=1) / scale).max())
@@ -289,7 +289,7 @@ def test_energy_of_a_step_adds_up(name):
     """t . (change of the gap) = change of stored energy + dissipation, to a few roundings."""
     law = ENERGY_LAWS[name]
     steps = random_steps(law, seed=2)
-    answer = law.step(steps.gap, steps.state)
+    answer = law.discrete_gradient(steps.gap, steps.state)
     worst, least = balance(law, steps.state, answer)
     print(f"\n{name}: balance {worst:.1e}, least dissipation {least:.1e}")
     assert worst <= 2e-15
@@ -324,7 +324,7 @@ def test_admissible(name):
     """
     law = LAWS[name]
     steps = random_steps(law, seed=3)
-    answer = law.step(steps.gap, steps.state)
+    answer = law.discrete_gradient(steps.gap, steps.state)
     mu, k_s = law.friction_coefficient, law.shear_stiffness
     t_n, t_s = answer.traction[:, 0], np.linalg.norm(answer.traction[:, 1:], axis=1)
     assert t_n.max() <= 0.0
@@ -356,7 +356,7 @@ def test_a_sticking_joint_is_a_spring(name):
     gaps[:, :, 0] = -MPA / k_n * rng.uniform(1, 3, (2, 1000))
     gaps[:, :, 1:] = least * rng.uniform(-1, 1, (2, 1000, 2))
     slip = least * rng.uniform(-1, 1, (1000, 2))
-    answer = law.step(gaps[1], JointState(gap=gaps[0], elastic_slip=slip))
+    answer = law.discrete_gradient(gaps[1], JointState(gap=gaps[0], elastic_slip=slip))
     normal = 0.5 * k_n * (gaps[0, :, 0] + gaps[1, :, 0])
     shear = k_s * (slip + 0.5 * (gaps[1, :, 1:] - gaps[0, :, 1:]))
     np.testing.assert_allclose(answer.traction[:, 0], normal, rtol=1e-15)
@@ -434,7 +434,7 @@ def test_tangent(name):
         traction, _, _, piece = reference(law, gap, steps.state)
         return traction, piece
 
-    tangent = law.step(steps.gap, steps.state).tangent * unit[:, None, :]
+    tangent = law.discrete_gradient(steps.gap, steps.state).tangent * unit[:, None, :]
     worst, share = largest_error(evaluate, tangent, WIDE(3e-6))
     print(f"\n{name}: tangent {worst:.1e}, {share:.2%} compared")
     assert worst <= 1e-8
@@ -467,9 +467,9 @@ def test_local_step_meets_step_where_it_leads(name):
     law = LAWS[name]
     steps = random_steps(law, seed=7)
     compliance = compliances(law)
-    there = law.step(steps.gap, steps.state)
+    there = law.discrete_gradient(steps.gap, steps.state)
     free = steps.gap + on(compliance, there.traction)
-    back = law.local_step(free, compliance, steps.state)
+    back = law.condensed_discrete_gradient(free, compliance, steps.state)
     size = np.abs(free).max(axis=1) + np.abs(steps.state.gap).max(axis=1)
     soft = 1.0 / (compliance + 1.0 / np.array([law.normal_stiffness, law.shear_stiffness or 1.0]))
     error = np.abs(back.traction - there.traction).max(axis=1)
@@ -484,7 +484,7 @@ def test_local_step_meets_step_where_it_leads(name):
 def test_energy_on_a_compliance_adds_up(name):
     law = LAWS[name]
     steps = random_steps(law, seed=8)
-    answer = law.local_step(steps.gap, compliances(law), steps.state)
+    answer = law.condensed_discrete_gradient(steps.gap, compliances(law), steps.state)
     worst, least = balance(law, steps.state, answer, free=steps.gap)
     print(f"\n{name}: balance {worst:.1e}, least dissipation {least:.1e}")
     assert worst <= 1e-13
@@ -506,9 +506,9 @@ def test_tangent_on_a_compliance(name):
     law = LAWS[name]
     steps = random_steps(law, seed=9)
     compliance = compliances(law)
-    there = law.step(steps.gap, steps.state)
+    there = law.discrete_gradient(steps.gap, steps.state)
     free = steps.gap + on(compliance, there.traction)
-    back = law.local_step(free, compliance, steps.state)
+    back = law.condensed_discrete_gradient(free, compliance, steps.state)
     # On the kink at a gap of zero either tangent is right.
     same = (at_limit(law, back) == at_limit(law, there)) & (steps.gap[:, 0] != 0.0)
     unit = lengths(law, steps)
@@ -559,7 +559,7 @@ RIGID = [
 def test_a_rigid_point_that_cannot_slide_has_no_shear(law):
     # 2 um/MPa across, none along: pressed by -2 um it takes 1 MPa, what would slide is held.
     state = JointState.at_rest(np.zeros((1, 3)), variables=3)
-    answer = law.local_step(UM * np.array([[-2.0, 0, 0]]), UM / MPA * np.array([[2.0, 0.0]]), state)
+    answer = law.condensed_discrete_gradient(UM * np.array([[-2.0, 0, 0]]), UM / MPA * np.array([[2.0, 0.0]]), state)
     np.testing.assert_allclose(answer.traction[0] / MPA, [-1, 0, 0], rtol=1e-13)
     np.testing.assert_allclose(answer.tangent[0], np.diag([0.5 * MPA / UM, 0, 0]), rtol=1e-13)
     np.testing.assert_array_equal(answer.state.gap, 0.0)
@@ -569,7 +569,7 @@ def test_a_rigid_point_that_cannot_slide_has_no_shear(law):
 @pytest.mark.parametrize("law", RIGID)
 def test_energy_of_a_rigid_joint_adds_up(law):
     state, free, compliance = rigid_steps(law)
-    answer = law.local_step(free, compliance, state)
+    answer = law.condensed_discrete_gradient(free, compliance, state)
     worst, least = balance(law, state, answer, free=free)
     print(f"\nbalance {worst:.1e}, least dissipation {least:.1e}")
     assert worst <= 2e-15
@@ -593,7 +593,7 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones(law):
     state = JointState.at_rest(state.gap[opened], variables=3)
     free, c = free[opened], 1e-10
     compliance = np.full((len(free), 2), c)
-    rigid = law.local_step(free, compliance, state)
+    rigid = law.condensed_discrete_gradient(free, compliance, state)
     moved = np.linalg.norm(free - state.gap, axis=1) + state.gap[:, 0]
     scale = (1.0 + law.friction_coefficient) * moved / c
     tractions, tangents = [], []
@@ -603,7 +603,7 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones(law):
             shear_stiffness=ratio / c / law.stiffness_ratio,
             friction_angle_deg=law.friction_angle_deg,
         )
-        found = stiff.local_step(free, compliance, state)
+        found = stiff.condensed_discrete_gradient(free, compliance, state)
         difference = np.abs(found.traction - rigid.traction).max(axis=1)
         tractions.append(float((difference / scale).max()))
         far = -free[:, 0] > 0.1 * moved

@@ -34,7 +34,7 @@ def follow(law, path, state=None):
     state = rest() if state is None else state
     answers = []
     for gap in np.atleast_2d(path):
-        answers.append(law.end_point(gap[None], state))
+        answers.append(law.backward_euler(gap[None], state))
         state = answers[-1].state
     return answers
 
@@ -55,7 +55,7 @@ def test_normal_is_linear_in_compression_and_zero_in_tension():
 
 
 def test_gap_of_zero_is_closed_and_stiff():
-    answer = LAW.end_point(np.zeros((1, 3)), rest())
+    answer = LAW.backward_euler(np.zeros((1, 3)), rest())
     assert answer.status[0] == Status.STICK
     np.testing.assert_array_equal(answer.traction, 0.0)
     np.testing.assert_allclose(answer.tangent[0], np.diag([K_N, K_S, K_S]), rtol=1e-15)
@@ -137,7 +137,7 @@ def random_states(law, n, seed):
 def test_tangent_of_sliding_by_hand():
     # Trial (0.3, 0.4) um under -1 MPa: direction m = (0.6, 0.8), |trial| = 1 MPa, limit 0.5 MPa:
     # d t_s/d n = -mu k_n m, d t_s/d s = mu |t_n| k_s / |trial| (I - m m^T) (design of the law).
-    tangent = LAW.end_point(UM * np.array([[-1, 0.3, 0.4]]), rest()).tangent[0]
+    tangent = LAW.backward_euler(UM * np.array([[-1, 0.3, 0.4]]), rest()).tangent[0]
     m = np.array([0.6, 0.8])
     expected = np.zeros((3, 3))
     expected[0, 0] = K_N
@@ -150,7 +150,7 @@ def test_tangent_of_sliding_by_hand():
 def test_tractions_are_admissible(angle):
     law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=angle)
     gap, state = random_states(law, 10_000, seed=2)
-    answer = law.end_point(gap, state)
+    answer = law.backward_euler(gap, state)
     t_n, size = answer.traction[:, 0], np.linalg.norm(answer.traction[:, 1:], axis=1)
     assert np.all(t_n <= 0)
     assert np.all(size <= law.friction_coefficient * np.abs(t_n) * (1 + 1e-12))
@@ -168,21 +168,21 @@ def test_friction_never_gains_energy():
     # A step dissipates (t0 + t1)/2 . (plastic slip); with backward Euler that is not negative
     # for steps that start and end closed.
     gap, state = random_states(LAW, 10_000, seed=3)
-    start = LAW.end_point(state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip))
+    start = LAW.backward_euler(state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip))
     closed = (gap[:, 0] <= 0) & (state.gap[:, 0] <= 0)
     # From an admissible start, at constant normal gap.
     gap[:, 0] = state.gap[:, 0]
-    answer = LAW.end_point(gap, start.state)
+    answer = LAW.backward_euler(gap, start.state)
     assert np.min(answer.dissipation[closed]) >= -1e-12 * np.max(answer.dissipation)
 
 
 def test_trial_leaves_its_state_alone():
     gap, state = random_states(LAW, 1000, seed=4)
     before = (state.gap.copy(), state.elastic_slip.copy(), gap.copy())
-    one = LAW.end_point(gap, state)
+    one = LAW.backward_euler(gap, state)
     one.state.gap[:] = np.nan
     one.state.elastic_slip[:] = np.nan
-    two = LAW.end_point(gap, state)
+    two = LAW.backward_euler(gap, state)
     for kept, now in zip(before, (state.gap, state.elastic_slip, gap), strict=True):
         np.testing.assert_array_equal(kept, now)
     np.testing.assert_array_equal(one.traction, two.traction)
@@ -193,7 +193,7 @@ def test_trial_leaves_its_state_alone():
 
 def test_without_friction():
     law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=0.0)
-    answer = law.end_point(UM * np.array([[-1, 0.2, 0.1], [-1, 0.0, 0.0]]), rest(2))
+    answer = law.backward_euler(UM * np.array([[-1, 0.2, 0.1], [-1, 0.0, 0.0]]), rest(2))
     np.testing.assert_allclose(answer.traction, [[-MPA, 0, 0], [-MPA, 0, 0]], rtol=1e-14)
     assert answer.status.tolist() == [Status.SLIP, Status.STICK]
     assert np.all(np.isfinite(answer.tangent))
@@ -203,7 +203,7 @@ def test_without_friction():
 def test_without_shear_stiffness():
     law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=30.0)
     gap = random_states(law, 100, seed=5)[0]
-    answer = law.end_point(gap, rest(100))
+    answer = law.backward_euler(gap, rest(100))
     np.testing.assert_array_equal(answer.traction[:, 1:], 0.0)
     np.testing.assert_array_equal(answer.tangent[:, 1:, 1:], 0.0)
     np.testing.assert_array_equal(answer.state.elastic_slip, 0.0)
@@ -215,7 +215,7 @@ def test_without_shear_stiffness():
 def test_friction_angle_near_ninety_degrees_holds():
     # tan(89.999 deg) = 57295.8: a slip of 1 mm under -1 MPa stays elastic up to 57 GPa.
     law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=89.999)
-    answer = law.end_point(np.array([[-UM, 1e-3, 0.0]]), rest())
+    answer = law.backward_euler(np.array([[-UM, 1e-3, 0.0]]), rest())
     assert answer.status[0] == Status.STICK
     assert answer.traction[0, 1] == pytest.approx(K_S * 1e-3)
 
@@ -231,11 +231,11 @@ def test_stored_energy_by_hand():
 
 def balance(law, path):
     """Trapezoidal work of the tractions, change of stored energy and dissipation of a path."""
-    state = law.end_point(path[:1], rest()).state
-    start, last = state, law.end_point(path[:1], state).traction
+    state = law.backward_euler(path[:1], rest()).state
+    start, last = state, law.backward_euler(path[:1], state).traction
     work = dissipation = 0.0
     for gap in path[1:]:
-        answer = law.end_point(gap[None], state)
+        answer = law.backward_euler(gap[None], state)
         work += 0.5 * float(np.sum((last + answer.traction) * (gap - state.gap)))
         dissipation += float(answer.dissipation[0])
         state, last = answer.state, answer.traction
@@ -282,18 +282,18 @@ def test_energy_of_an_impact_comes_back():
 @pytest.mark.parametrize("angle", [0.0, 30.0])
 @pytest.mark.parametrize("k_s", [0.0, K_S])
 def test_local_solve_meets_the_law_on_the_gap_it_leads_to(angle, k_s):
-    # Its definition: t = end_point(free_gap - compliance t).
+    # Its definition: t = backward_euler(trial_gap - compliance t).
     law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=k_s, friction_angle_deg=angle)
     free, state = random_states(law, 5000, seed=8)
     rng = np.random.default_rng(9)
     compliance = 10.0 ** rng.uniform(-14, -9, (5000, 1)) * np.ones((1, 2))
     compliance[:, 1] *= rng.uniform(0.3, 3.0, 5000)
-    there = law.local_solve(free, compliance, state)
+    there = law.condensed_backward_euler(free, compliance, state)
     traction, status = there.traction, there.status
     gap = (
         free - np.column_stack([compliance[:, :1], compliance[:, 1:], compliance[:, 1:]]) * traction
     )
-    answer = law.end_point(gap, state)
+    answer = law.backward_euler(gap, state)
     size = np.maximum(np.abs(traction).max(axis=1, keepdims=True), 1.0)
     np.testing.assert_allclose(answer.traction / size, traction / size, atol=1e-6)
     far = np.abs(gap[:, 0]) > 1e-3 * UM
@@ -336,7 +336,7 @@ def test_law_cannot_be_changed_and_takes_keywords_only():
 
 def test_no_points():
     # A rank may hold no joint point at all.
-    answer = LAW.end_point(np.zeros((0, 3)), rest(0))
+    answer = LAW.backward_euler(np.zeros((0, 3)), rest(0))
     assert answer.traction.shape == (0, 3)
     assert answer.tangent.shape == (0, 3, 3)
     assert LAW.stored_energy(answer.state).shape == (0,)
@@ -359,7 +359,7 @@ def rigid(angle=30.0):
 
 def solve_rigid(free, before=(0.0, 0.0, 0.0), angle=30.0):
     state = JointState.at_rest(np.array([before]), variables=3)
-    return rigid(angle).local_solve(np.array([free]), OWN, state)
+    return rigid(angle).condensed_backward_euler(np.array([free]), OWN, state)
 
 
 def test_rigid_joint_by_hand():
@@ -387,7 +387,7 @@ def test_rigid_joint_by_hand():
 def test_a_rigid_point_held_on_both_sides_carries_nothing():
     # Neither the joint nor the structure gives way: no traction follows from its gap.
     state = JointState.at_rest(np.zeros((1, 3)), variables=3)
-    answer = rigid().local_solve(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
+    answer = rigid().condensed_backward_euler(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
     np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
     np.testing.assert_array_equal(answer.tangent, np.zeros((1, 3, 3)))
     np.testing.assert_array_equal(answer.dissipation, [0.0])
@@ -401,8 +401,8 @@ def test_rigid_joint_is_the_limit_of_stiff_ones():
     before = np.column_stack([1e-5 * rng.uniform(-1, 1, count).clip(0.0), np.zeros((count, 2))])
     compliance = 10.0 ** rng.uniform(-14, -9, (count, 2))
     stiff = FrictionNoTension(normal_stiffness=1e30, shear_stiffness=1e30, friction_angle_deg=30.0)
-    one = rigid().local_solve(free, compliance, JointState.at_rest(before, variables=3))
-    two = stiff.local_solve(free, compliance, JointState.at_rest(before))
+    one = rigid().condensed_backward_euler(free, compliance, JointState.at_rest(before, variables=3))
+    two = stiff.condensed_backward_euler(free, compliance, JointState.at_rest(before))
     assert set(one.status.tolist()) == {0, 1, 2}
     np.testing.assert_array_equal(one.status, two.status)
     for name in ("traction", "tangent"):
@@ -416,7 +416,7 @@ def test_rigid_joint_meets_coulombs_law():
     """No overlap, no tension, no traction across a gap, |t_s| <= mu p, and slip along t_s."""
     rng = np.random.default_rng(7)
     free = 1e-5 * rng.normal(size=(2000, 3))
-    answer = rigid().local_solve(free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3))
+    answer = rigid().condensed_backward_euler(free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3))
     t, gap = answer.traction, answer.state.gap
     assert gap[:, 0].min() >= 0.0
     assert t[:, 0].max() <= 0.0
@@ -437,10 +437,10 @@ def test_rigid_points_have_no_answer_of_their_own():
     law, state = rigid(), JointState.at_rest(np.zeros((2, 3)))
     state = replace(state, internal=np.zeros((2, 3)))
     gap = np.array([[0.0, 1e-3, 0.0], [2e-3, 0.0, 0.0]])
-    answer = law.end_point(gap, state)
+    answer = law.backward_euler(gap, state)
     np.testing.assert_array_equal(answer.traction, 0.0)
     assert answer.status.tolist() == [Status.STICK, Status.OPEN]
     with pytest.raises(JointsError, match=r"rigid joint overlaps by 0\.001 m: it must start with"):
-        law.end_point(gap - [1e-3, 0.0, 0.0], state)
+        law.backward_euler(gap - [1e-3, 0.0, 0.0], state)
     with pytest.raises(JointsError, match="A rigid joint needs the condensed solver"):
-        law.step(gap, state)
+        law.discrete_gradient(gap, state)

@@ -19,7 +19,7 @@ from dolfinx_joints import (
     MatrixSystem,
     MohrCoulombJoint,
     Newmark,
-    NewtonOptions,
+    SolverOptions,
     RigidJoint,
     ViscousJoint,
 )
@@ -108,7 +108,7 @@ class TestMixed:
             supports=[Fixed(group="base")],
             loads=[Gravity()],
         )
-        newton = NewtonOptions(relative_tolerance=1e-12)
+        newton = SolverOptions(relative_tolerance=1e-12)
         simulation = Simulation(model, newton=newton, solver="auto")
         simulation.statics()
         motion = synthetic_motion(duration=2.0)
@@ -189,8 +189,8 @@ class TestMixed:
 class Forgetful(MohrCoulombJoint):
     """A law that gives back other variables than it has."""
 
-    def end_point(self, gap, state):
-        response = super().end_point(gap, state)
+    def backward_euler(self, gap, state):
+        response = super().backward_euler(gap, state)
         return replace(response, state=replace(response.state, internal=np.zeros((len(gap), 7))))
 
 

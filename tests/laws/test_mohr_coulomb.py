@@ -36,7 +36,7 @@ def follow(joint, path):
     state = JointState.at_rest(np.zeros((1, 3)), variables=2)
     answers = []
     for gap in np.atleast_2d(path):
-        answers.append(joint.end_point(gap[None], state))
+        answers.append(joint.backward_euler(gap[None], state))
         state = answers[-1].state
     return answers
 
@@ -105,7 +105,7 @@ def test_without_extensions_it_is_plain_friction():
     two = replace(one, internal=joint.initial_variables(gap))
     for _ in range(50):
         gap = gap + UM * rng.normal(size=(count, 3)) * [0.5, 0.3, 0.3]
-        a, b = plain.end_point(gap, one), joint.end_point(gap, two)
+        a, b = plain.backward_euler(gap, one), joint.backward_euler(gap, two)
         np.testing.assert_allclose(b.traction, a.traction, rtol=0, atol=1e-9 * MPA)
         np.testing.assert_allclose(b.tangent, a.tangent, rtol=0, atol=1e-9 * K_S)
         np.testing.assert_allclose(b.dissipation, a.dissipation, rtol=0, atol=1e-12)
@@ -135,7 +135,7 @@ def test_dilatancy_opens_a_joint_under_a_held_pressure():
     state = JointState.at_rest(np.array([[-UM, 0, 0]]), variables=2)
     for slip, plastic in ((3.0, 2.75), (-1.0, 3.5)):
         dilation += tan_psi * plastic * UM
-        answer = joint.end_point(np.array([[-UM + dilation, slip * UM, 0]]), state)
+        answer = joint.backward_euler(np.array([[-UM + dilation, slip * UM, 0]]), state)
         np.testing.assert_allclose(answer.traction[0, 0], -MPA, rtol=1e-11)
         np.testing.assert_allclose(answer.state.internal[0, 1], dilation, rtol=1e-11)
         state = answer.state
@@ -152,7 +152,7 @@ def test_a_point_that_rides_up_stays_closed():
         for share in np.arange(1, steps + 1) / steps:
             slid = max(share * 10.0 - 0.25, 0.0) * UM
             gap = np.array([[-UM + tan_psi * slid, share * 10.0 * UM, 0]])
-            answer = joint.end_point(gap, state)
+            answer = joint.backward_euler(gap, state)
             state = answer.state
         np.testing.assert_allclose(answer.traction[0], [-MPA, 0.5 * MPA, 0], rtol=1e-9)
         np.testing.assert_allclose(state.internal[0, 1], lift, rtol=1e-9)
@@ -165,7 +165,7 @@ def test_a_point_that_leaves_has_ridden_up_until_then():
     state = JointState(
         gap=np.array([[-UM, 0, 0]]), elastic_slip=np.zeros((1, 2)), internal=np.array([[1.0, 0.0]])
     )
-    answer = joint.end_point(UM * np.array([[3.0, 4.0, 0]]), state)
+    answer = joint.backward_euler(UM * np.array([[3.0, 4.0, 0]]), state)
     assert answer.status[0] == OPEN
     np.testing.assert_array_equal(answer.traction, 0.0)
     np.testing.assert_allclose(answer.state.internal[0, 1], UM, rtol=1e-12)
@@ -184,7 +184,7 @@ def test_dilation_stays_on_opening():
         elastic_slip=np.zeros((1, 2)),
         internal=np.array([[1.0, 0.1 * UM]]),
     )
-    answer = dilatant().end_point(np.array([[0.05 * UM, 0, 0]]), state)
+    answer = dilatant().backward_euler(np.array([[0.05 * UM, 0, 0]]), state)
     np.testing.assert_allclose(answer.traction[0], [-0.05 * MPA, 0, 0], rtol=1e-12)
     assert answer.status[0] == STICK
 
@@ -195,7 +195,7 @@ def wander(joint, count=2000, steps=30):
     state = JointState.at_rest(np.tile([-UM, 0, 0], (count, 1)), variables=2)
     for _ in range(steps):
         before, moved = state, UM * rng.normal(size=(count, 3)) * [0, 0.3, 0.3]
-        answer = joint.end_point(before.gap + moved, before)
+        answer = joint.backward_euler(before.gap + moved, before)
         state = answer.state
     return before, answer
 
@@ -218,7 +218,7 @@ def test_work_is_stored_or_dissipated(angle):
     joint = dilatant(angle)
     state = wander(joint)[1].state
     gap = state.gap + UM * np.random.default_rng(6).normal(size=state.gap.shape) * [0, 0.3, 0.3]
-    start, answer = joint.end_point(state.gap, state).traction, joint.end_point(gap, state)
+    start, answer = joint.backward_euler(state.gap, state).traction, joint.backward_euler(gap, state)
     work = 0.5 * np.einsum("ij,ij->i", start + answer.traction, gap - state.gap)
     stored = joint.stored_energy(answer.state) - joint.stored_energy(state)
     np.testing.assert_allclose(answer.dissipation, work - stored, rtol=0, atol=1e-12)

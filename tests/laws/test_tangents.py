@@ -110,13 +110,13 @@ def random_states(law, count, seed):
 
 def branch(law, gap, state):
     """Which smooth piece of the law a state is on."""
-    answer = law.end_point(gap, state)
+    answer = law.backward_euler(gap, state)
     piece = answer.status.astype(int)
     if answer.state.internal.size:
         piece = piece + 4 * answer.state.internal[:, 0].astype(int)
     if isinstance(law, ViscousJoint):
         piece = piece + 8 * (answer.traction[:, 0] < 0) + 16 * (gap[:, 0] <= 0)
-        dash = (answer.traction - law.law.end_point(gap, state).traction)[:, 1:]
+        dash = (answer.traction - law.law.backward_euler(gap, state).traction)[:, 1:]
         bound = np.hypot(dash[:, 0], dash[:, 1]) >= -answer.traction[:, 0] * (1 - 1e-14)
         piece = piece + 32 * bound
     return answer.traction, answer.tangent, piece
@@ -177,7 +177,7 @@ def small_steps(gap, state, slides):
 def test_tangent_of_the_law(name, count):
     law = LAWS[name]
     gap, state = random_states(law, count, seed=1)
-    steps = small_steps(gap, state, law.end_point(gap, state).status == Status.SLIP)
+    steps = small_steps(gap, state, law.backward_euler(gap, state).status == Status.SLIP)
     if isinstance(law, ViscousJoint):
         slip = np.hypot(*(gap[:, 1:] - state.gap[:, 1:]).T)
         steps = np.where(slip > 0, np.minimum(steps, 3e-7 * slip), steps)
@@ -185,7 +185,7 @@ def test_tangent_of_the_law(name, count):
     print(f"\n{name}: largest relative error of the tangent {worst:.1e} over {count} states")
     assert worst <= TOLERANCE
     assert share > 0.999
-    seen = set(law.end_point(gap, state).status.tolist())
+    seen = set(law.backward_euler(gap, state).status.tolist())
     assert Status.OPEN in seen
     assert Status.STICK in seen
     if "key" not in name and law.closed_stiffness()[1] > 0:
@@ -193,7 +193,7 @@ def test_tangent_of_the_law(name, count):
 
 
 @pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize("name", [n for n in LAWS if hasattr(LAWS[n], "local_solve")])
+@pytest.mark.parametrize("name", [n for n in LAWS if hasattr(LAWS[n], "condensed_backward_euler")])
 def test_tangent_of_the_local_solution(name, count):
     law = LAWS[name]
     gap, state = random_states(law, count, seed=2)
@@ -201,7 +201,7 @@ def test_tangent_of_the_local_solution(name, count):
     compliance = 10.0 ** rng.uniform(-14, -9, (count, 1)) * rng.uniform(0.3, 3.0, (count, 2))
 
     def evaluate(free):
-        answer = law.local_solve(free, compliance.astype(np.longdouble), state)
+        answer = law.condensed_backward_euler(free, compliance.astype(np.longdouble), state)
         return answer.traction, answer.tangent, answer.status
 
     steps = small_steps(gap, state, evaluate(gap)[2] == Status.SLIP)
@@ -231,10 +231,10 @@ def test_tractions_are_continuous(name, count):
     )
     if law.internal_variables:
         state.internal[:, 0] = 1.0
-    ends, values = [gap, other], [law.end_point(g, state).traction for g in (gap, other)]
+    ends, values = [gap, other], [law.backward_euler(g, state).traction for g in (gap, other)]
     for _ in range(45):
         middle = 0.5 * (ends[0] + ends[1])
-        there = law.end_point(middle, state).traction
+        there = law.backward_euler(middle, state).traction
         jumps = [np.abs(there - value).max(axis=1) for value in values]
         for end, side in ((0, jumps[0] < jumps[1]), (1, jumps[0] >= jumps[1])):
             ends[end][side], values[end][side] = middle[side], there[side]

@@ -63,7 +63,7 @@ def test_strength_in_triaxial_tests_is_that_of_mohr_coulomb():
 
 
 @pytest.mark.parametrize("fit", FITS)
-@pytest.mark.parametrize("method", ["end_point", "step"])
+@pytest.mark.parametrize("method", ["backward_euler", "discrete_gradient"])
 def test_hydrostatic_tension_ends_at_the_apex(fit, method):
     # The apex of Mohr-Coulomb's pyramid, c cot(phi), which every fit shares.
     answer = getattr(law_of(fit, dilatancy=10.0), method)(
@@ -77,7 +77,7 @@ def test_hydrostatic_tension_ends_at_the_apex(fit, method):
 
 
 @pytest.mark.parametrize(("fit", "friction", "dilatancy"), KINDS)
-@pytest.mark.parametrize("method", ["end_point", "step"])
+@pytest.mark.parametrize("method", ["backward_euler", "discrete_gradient"])
 def test_stresses_are_admissible_and_tangents_consistent(fit, friction, dilatancy, method):
     # Differences of the stress; all three statuses occur where there is an apex.
     law = law_of(fit, friction, dilatancy)
@@ -92,7 +92,7 @@ def test_stresses_are_admissible_and_tangents_consistent(fit, friction, dilatanc
         slope = (ask(strain + change, state).stress - ask(strain - change, state).stress) / (2 * h)
         np.testing.assert_allclose(answer.tangent[:, :, j], slope, atol=1e-7 * ROCK.young)
     # The stress belongs to the plastic strain that comes with it.
-    mean = strain if method == "end_point" else 0.5 * (state.strain + strain)
+    mean = strain if method == "backward_euler" else 0.5 * (state.strain + strain)
     acting = (mean - answer.plastic_strain) @ MATRIX
     np.testing.assert_allclose(answer.stress, acting, atol=1e-9 * np.abs(acting).max())
 
@@ -100,7 +100,7 @@ def test_stresses_are_admissible_and_tangents_consistent(fit, friction, dilatanc
 def test_tangent_is_unsymmetric_without_associated_flow():
     state, strain = BulkState.at_rest(np.zeros((50, 6))), strains(50, 1e-3)
     for dilatancy, symmetric in ((None, True), (5.0, False)):
-        answer = law_of(dilatancy=dilatancy).end_point(strain, state)
+        answer = law_of(dilatancy=dilatancy).backward_euler(strain, state)
         cone = answer.tangent[answer.status == BulkStatus.YIELD]
         skew = np.abs(cone - cone.transpose(0, 2, 1)).max(axis=(1, 2)) / ROCK.young
         assert np.all(skew < 1e-12) if symmetric else np.all(skew > 1e-2)
@@ -111,7 +111,7 @@ def test_flow_follows_its_potential(fit, friction, dilatancy):
     # Of sqrt(J2) + beta I1: the trace of the plastic strain is 3 beta dg, the norm of its deviator
     # dg / sqrt(2); the deviator has the direction of that of the stress.
     law = law_of(fit, friction, dilatancy)
-    answer = law.end_point(strains(200, 1e-3), BulkState.at_rest(np.zeros((200, 6))))
+    answer = law.backward_euler(strains(200, 1e-3), BulkState.at_rest(np.zeros((200, 6))))
     cone = answer.status == BulkStatus.YIELD
     grown = answer.plastic_strain[cone]
     volume = grown[:, :3].sum(axis=1)
@@ -127,7 +127,7 @@ def test_flow_follows_its_potential(fit, friction, dilatancy):
 def test_below_the_limit_nothing_but_elasticity():
     strain = strains(100, 1e-6)
     state = BulkState.at_rest(np.zeros((100, 6)))
-    for method, part in (("end_point", 1.0), ("step", 0.5)):
+    for method, part in (("backward_euler", 1.0), ("discrete_gradient", 0.5)):
         answer = getattr(law_of(), method)(strain, state)
         np.testing.assert_array_equal(answer.status, BulkStatus.ELASTIC)
         np.testing.assert_array_equal(answer.stress, part * strain @ MATRIX)
@@ -143,7 +143,7 @@ def test_a_long_path_never_gains_energy(fit, friction, dilatancy):
     yielded = 0
     for k in range(60):
         strain = state.strain + strains(count, 2e-4, seed=k)
-        answer = law.step(strain, state)
+        answer = law.discrete_gradient(strain, state)
         work = np.einsum("ni,ni->n", answer.stress, strain - state.strain)
         stored = energy(answer.state) - energy(state)
         np.testing.assert_allclose(work, stored + answer.dissipation, atol=1e-11 * C)
@@ -159,7 +159,7 @@ def test_flow_at_the_end_point_dissipates(fit, friction, dilatancy):
     # Second law: the stress on the limit times the plastic strain that it makes.
     law = law_of(fit, friction, dilatancy)
     state = BulkState.at_rest(strains(300, 1e-4))
-    answer = law.end_point(strains(300, 1e-3, 2), state)
+    answer = law.backward_euler(strains(300, 1e-3, 2), state)
     assert np.einsum("ni,ni->n", answer.stress, answer.plastic_strain).min() >= 0.0
 
 
@@ -168,7 +168,7 @@ def test_a_trial_changes_nothing_and_no_number_stays_none():
     kept = {name: value.copy() for name, value in vars(state).items()}
     strain = strains(5, 1e-2, 3)
     strain[2, 1] = math.nan
-    for method in ("end_point", "step"):
+    for method in ("backward_euler", "discrete_gradient"):
         answer = getattr(law_of(), method)(strain, state)
         assert np.isnan(answer.stress[2]).any()
         assert np.isfinite(np.delete(answer.stress, 2, axis=0)).all()

@@ -208,7 +208,7 @@ class GivesUp:
     """Newmark's method up to a time, and never beyond it."""
 
     time: float
-    rule: str = "end_point"
+    rule: str = "backward_euler"
 
     def conserves(self, system: Any) -> bool:
         return True

@@ -221,7 +221,7 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
         def finish(self, status, summary):
             pass
 
-        def memory(self):
+        def state_dict(self):
             return {}
 
         def resume(self, model, stage, steps, last, memory):

@@ -54,7 +54,7 @@ class Killer:
     def finish(self, status, summary):
         """Nothing to close."""
 
-    def memory(self):
+    def state_dict(self):
         return {}
 
     def resume(self, model, stage, steps, last, memory):
@@ -543,9 +543,9 @@ def test_corrections_go_on_with_the_same_bits(comm):
     for i, kind in enumerate(kinds):
         residual, tangent = right_side(seed=i), tangents(states(kind, i), stuck)
         other = Corrections(matrix, None, stuck, comm)
-        other.recall(first.memory())
+        other.load_state_dict(first.state_dict())
         found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
         np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
         assert again.products == found.products
-        assert other.memory()["missed"] == first.memory()["missed"], kind
-    assert first.memory()["missed"] > 0.0  # the second way has been taken
+        assert other.state_dict()["missed"] == first.state_dict()["missed"], kind
+    assert first.state_dict()["missed"] > 0.0  # the second way has been taken

@@ -202,17 +202,17 @@ def spoilt_law(field, after):
                 getattr(response, field)[-1:] = np.nan
             return response
 
-        def end_point(self, gap, state):
-            return self._spoil(super().end_point(gap, state))
+        def backward_euler(self, gap, state):
+            return self._spoil(super().backward_euler(gap, state))
 
-        def step(self, gap, state):
-            return self._spoil(super().step(gap, state))
+        def discrete_gradient(self, gap, state):
+            return self._spoil(super().discrete_gradient(gap, state))
 
-        def local_solve(self, gap, compliance, state):
-            return self._spoil(super().local_solve(gap, compliance, state))
+        def condensed_backward_euler(self, gap, compliance, state):
+            return self._spoil(super().condensed_backward_euler(gap, compliance, state))
 
-        def local_step(self, gap, compliance, state):
-            return self._spoil(super().local_step(gap, compliance, state))
+        def condensed_discrete_gradient(self, gap, compliance, state):
+            return self._spoil(super().condensed_discrete_gradient(gap, compliance, state))
 
     return Spoilt(**STIFF)
 
@@ -500,7 +500,7 @@ class Then:
     def finish(self, status, summary):
         """Nothing to close."""
 
-    def memory(self):
+    def state_dict(self):
         return {}
 
     def resume(self, model, stage, steps, last, memory):

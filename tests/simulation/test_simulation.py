@@ -13,7 +13,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    NewtonOptions,
+    SolverOptions,
     Simulation,
     stiffness_proportional,
 )
@@ -77,7 +77,7 @@ def test_both_solvers_march_alike(wall):
     # The same equations, solved for all dofs and for the joint forces alone.
     ends = []
     for solver in ("condensed", "monolithic"):
-        simulation = Simulation(wall, solver=solver, newton=NewtonOptions(relative_tolerance=1e-12))
+        simulation = Simulation(wall, solver=solver, newton=SolverOptions(relative_tolerance=1e-12))
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
         assert outcome.solver == solver

@@ -18,23 +18,23 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.solvers.interface import compliance as module
 from dolfinx_joints.solvers.interface.compliance import Compliance
-from dolfinx_joints.solvers.direct import Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.solvers.direct import MatrixCoefficients, EffectiveMatrix, unconstrained_dofs
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 pytestmark = pytest.mark.mpi
 
-STEP = Effective(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
-STATIC = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+STEP = MatrixCoefficients(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 KINDS = ("dense", "compressed", "free")
 
 
 class Scene:
     """A model, its constrained B and its bulk."""
 
-    def __init__(self, model: Any, effective: Effective, linear: str = "direct") -> None:
+    def __init__(self, model: Any, effective: MatrixCoefficients, linear: str = "direct") -> None:
         self.system = model.system()
         self.joints = self.system.contact.operator
-        self.operator = self.joints.constrained(free_dofs(self.system))
+        self.operator = self.joints.constrained(unconstrained_dofs(self.system))
         self.bulk = EffectiveMatrix(self.system, effective, linear=linear)
         self.size = self.operator.getSize()[0]
         self.comm = self.operator.comm.tompi4py()
@@ -98,7 +98,7 @@ def scene(read, wall_file, blocks_file, two_rectangles_file) -> Callable[..., Sc
         "tetrahedra": lambda: blocks_file(cell="tet"),
     }
 
-    def make(name: str, effective: Effective = STEP, *, on: Any = None, **options: Any) -> Scene:
+    def make(name: str, effective: MatrixCoefficients = STEP, *, on: Any = None, **options: Any) -> Scene:
         linear = options.pop("linear", "direct")
         jointed = read(files[name](), on)
         return Scene(model(jointed, **options), effective, linear)
@@ -310,7 +310,7 @@ def test_a_dense_one_without_a_mesh():
     )
     operator = system.contact.operator
     found = Compliance(
-        EffectiveMatrix(system, STATIC), operator.constrained(free_dofs(system)), operator
+        EffectiveMatrix(system, STATIC), operator.constrained(unconstrained_dofs(system)), operator
     )
     assert found.kind == "dense"
     assert found.rough is None
@@ -321,7 +321,7 @@ def test_a_dense_one_without_a_mesh():
     with pytest.raises(ValueError, match="'compressed', but the places of the joint points"):
         Compliance(
             EffectiveMatrix(system, STATIC),
-            operator.constrained(free_dofs(system)),
+            operator.constrained(unconstrained_dofs(system)),
             operator,
             kind="compressed",
         )

@@ -19,7 +19,7 @@ from dolfinx_joints.solvers import direct as linear
 from dolfinx_joints.common import memory
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers.multigrid import IterativeSolver
-from dolfinx_joints.solvers.direct import STATIC, Cache, DirectSolver, Effective, EffectiveMatrix
+from dolfinx_joints.solvers.direct import STATIC, Cache, DirectSolver, MatrixCoefficients, EffectiveMatrix
 from dolfinx_joints.model.system import MatrixSystem
 
 pytestmark = pytest.mark.mpi
@@ -174,7 +174,7 @@ def test_options_do_not_leak(comm):
     solver.destroy()
 
 
-STEP = Effective(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+STEP = MatrixCoefficients(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
 
 
 @pytest.mark.parametrize("effective", [STEP, STATIC])
@@ -219,7 +219,7 @@ def load(matrix: PETSc.Mat) -> PETSc.Vec:
     return b
 
 
-@pytest.mark.parametrize("effective", [STEP, Effective(mass=0.0, damping=0.0, stiffness=1.0)])
+@pytest.mark.parametrize("effective", [STEP, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)])
 def test_iterative_and_direct_solvers_agree(wall, effective):
     # A step, and statics, whose matrix has a condition number of some ten thousand: both leave
     # residuals near rounding, so that solutions agree but for that number times rounding.
@@ -244,7 +244,7 @@ def test_iterative_and_direct_solvers_agree(wall, effective):
 
 def test_rigid_modes_spare_iterations(wall):
     # In statics a slender wall is hard for multigrid that knows translations only.
-    matrix = EffectiveMatrix(wall, Effective(mass=0.0, damping=0.0, stiffness=1.0))
+    matrix = EffectiveMatrix(wall, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0))
     b = load(matrix.held)
     x, counts = b.duplicate(), []
     for modes in (None, wall.stiffness.getNearNullSpace()):
@@ -283,7 +283,7 @@ def test_an_iterative_solver_needs_no_mesh():
     # Two masses in a row: K u = F with u = (1, 1.5) by hand.
     system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=[[3.0, -2.0], [-2.0, 2.0]])
     matrix = EffectiveMatrix(
-        system, Effective(mass=0.0, damping=0.0, stiffness=1.0), linear="iterative"
+        system, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0), linear="iterative"
     )
     found = matrix.solver.solve_block(np.array([[0.0], [1.0]]))
     np.testing.assert_allclose(found[:, 0], [1.0, 1.5], rtol=1e-12)

@@ -24,12 +24,12 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx_joints import ConvergenceError, Elastic, EnergyConsistent, Fixed, FrictionNoTension, GeneralizedAlpha, Gravity, JointsError, KeyedJoint, Model, NewtonOptions, RigidJoint, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints import ConvergenceError, Elastic, EnergyConsistent, Fixed, FrictionNoTension, GeneralizedAlpha, Gravity, JointsError, KeyedJoint, Model, SolverOptions, RigidJoint, Simulation, StepControl, stiffness_proportional
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.residual import JointStep
-from dolfinx_joints.solvers.direct import Effective
+from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.model.modes import modes
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.choice import make_solver
@@ -92,7 +92,7 @@ def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: 
     """Self weight and some steps: the path, the static and the last state, the outcome."""
     scheme = options.pop("scheme", None)
     path = Path()
-    newton = NewtonOptions(**{"relative_tolerance": 1e-12, **options})
+    newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
     simulation = Simulation(model, newton=newton, solver=solver, monitors=[path])
     static = simulation.statics()
     outcome = simulation.dynamics(dt=DT, steps=steps, motion=shaking, scheme=scheme)
@@ -189,7 +189,7 @@ def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
     for name, hard in (("never", 10**6), ("always", 0)):
         monkeypatch.setattr(interface, "HARD", hard)
         monkeypatch.setattr(interface, "EASY", hard)
-        simulation = Simulation(wall(law), newton=NewtonOptions(relative_tolerance=1e-12))
+        simulation = Simulation(wall(law), newton=SolverOptions(relative_tolerance=1e-12))
         simulation.statics()
         ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=shaking)
     one, other = ends["never"], ends["always"]
@@ -252,7 +252,7 @@ def test_steps_of_changing_length(wall):
     system, scheme = wall().system(), EnergyConsistent()
     states = []
     for kind in ("condensed", "monolithic"):
-        solver = make_solver(system, NewtonOptions(relative_tolerance=1e-12), kind, scheme.rule)
+        solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), kind, scheme.rule)
         state = initial_state(solver)
         for dt in (DT, DT, 0.3 * DT, DT, 0.3 * DT, 0.3 * DT, 0.1 * DT, DT, DT):
             state, report = scheme.advance(solver, state, dt)
@@ -265,12 +265,12 @@ def test_steps_of_changing_length(wall):
 def test_a_step_too_hard_is_cut(wall):
     # Four iterations are too few for some of the steps from a sudden self weight; halves pass.
     model = wall()
-    simulation = Simulation(model, newton=NewtonOptions(max_iterations=4))
+    simulation = Simulation(model, newton=SolverOptions(max_iterations=4))
     outcome = simulation.dynamics(dt=4 * DT, steps=10, motion=shaking)
     assert outcome.counts.rejected > 0
     assert outcome.imbalance <= 1e-10
     with pytest.raises(ConvergenceError, match="dynamic stage.* did not converge in 1 iteration:"):
-        Simulation(model, newton=NewtonOptions(max_iterations=1)).dynamics(
+        Simulation(model, newton=SolverOptions(max_iterations=1)).dynamics(
             dt=4 * DT, steps=10, motion=shaking, control=StepControl(max_halvings=0)
         )
 
@@ -279,11 +279,11 @@ def test_a_step_too_hard_is_cut(wall):
 def test_a_solve_that_failed_leaves_no_trace(wall):
     """The next solve starts from zero forces and gives what a new solver gives."""
     model = wall()
-    options = NewtonOptions(relative_tolerance=1e-12)
+    options = SolverOptions(relative_tolerance=1e-12)
     system = model.system()
     b = system.stiffness.createVecRight()
     system.load(0.0, b)
-    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
+    effective = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
     expected, _ = solved(InterfaceSolver(system, options), effective, b, system)
     solver = InterfaceSolver(system, replace(options, max_iterations=1))
     with pytest.raises(ConvergenceError, match="in 1 iteration:"):
@@ -293,7 +293,7 @@ def test_a_solve_that_failed_leaves_no_trace(wall):
     assert difference(again, expected) <= 1e-10
 
 
-def solved(solver: Any, effective: Effective, b: Any, system: Any) -> Any:
+def solved(solver: Any, effective: MatrixCoefficients, b: Any, system: Any) -> Any:
     x = b.duplicate()
     x.set(0.0)
     _, report = solver.solve(effective, b, x, system.contact.at_rest(x))
@@ -306,8 +306,8 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     system = wall().system()
     b = system.stiffness.createVecRight()
     system.load(0.0, b)
-    effective = Effective(mass=0.0, damping=0.0, stiffness=1.0)
-    solver = InterfaceSolver(system, NewtonOptions())
+    effective = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
+    solver = InterfaceSolver(system, SolverOptions())
     first, report = solved(solver, effective, b, system)
     assert report.iterations > 3
     second, report = solved(solver, effective, b, system)
@@ -325,10 +325,10 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
 @pytest.mark.mpi
 def test_unknown_options_are_refused(name, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
-        NewtonOptions(**{name: "sparse"})
+        SolverOptions(**{name: "sparse"})
     for wrong in (None, 1, "", "DENSE"):
         with pytest.raises(ValueError, match=f"{name} is {wrong!r}; it must be one of"):
-            NewtonOptions(**{name: wrong})
+            SolverOptions(**{name: wrong})
 
 
 def test_a_system_without_joints_is_refused(wall_file, read):
@@ -372,7 +372,7 @@ def test_a_solve_needs_the_state_of_the_joints(wall):
     x = system.mass.createVecRight()
     with pytest.raises(ValueError, match="The state of the joints is missing"):
         InterfaceSolver(system).solve(
-            Effective(mass=0.0, damping=0.0, stiffness=1.0), x.duplicate(), x, None
+            MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0), x.duplicate(), x, None
         )
 
 
@@ -404,8 +404,8 @@ def test_ranks_count_costs_alike(wall):
     """The choice between the two sets, made of costs, must be the same on all ranks."""
     model = wall()
     system = model.system()
-    solver = InterfaceSolver(system, NewtonOptions(compliance="dense"))
-    effective = Effective(mass=1e5, damping=0.0, stiffness=1.0)
+    solver = InterfaceSolver(system, SolverOptions(compliance="dense"))
+    effective = MatrixCoefficients(mass=1e5, damping=0.0, stiffness=1.0)
     b = system.stiffness.createVecRight()
     system.load(0.0, b)
     solved(solver, effective, b, system)

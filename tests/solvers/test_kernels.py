@@ -185,7 +185,7 @@ def test_ends_of_steps(monkeypatch, compliance, normal, shear):
     given = (after, np.array(compliance), before, np.full((len(before), 2), 0.1))
 
     def work():
-        answer = end_point_law.solve_end_point(*given, **stiffness, friction=0.6)
+        answer = end_point_law.solve_backward_euler(*given, **stiffness, friction=0.6)
         return tuple(vars(answer).values())
 
     check(monkeypatch, end_point_law, work)

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, NewtonOptions
+from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, SolverOptions
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.solvers.direct import STATIC
 from dolfinx_joints.solvers.newton import NewtonSolver, SolveReport
@@ -21,8 +21,8 @@ from dolfinx_joints.solvers.choice import make_solver
 class Backwards(FrictionNoTension):
     """A law whose tangent is wrong: Newton's correction goes away from the solution."""
 
-    def end_point(self, gap, state):
-        response = super().end_point(gap, state)
+    def backward_euler(self, gap, state):
+        response = super().backward_euler(gap, state)
         return replace(response, tangent=-3.0 * response.tangent)
 
 
@@ -33,7 +33,7 @@ def test_where_no_share_helps_the_best_is_taken(cuts):
     # `cuts` times, and the smallest is the best. Forces are 1, so that this is relative too.
     law = Backwards(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
-    solver = NewtonSolver(system, NewtonOptions(max_iterations=1, max_cuts=cuts))
+    solver = NewtonSolver(system, SolverOptions(max_iterations=1, max_cuts=cuts))
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(-1.0)
     with pytest.raises(ConvergenceError) as failure:
@@ -97,7 +97,7 @@ def test_a_step_ends_at_rounding(load):
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(load)
     state = JointState.at_rest(system.contact.gap(x))
-    _, report = NewtonSolver(system).solve(STATIC, b, x, state, "step")
+    _, report = NewtonSolver(system).solve(STATIC, b, x, state, "discrete_gradient")
     assert report.residual <= 4.0 * np.finfo(float).eps
     # The energy that the joint stores, 7 J/m^2 (1 + u)^2 / 2, over the way u is its mean force.
     u = x.array[0]
@@ -112,7 +112,7 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(3.0)
     state = JointState.at_rest(system.contact.operator.gap(x))
-    solver = make_solver(system, NewtonOptions(max_cuts=0), kind="condensed")
+    solver = make_solver(system, SolverOptions(max_cuts=0), kind="condensed")
     _, report = solver.solve(STATIC, b, x, state)
     assert x.array[0] == pytest.approx(1.5, rel=1e-14)
     assert report.iterations == 1
@@ -135,5 +135,5 @@ def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
     gap = np.zeros((3 * points, 1))
     gap[0] = 1.0
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
-    options = NewtonOptions(compliance=asked)
+    options = SolverOptions(compliance=asked)
     assert make_solver(system, options, static_steps=steps).options.compliance == kept

@@ -68,13 +68,13 @@ def test_refused_on_all_ranks_alike(wall, changes, text):
 class NoNumber(dj.FrictionNoTension):
     """A law that gives NaN."""
 
-    def end_point(self, gap, state):
-        response = super().end_point(gap, state)
+    def backward_euler(self, gap, state):
+        response = super().backward_euler(gap, state)
         response.traction[:] = NAN
         return response
 
-    def local_solve(self, free_gap, compliance, state):
-        response = super().local_solve(free_gap, compliance, state)
+    def condensed_backward_euler(self, trial_gap, compliance, state):
+        response = super().condensed_backward_euler(trial_gap, compliance, state)
         response.traction[:] = NAN
         return response
 

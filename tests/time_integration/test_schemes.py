@@ -21,7 +21,7 @@ from dolfinx_joints import (
     JointsError,
     MatrixSystem,
     Newmark,
-    NewtonOptions,
+    SolverOptions,
     Rayleigh,
 )
 from dolfinx_joints.time_integration.energy import EnergyLedger
@@ -425,7 +425,7 @@ def test_both_solvers_walk_alike():
         areas=[1.0, 0.5],
     )
     # A tight tolerance: what Newton leaves over grows where points start and cease to slide.
-    newton = NewtonOptions(relative_tolerance=1e-13)
+    newton = SolverOptions(relative_tolerance=1e-13)
     one, two = (march(system, 2e-3, 200, kind=kind, newton=newton) for kind in SOLVERS)
     seen = {int(s) for state in one for s in state.joints.status}
     assert seen == {0, 1, 2}  # open, sticking and sliding

@@ -31,7 +31,7 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, NewtonOptions
+from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, SolverOptions
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.exact import CoulombOscillator
 from dolfinx_joints.laws.law import JointState
@@ -183,7 +183,7 @@ def march(angle_deg, *, steps_per_period=1000, direction_deg=0.0, k_s=K_S, solve
     # Friction is there from the start: the mass is about to move back, against ``towards``.
     against = -gap[:, 1:] / np.linalg.norm(gap[:, 1:])
     slip = (1.0 - 1e-12) * MU * NORMAL_FORCE / k_s * against
-    step_solver = make_solver(system, NewtonOptions(relative_tolerance=1e-12), solver)
+    step_solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), solver)
     state = initial_state(
         step_solver, displacement=u, joints=JointState(gap=gap, elastic_slip=slip)
     )
@@ -359,7 +359,7 @@ class LawInMotion:
         return (self.gap_operator @ u + [-NORMAL_FORCE / K_N, 0.0, 0.0])[None]
 
     def _answer(self, motion):
-        return self.law.end_point(self._gap(motion[:2]), self.state)
+        return self.law.backward_euler(self._gap(motion[:2]), self.state)
 
     def _rate(self, _time, motion):
         force = self.gap_operator.T @ self._answer(motion).traction[0]

@@ -34,7 +34,7 @@ from dolfinx_joints import (
     KeyedJoint,
     MatrixSystem,
     Newmark,
-    NewtonOptions,
+    SolverOptions,
     RigidJoint,
     StepControl,
 )
@@ -66,7 +66,7 @@ class Run:
 
 def march(system, scheme, dt, steps, *, kind="auto", v0=None, control=None) -> Run:
     """Take equal steps, cut only where their solve fails."""
-    solver = make_solver(system, NewtonOptions(relative_tolerance=1e-13), kind, scheme.rule)
+    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind, scheme.rule)
     velocity = None
     if v0 is not None:
         velocity = system.mass.createVecRight()
@@ -295,8 +295,8 @@ def test_both_solvers_take_the_same_step(ratio):
     system = body(3, ratio)
     scheme, dt = EnergyConsistent(), longest_period(system) / 40
     run = march(system, scheme, dt, 80, v0=np.arange(SIZE) - 11.5)
-    options = NewtonOptions(relative_tolerance=1e-13)
-    solvers = [make_solver(system, options, kind, "step") for kind in SOLVERS]
+    options = SolverOptions(relative_tolerance=1e-13)
+    solvers = [make_solver(system, options, kind, "discrete_gradient") for kind in SOLVERS]
     largest = max(float(np.abs(s.displacement.array).max()) for s in run.states)
     worst = 0.0
     for state in run.states[:-1]:
@@ -339,7 +339,7 @@ def test_where_all_stick_it_is_newmark(ratio, kind):
     start.setArray(rest)
     paths = []
     for scheme in (EnergyConsistent(), Newmark()):
-        solver = make_solver(system, NewtonOptions(relative_tolerance=1e-13), kind, scheme.rule)
+        solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind, scheme.rule)
         state, path = initial_state(solver, displacement=start), []
         for _ in range(150):
             state, _ = scheme.advance(solver, state, 2e-3)
@@ -399,7 +399,7 @@ def test_wall(wall_file, read, stiffness, kind, dt):
         damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
     )
     lines = Lines()
-    newton = NewtonOptions(relative_tolerance=1e-12)
+    newton = SolverOptions(relative_tolerance=1e-12)
     simulation = dj.Simulation(model, solver=kind, newton=newton, monitors=[lines])
     simulation.statics()
     outcome = simulation.dynamics(dt=dt, steps=50, motion=shaking)

@@ -348,8 +348,8 @@ class HardeningFriction:
     friction: FrictionNoTension
     hardening: float  # Pa/m
 
-    def end_point(self, gap, state):
-        answer = self.friction.end_point(gap, state)
+    def backward_euler(self, gap, state):
+        answer = self.friction.backward_euler(gap, state)
         traction, tangent = answer.traction.copy(), answer.tangent.copy()
         traction[:, 1:] += self.hardening * gap[:, 1:]
         tangent[:, 1:, 1:] += self.hardening * np.eye(2)

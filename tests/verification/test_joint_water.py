@@ -594,7 +594,7 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
             if record.step == kill:
                 raise KilledError
 
-        def memory(self):
+        def state_dict(self):
             return {}
 
         def resume(self, model, stage, steps, last, memory):

@@ -54,7 +54,7 @@ def follow(law, gaps, elastic_slip=None):
         state = JointState(gap=gaps[0].copy(), elastic_slip=np.array(elastic_slip))
     answers = []
     for gap in gaps[1:]:
-        answers.append(law.end_point(gap, state))
+        answers.append(law.backward_euler(gap, state))
         state = answers[-1].state
     return History(
         traction=np.array([a.traction for a in answers]),

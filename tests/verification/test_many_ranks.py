@@ -38,7 +38,7 @@ STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg"
 LAW = dj.FrictionNoTension(**STIFF)
 POINTS = {"crest": (0.0, 4.0, 20.0), "end": (20.0, 0.0, 20.0)}
 STEPS, DT = 12, 4e-3
-NEWTON = dj.NewtonOptions(relative_tolerance=1e-13)
+NEWTON = dj.SolverOptions(relative_tolerance=1e-13)
 # Of the wall on its base, to judge what is zero but for rounding by.
 PRESSURE = 20.0 * CONCRETE.density * STANDARD_GRAVITY
 WEIGHT = 20.0 * 4.0 * PRESSURE
@@ -269,7 +269,7 @@ class Killer:
     def finish(self, status, summary):
         """Nothing to close."""
 
-    def memory(self):
+    def state_dict(self):
         return {}
 
     def resume(self, model, stage, steps, last, memory):

@@ -37,7 +37,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    NewtonOptions,
+    SolverOptions,
     Simulation,
     Spring,
     Traction,
@@ -54,7 +54,7 @@ pytestmark = [
 
 COMM = MPI.COMM_WORLD
 TOLERANCE = 1e-11
-NEWTON = NewtonOptions(relative_tolerance=1e-14)
+NEWTON = SolverOptions(relative_tolerance=1e-14)
 RISE = np.tan(np.radians(15.0))
 BLOCKS = ("lower", "left", "right")
 # Normals in the model's own axes, from - to + as the plain model has them.

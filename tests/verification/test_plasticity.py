@@ -301,7 +301,7 @@ def test_the_answer_does_not_depend_on_the_ranks(comm):
 class HalfALaw:
     elastic = ELASTIC
 
-    def end_point(self, strain, state):
+    def backward_euler(self, strain, state):
         raise NotImplementedError
 
 
@@ -326,5 +326,5 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     warm = Temperature(value=10.0, reference=0.0, expansion=1e-5)
     with pytest.raises(ValueError, match="Temperature acts on cells of DruckerPrager"):
         Model(block(comm), material=rock(), loads=[Gravity(), warm])
-    with pytest.raises(ValueError, match="must be a law with the methods end_point and step"):
+    with pytest.raises(ValueError, match="must be a law with the methods backward_euler and step"):
         Model(block(comm), material=HalfALaw())

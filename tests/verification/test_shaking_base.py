@@ -47,7 +47,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    NewtonOptions,
+    SolverOptions,
     Simulation,
     read_msh,
 )
@@ -500,7 +500,7 @@ def test_slip_at_a_soft_joint(ratio, steps):
 @pytest.mark.mpi
 def test_both_solvers_agree():
     """To the tolerances of their iterations, which add up over 100 steps."""
-    accurate = NewtonOptions(relative_tolerance=1e-12)
+    accurate = SolverOptions(relative_tolerance=1e-12)
     options = {"steps": 50, "k_s": SOFT, "cell": "tet", "newton": accurate}
     condensed, monolithic = (
         shake(1.4, solver=solver, **options)[0] for solver in ("condensed", "monolithic")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.joints.contact import Rule
     from dolfinx_joints.laws.law import JointState, Response
-    from dolfinx_joints.solvers.direct import Effective
+    from dolfinx_joints.solvers.direct import MatrixCoefficients
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.solvers.newton import SolveReport, StepSolver
     from dolfinx_joints.model.system import MatrixSystem
@@ -184,11 +184,11 @@ class Settling:
 
     def solve(
         self,
-        effective: Effective,
+        effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "end_point",
+        rule: Rule = "backward_euler",
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` and the water; ``b`` is left with its forces (collective).
 
@@ -217,9 +217,9 @@ class Settling:
             self._water.change(codes, b)
             start.copy(x)
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Nothing: statics have no checkpoints."""
         return {}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up nothing."""

@@ -16,8 +16,8 @@ from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers.interface.springs import JointSprings
-from dolfinx_joints.solvers.direct import Effective, EffectiveMatrix, free_dofs
-from dolfinx_joints.solvers.newton import NewtonOptions
+from dolfinx_joints.solvers.direct import MatrixCoefficients, EffectiveMatrix, unconstrained_dofs
+from dolfinx_joints.solvers.newton import SolverOptions
 from dolfinx_joints.model.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -42,10 +42,10 @@ class Condensed:
     def __init__(
         self,
         system: MatrixSystem,
-        effective: Effective,
+        effective: MatrixCoefficients,
         operator: PETSc.Mat,
         weight: float,
-        options: NewtonOptions,
+        options: SolverOptions,
     ) -> None:
         """Factor (collective)."""
         assert system.contact is not None
@@ -55,7 +55,7 @@ class Condensed:
         self._recalled: Mapping[str, Any] = {}
         self._effective = effective
         self._body = EffectiveMatrix(system, effective, linear=options.linear)
-        self.loose = self.static and not _is_held(self._body, free_dofs(system))
+        self.loose = self.static and not _is_held(self._body, unconstrained_dofs(system))
         if self.loose:
             self._body.destroy()
 
@@ -98,15 +98,15 @@ class Condensed:
             self._operator.comm.tompi4py(),
         )
         if self._recalled:
-            corrections.recall(self._recalled)
+            corrections.load_state_dict(self._recalled)
         return corrections
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What later corrections depend on, nothing before the first."""
         made = "corrections" in self.__dict__
-        return self.corrections.memory() if made else dict(self._recalled)
+        return self.corrections.state_dict() if made else dict(self._recalled)
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what another's ``memory`` gave, once corrections are asked for."""
         self._recalled = memory
 

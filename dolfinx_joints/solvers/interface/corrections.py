@@ -174,12 +174,12 @@ class Corrections:
         self._finest = 0.0 if rough is None else FINEST
         return (rough or self._split).block(_rows_of(points))
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What later corrections depend on beyond their arguments."""
         held = {} if self._block is None else {"held": self._held}
         return {"missed": self._missed, **held}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what another's ``memory`` gave (collective)."""
         self._missed = memory["missed"]
         if "held" in memory:

@@ -52,14 +52,14 @@ class JointStep:
         condensed: Condensed,
         areas: Floats,
         mine: slice,
-        free_gap: Floats,
+        trial_gap: Floats,
         state: JointState,
         rule: Rule,
     ) -> None:
         self.condensed, self._contact, self._mine = condensed, contact, mine
         self._compliance, self._areas = condensed.compliance, areas
-        self._free_gap, self.state, self._rule = free_gap, state, rule
-        passed = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
+        self._free_gap, self.state, self._rule = trial_gap, state, rule
+        passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
         reach = float((passed / self._compliance.scale[mine]).max(initial=0.0))
         self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
 

@@ -29,9 +29,9 @@ from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
 from dolfinx_joints.laws.law import JointState, Response
-from dolfinx_joints.solvers.direct import STATIC, Cache, Effective, EffectiveMatrix, free_dofs
+from dolfinx_joints.solvers.direct import STATIC, Cache, MatrixCoefficients, EffectiveMatrix, unconstrained_dofs
 from dolfinx_joints.joints.internal_forces import JointResistance
-from dolfinx_joints.solvers.newton import NewtonOptions, SolveReport, solve_failure
+from dolfinx_joints.solvers.newton import SolverOptions, SolveReport, solve_failure
 from dolfinx_joints.model.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -64,20 +64,20 @@ class InterfaceSolver:
     them.
 
     Args:
-        system: What is to be solved; all its laws offer ``local_solve``.
+        system: What is to be solved; all its laws offer ``condensed_backward_euler``.
         options: Tolerances and limits.
     """
 
-    def __init__(self, system: MatrixSystem, options: NewtonOptions | None = None) -> None:
+    def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
         """Constrain B (collective)."""
         self.system = system
         self.name = "condensed"
-        self.options = options or NewtonOptions()
+        self.options = options or SolverOptions()
         if system.contact is None:
             raise ValueError("A system without joints has nothing to condense onto.")
         self._contact: Contact = system.contact
         comm = self._contact.operator.comm
-        self._free = free_dofs(system)
+        self._free = unconstrained_dofs(system)
         self._operator = self._contact.operator.constrained(self._free)
         self._areas = np.repeat(np.concatenate(comm.allgather(self._contact.operator.areas)), 3)
         start, stop = self._operator.getOwnershipRange()
@@ -102,22 +102,22 @@ class InterfaceSolver:
 
     def solve(
         self,
-        effective: Effective,
+        effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "end_point",
+        rule: Rule = "backward_euler",
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: Condensed = self._condensed((effective, 2.0 if rule == "step" else 1.0))
+        condensed: Condensed = self._condensed((effective, 2.0 if rule == "discrete_gradient" else 1.0))
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._free)
         if condensed.static:
             self._refine(condensed.matrix, b, x)
-        free_gap = state.gap + self._contact.operator.gap(x)
-        step = JointStep(self._contact, condensed, self._areas, self._mine, free_gap, state, rule)
+        trial_gap = state.gap + self._contact.operator.gap(x)
+        step = JointStep(self._contact, condensed, self._areas, self._mine, trial_gap, state, rule)
         start = self._smoothed(step, self._start(step))
         found, iterations, relative = self._iterate(step, start)
         self._sweeps = iterations >= (EASY if self._sweeps else HARD)
@@ -139,11 +139,11 @@ class InterfaceSolver:
             counts=self._contact.counts(found.response.status),
         )
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What the next steps start from: matrices kept, forces of the last step and before it."""
         kept = self._condensed.items()
         matrices = {
-            str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.memory()}
+            str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}
             for i, (key, condensed) in enumerate(kept)
         }
         objects = [condensed for _, condensed in kept]
@@ -158,16 +158,16 @@ class InterfaceSolver:
         }
         return {"matrices": matrices, "sweeps": self._sweeps, **known}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Go on from what another's ``memory`` gave (collective)."""
         kept = []
         for i in range(len(memory["matrices"])):
             one = memory["matrices"][str(i)]
-            effective = Effective(
+            effective = MatrixCoefficients(
                 mass=one["mass"], damping=one["damping"], stiffness=one["stiffness"]
             )
             kept.append(self._condensed((effective, one["weight"])))
-            kept[-1].recall(one["corrections"])
+            kept[-1].load_state_dict(one["corrections"])
 
         def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
             known = memory[name]["matrix"]

@@ -59,17 +59,17 @@ class JointSprings:
         """Normal and tangential values, shape (n, 2), as values of three directions."""
         return np.repeat(values, (1, 2), axis=1)
 
-    def without(self, free_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
+    def without(self, trial_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
         """Free gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
 
         Args:
-            free_gap: h, shape (n, 3), [m].
+            trial_gap: h, shape (n, 3), [m].
             own: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
         share = self.stiffness * own
         wide = self._wide(share)
-        return (free_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
+        return (trial_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
 
     def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
         """Traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3)."""

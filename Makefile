@@ -59,7 +59,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-3 test-0.11 verify fuzz coverage mutants bench lint dist docs clean
+.PHONY: help demo paper studies test test-3 test-0.11 verify coverage mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -92,7 +92,7 @@ test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
 	$(PYTHON) -m pytest -q -m "not slow" tests
 
-verify: test-3 fuzz ## Run test-3, fuzz, the slow tests, verification on 3 ranks, a part on 4, demos on 2
+verify: test-3 ## Run test-3, the slow tests, verification on 3 ranks, a part on 4, demos on 2
 	$(PYTHON) -m pytest -q -m slow tests
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
@@ -101,11 +101,6 @@ verify: test-3 fuzz ## Run test-3, fuzz, the slow tests, verification on 3 ranks
 	$(MPIRUN) -n 2 python3 demos/02_sliding_block.py
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
 	$(MPIRUN) -n 2 python3 demos/04_gravity_dam.py
-
-FUZZ = -m pytest -q --color=no -p no:cacheprovider --hypothesis-profile=campaign tests/generated
-fuzz: ## Throw 10 000 generated inputs at each cheap door, 500 at each that runs Gmsh or DOLFINx
-	$(PYTHON) $(FUZZ)
-	$(MPIRUN) -n 2 python3 $(FUZZ) -m mpi
 
 # Measured are the processes that the tests start, too: Python imports sitecustomize as it starts.
 # Compiled kernels are seen where tests have the interpreter run them. Settings: pyproject.toml.

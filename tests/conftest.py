@@ -18,11 +18,6 @@ try:
 except ImportError:  # records, spectra, results and plots are tested without MPI as well
     MPI = None
 
-try:  # sets how much input is generated, before pytest reads --hypothesis-profile
-    import generated_input
-except ModuleNotFoundError:
-    generated_input = None
-
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out on several ranks what is written for one."""
@@ -31,14 +26,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     single = [item for item in items if item.get_closest_marker("mpi") is None]
     config.hook.pytest_deselected(items=single)
     items[:] = [item for item in items if item not in single]
-
-
-def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Say how much generated input each door got where that was asked for."""
-    if generated_input is not None and config.getoption("hypothesis_profile", None):
-        terminalreporter.section("generated input")
-        for line in generated_input.report():
-            terminalreporter.line(line)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -129,9 +129,9 @@ class _StepTold:
 
 def _watch(trace: Trace) -> None:
     """Let the package's writers tell when they are at work."""
+    from dolfinx_joints.results.writer import ResultsWriter
     from dolfinx_joints.simulation import checkpoint
     from dolfinx_joints.simulation.dynamic_stage import DynamicRun
-    from dolfinx_joints.results.writer import ResultsWriter
 
     for owner, name, phase in (
         (checkpoint, "write_checkpoint", "checkpoint written"),

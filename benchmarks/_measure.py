@@ -24,8 +24,8 @@ from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene
-from dolfinx_joints.laws.law import Law
 from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.records import Outcome, Record
 
 FACTOR = (

@@ -16,10 +16,10 @@ import dolfinx_joints as dj
 from benchmarks._measure import StepWatch, petsc_seconds, slowest
 from benchmarks._scenes import Scene
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.direct import EffectiveMatrix
-from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.simulation.records import Record
+from dolfinx_joints.solvers.direct import EffectiveMatrix
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.newton import NewtonSolver
 
 PRODUCTS = ("MatMult", "MatMultTranspose", "MatMultAdd", "MatMultTrAdd")
 PARTS = ("back-substitutions", "products", "law", "joint solver", "rest")

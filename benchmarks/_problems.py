@@ -18,13 +18,13 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 
 import dolfinx_joints as dj
-from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.exact import CoulombOscillator, ImpactOscillator, SlidingBlock
 from dolfinx_joints.laws.law import JointState, Law, Response
-from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.laws.rigid import RigidJoint
+from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
 from dolfinx_joints.time_integration.substeps import Stepper
 from geometry.jointed_wall import jointed_wall

@@ -16,8 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.laws.law import Law
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.laws.law import Law
 from geometry.ambiesta import ambiesta
 from geometry.arch import mid_crest
 from geometry.jointed_wall import jointed_wall

@@ -31,8 +31,8 @@ from petsc4py import PETSc
 import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.solvers.newton import StepSolver
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.newton import StepSolver
 from dolfinx_joints.time_integration.states import DynamicState, initial_state
 
 SCHEME = dj.EnergyConsistent()

@@ -25,8 +25,8 @@ import dolfinx_joints as dj
 from benchmarks._measure import free_memory
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.solvers.choice import KINDS
 from dolfinx_joints.simulation.records import Record
+from dolfinx_joints.solvers.choice import KINDS
 
 STIFFNESSES = (1e9, 1e11, 1e13, 1e15, math.inf)
 ANGLES = (0.0, 30.0, 60.0, 89.9)

@@ -39,8 +39,8 @@ from benchmarks._problems import (
 )
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 
 Row = dict[str, Any]
 

@@ -14,8 +14,7 @@
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.postprocessing import views
+from dolfinx_joints.postprocessing import plots, views
 from geometry.ambiesta import ambiesta, mid_crest
 
 dam = dj.read_msh(ambiesta("dam.msh", size=8.0, order=1, active_height=1.0), MPI.COMM_WORLD)

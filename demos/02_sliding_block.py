@@ -57,10 +57,10 @@ from dolfinx_joints import (
     Spring,
     read_msh,
 )
-from dolfinx_joints.joints.contact import StatusCounts
-from dolfinx_joints.exact import SlidingBlock
-from dolfinx_joints.laws.law import Response
 from dolfinx_joints.common.mpi import abort_on_error, on_root
+from dolfinx_joints.exact import SlidingBlock
+from dolfinx_joints.joints.contact import StatusCounts
+from dolfinx_joints.laws.law import Response
 from dolfinx_joints.simulation.records import Outcome, Record
 from geometry.two_blocks import two_blocks
 

@@ -79,15 +79,15 @@ def _parser() -> Parser:
 
 
 def _info(file: Path, *, whole: bool) -> None:
-    from dolfinx_joints.results.reader import describe
     from dolfinx_joints.results.overview import overview
+    from dolfinx_joints.results.reader import describe
 
     print(describe(file) if whole else overview(file))
 
 
 def _csv(file: Path, out: Path, *, force: bool) -> None:
-    from dolfinx_joints.results.reader import Results
     from dolfinx_joints.postprocessing.csv_tables import write_csv
+    from dolfinx_joints.results.reader import Results
 
     with Results(file) as results:
         for path in write_csv(results, out, overwrite=force):

@@ -31,8 +31,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dolfinx_joints.common.parameters import check_count, check_flag, check_kind_of, check_path, shown
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.parameters import (
+    check_count,
+    check_flag,
+    check_kind_of,
+    check_path,
+    shown,
+)
 from dolfinx_joints.study_table import (
     OWN_COLUMNS,
     TABLE,

@@ -22,7 +22,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_file, check_kind_of, check_path
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.hdf5 import (
     DamageTold,
@@ -32,6 +31,7 @@ from dolfinx_joints.common.hdf5 import (
     seal,
     set_texts,
 )
+from dolfinx_joints.common.parameters import check_file, check_kind_of, check_path
 
 FORMAT = "dolfinx_joints study table"
 TABLE = "table.h5"

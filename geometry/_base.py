@@ -15,8 +15,8 @@ from typing import Any
 import gmsh
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.gmsh_file import check_head
 from geometry._checks import flag, input_path, mesh_path
 from geometry._extrude import BoolArray, FloatArray, SolidMesh

@@ -20,8 +20,8 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.common.parameters import shown
 from geometry import _base
 from geometry._checks import (
     check_elements,

@@ -19,9 +19,9 @@ from typing import Any, Literal, get_args
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.common.parameters import check_count, check_kind_of, check_number
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_count, check_kind_of, check_number
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.simulation.records import Outcome
 from dolfinx_joints.time_integration.states import Scheme
 from geometry.ambiesta import ambiesta

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import JointsError
-from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import ALL_STEPS, TIME_STEP, Case, Which, parameters, study_row
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_joints import Results
-from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing import measures, plots
 from studies.tables import POINT
 
 

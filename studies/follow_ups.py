@@ -33,9 +33,9 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints import JointsError, Motion, RecordError
-from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.motions.reading import record_names
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.study import Study, write_csv
 from studies.ambiesta import Case, Which, make_motion, parameters, study_row
 from studies.follow_up_plots import draw_all

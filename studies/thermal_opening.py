@@ -23,11 +23,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
-from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_number
+from dolfinx_joints.postprocessing import measures, plots
 from studies.ambiesta import ALL_STEPS, Case, Finished, build, make_mesh, simulate
 from studies.figures import shown_joint
 

@@ -32,8 +32,8 @@ from benchmarks._parts import PARTS, Clocks
 from benchmarks._same_files import DamagedError, difference, scales
 from benchmarks._scenes import wall
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.direct import EffectiveMatrix
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 PROMISED = {"dofs", "joint_points", "steps", "linear_ms", "joints_ms", "ratio", "newton_mean"}
 PROMISED |= {"ledger", "peak_mb", "linear_cpu_ms", "joints_cpu_ms", "newton_max"}

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dolfinx_joints import __version__
-from dolfinx_joints import cli
+from dolfinx_joints import __version__, cli
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 

@@ -380,7 +380,8 @@ import numpy as np
 from dolfinx_joints import FrictionNoTension, Motion, Results, read_record, spectra
 from dolfinx_joints.laws.law import JointState
 law = FrictionNoTension(normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=30.0)
-print(law.backward_euler(np.array([[-1e-3, 0, 0]]), JointState.at_rest(np.zeros((1, 3)))).traction[0, 0])
+state = JointState.at_rest(np.zeros((1, 3)))
+print(law.backward_euler(np.array([[-1e-3, 0, 0]]), state).traction[0, 0])
 """
     )
     assert float(out) == pytest.approx(-1e6)

@@ -1,4 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The discretised bulk: space, forms of K and M, plastic cells, supports and damping. It knows no
-loads and no joints."""
+"""The discretised bulk: space, forms of K and M, plastic cells, supports and damping.
+
+It knows no loads and no joints.
+"""

@@ -13,13 +13,13 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.common.parameters import check_choice, check_number, hold_floats, offers, shown
+from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 if TYPE_CHECKING:
-    from dolfinx_joints.materials.orthotropic import Orthotropic
     from dolfinx_joints.materials.drucker_prager import BulkLaw
+    from dolfinx_joints.materials.orthotropic import Orthotropic
 
 # Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
+from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact, Rule, StatusCounts
+from dolfinx_joints.joints.internal_forces import JointResistance
 from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.laws.law import JointState, Response
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.materials.drucker_prager import BulkLaw, BulkResponse, BulkState, BulkStatus
-from dolfinx_joints.joints.internal_forces import JointResistance
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Floats = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.body.elasticity import law_degree, strain_vector
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Strain components of space, and those of them that a plane body has.
 SIZE = 6

@@ -1,4 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The joint operator: gap = B u, force = B^T (w t); points, frames, quadrature rules, contact. It
-knows no friction: laws are handed to it."""
+"""The joint operator: gap = B u, force = B^T (w t); points, frames, quadrature rules, contact.
+
+It knows no friction: laws are handed to it.
+"""

@@ -12,11 +12,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, numbers_of, shown
 from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import (
+    check_each,
+    check_kind_of,
+    check_number,
+    numbers_of,
+    shown,
+)
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import Floats, JointState, Law, Response, Status, check_law
-from dolfinx_joints.common.mpi import raised_together
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -140,7 +146,7 @@ class Contact:
             trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
             compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``condensed_backward_euler`` or ``condensed_discrete_gradient``.
+            rule: Which method of the laws is asked, in its condensed form.
         """
         with raised_together(self.operator.comm):
             return self._ask(rule, trial_gap, compliance, state)
@@ -295,12 +301,20 @@ def _steps(law: Law) -> bool:
 
 def _method(law: Any, rule: Rule) -> Any:
     """Method of a law under a rule; end point where it has none for whole steps."""
-    return law.discrete_gradient if rule == "discrete_gradient" and _steps(law) else law.backward_euler
+    return (
+        law.discrete_gradient if rule == "discrete_gradient" and _steps(law) else law.backward_euler
+    )
 
 
 def _local_method(law: Any, rule: Rule) -> Any:
     """The same on a point's own compliance, None where there is none."""
-    return getattr(law, "condensed_discrete_gradient" if rule == "discrete_gradient" and _steps(law) else "condensed_backward_euler", None)
+    return getattr(
+        law,
+        "condensed_discrete_gradient"
+        if rule == "discrete_gradient" and _steps(law)
+        else "condensed_backward_euler",
+        None,
+    )
 
 
 def _checked(law: Law, response: Response, count: int) -> Response:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.joints.points import JointPoints, joint_points
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.joints.quadrature import facet_cell_type
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
 # Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep
 # the products with B of a nodal rule and of joints along the axes several times shorter.

@@ -78,10 +78,12 @@ class KeyedJoint:
         return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy, see `FrictionNoTension.discrete_gradient`."""
+        """Tractions over a step that balance the energy; see `FrictionNoTension`."""
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
-    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
         """What satisfies `backward_euler`; see `FrictionNoTension.condensed_backward_euler`."""
         k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
         closed = trial_gap[:, 0] <= 0.0
@@ -90,7 +92,9 @@ class KeyedJoint:
         gap_n = np.where(closed, t_n / self.normal_stiffness, trial_gap[:, 0])
         return self._with_keys(trial_gap, compliance, state, (t_n, slope, gap_n), mean=1.0)
 
-    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
         """What satisfies `discrete_gradient`; see `FrictionNoTension.condensed_backward_euler`."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
 

@@ -98,12 +98,13 @@ class Law(Protocol):
 
     A law may also offer
 
-    - ``discrete_gradient(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap`` such that the
-      work of the traction over the step is what the joint stores and dissipates; without it
-      energy-consistent schemes use ``backward_euler`` for this law, and what that loses is counted as
-      numerical;
-    - ``condensed_backward_euler(trial_gap, compliance, state)`` and ``condensed_discrete_gradient`` with the same arguments, as
-      `FrictionNoTension` does; without them a model is solved on the monolithic path.
+    - ``discrete_gradient(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap``
+      such that the work of the traction over the step is what the joint stores and dissipates;
+      without it energy-consistent schemes use ``backward_euler`` for this law, and what that loses
+      is counted as numerical;
+    - ``condensed_backward_euler(trial_gap, compliance, state)`` and
+      ``condensed_discrete_gradient`` with the same arguments, as `FrictionNoTension` does; without
+      them a model is solved on the monolithic path.
 
     A law with a history of its own names it in ``internal_variables``, a tuple of strings: it then
     finds one column for each in ``state.internal``, zero at first unless the law has a method
@@ -181,7 +182,9 @@ class FrictionNoTension:
         """
         return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
-    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
         """What satisfies `backward_euler` at gap = trial_gap - compliance * t (closed form).
 
         With the compliance c of the structure at the point, the law's stiffness k becomes
@@ -229,8 +232,10 @@ class FrictionNoTension:
         """
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
-    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """What satisfies `discrete_gradient` at gap = trial_gap - compliance * t; see `condensed_backward_euler`."""
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """What satisfies `discrete_gradient` at gap = trial_gap - compliance * t."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
 
         # Without shear stiffness friction is never mobilised, as if there were none.

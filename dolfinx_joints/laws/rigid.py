@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import check_number, hold_floats
 from dolfinx_joints.laws.law import (
     Floats,
     JointState,
@@ -100,8 +100,10 @@ class RigidJoint:
         """
         raise JointsError("A rigid joint needs the condensed solver.")
 
-    def condensed_backward_euler(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """Answer at the end of a step; see `FrictionNoTension.condensed_backward_euler`. It stores no energy."""
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Answer at the end of a step; see `FrictionNoTension`. It stores no energy."""
         from dolfinx_joints.laws.return_mapping import solve_backward_euler
 
         answer = solve_backward_euler(
@@ -126,8 +128,10 @@ class RigidJoint:
             status=answer.status,
         )
 
-    def condensed_discrete_gradient(self, trial_gap: Floats, compliance: Floats, state: JointState) -> Response:
-        """Answer over a step on a point's own compliance; see `FrictionNoTension.condensed_discrete_gradient`."""
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Answer over a step on a point's own compliance; see `FrictionNoTension`."""
         from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step
 
         answer = solve_step(

@@ -1,4 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Patterns in space times functions of time. A load states what it reads of a model and never
-imports one."""
+"""Patterns in space times functions of time.
+
+A load states what it reads of a model and never imports one.
+"""

@@ -13,10 +13,10 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.body.viscous_boundary import impedance
 from dolfinx_joints.common.parameters import check_kind_of, check_number, hold_floats, offers
 from dolfinx_joints.loads.load import TimeFactor, always, in_axes
-from dolfinx_joints.body.supports import components_of
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

@@ -17,7 +17,13 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, hold_floats, offers
+from dolfinx_joints.common.parameters import (
+    check_choice,
+    check_kind_of,
+    check_number,
+    hold_floats,
+    offers,
+)
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.elasticity import Elastic

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of, check_number, hold_floats, numbers_of, shown
+from dolfinx_joints.common.parameters import (
+    check_kind_of,
+    check_number,
+    hold_floats,
+    numbers_of,
+    shown,
+)
 
 Floats = NDArray[np.float64]
 

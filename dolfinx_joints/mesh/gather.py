@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.gmsh_file import RawMesh
-from dolfinx_joints.common.mpi import raised_together
 
 if TYPE_CHECKING:
     import dolfinx.mesh

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.gmsh_syntax import Contents
 
 # Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
 from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
-from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.orientation import facet_normals
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
 
 if TYPE_CHECKING:

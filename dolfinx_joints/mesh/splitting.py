@@ -19,8 +19,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.orientation import orient_pairs
 
 

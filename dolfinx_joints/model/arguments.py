@@ -10,6 +10,9 @@ from typing import Any
 import ufl
 from petsc4py import PETSc
 
+from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.elasticity import PLANES
+from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import (
     check_choice,
     check_flag,
@@ -19,11 +22,8 @@ from dolfinx_joints.common.parameters import (
     real,
     shown,
 )
-from dolfinx_joints.body.damping import Rayleigh
-from dolfinx_joints.body.elasticity import PLANES
-from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.joints.quadrature import check_rule
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 ADDED = "a WestergaardMass or a ReservoirMass"
 

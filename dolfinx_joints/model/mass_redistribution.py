@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_count, finite, numbers_of, shown
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.common.parameters import check_count, finite, numbers_of, shown
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 

@@ -16,15 +16,18 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
-from dolfinx_joints.common.parameters import check_kind_of, check_vector
-from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.elasticity import ElasticBody, Material, is_plastic
+from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
+from dolfinx_joints.body.supports import Constraints, Spring, Support
+from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
+from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.common.parameters import check_kind_of, check_vector
+from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.loads.load import AddedMass, Load
-from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
+from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.arguments import (
     check_added,
@@ -34,11 +37,8 @@ from dolfinx_joints.model.arguments import (
     check_nodal,
     check_options,
 )
-from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
-from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.mesh import compat as _compat
-from dolfinx_joints.common.parameters import check_count
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.parameters import check_count
 from dolfinx_joints.joints.operator import JointTangent
+from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.common.parameters import (
     check_function,
     check_kind_of,
@@ -22,10 +23,9 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
 )
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.joints.internal_forces import JointResistance, Resistance
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import Law
-from dolfinx_joints.joints.internal_forces import JointResistance, Resistance
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk

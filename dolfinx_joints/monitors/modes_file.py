@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
-from dolfinx_joints.model.modes import Modes
-from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.modes import Modes
 from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.simulation.construction import connected_blocks
-from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.monitors.probes import NodeGather, joint_facet_points
 from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.construction import connected_blocks
 from dolfinx_joints.simulation.records import Record
 
 Floats = NDArray[np.floating[Any]]

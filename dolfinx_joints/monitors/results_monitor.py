@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_count, check_flag, check_kind_of, check_path
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
 from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
-from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, strengths
-from dolfinx_joints.monitors.manifest import manifest
-from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.common.parameters import check_count, check_flag, check_kind_of, check_path
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     NodeGather,
     PointProbe,
@@ -27,11 +25,13 @@ from dolfinx_joints.monitors.probes import (
     joint_facet_points,
     joint_statics,
 )
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, strengths
+from dolfinx_joints.monitors.surface_stress import StressEnvelopes
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.records import Record
-from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 
 Floats = NDArray[np.floating[Any]]
 

@@ -12,12 +12,12 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import lasting, on_root
-from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
+from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]

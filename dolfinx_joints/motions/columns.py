@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
     Component,
     RecordText,

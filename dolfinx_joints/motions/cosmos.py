@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.formats import Format
-from dolfinx_joints.motions.record_text import Component, Direction, RecordText, component, record_named
+from dolfinx_joints.motions.record_text import (
+    Component,
+    Direction,
+    RecordText,
+    component,
+    record_named,
+)
 
 _TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
 _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)

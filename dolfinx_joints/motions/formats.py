@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,

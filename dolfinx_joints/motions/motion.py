@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import (
     LARGEST,
     SMALLEST,
@@ -23,7 +24,6 @@ from dolfinx_joints.common.parameters import (
     real,
     shown,
 )
-from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.motions.processing import (
     ROUNDING,
     band_pass,

@@ -14,13 +14,19 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_kind_of, check_number, check_path, shown
 from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.parameters import check_kind_of, check_number, check_path, shown
 from dolfinx_joints.motions.columns import Columns, is_columns, read_columns, states_unit
 from dolfinx_joints.motions.cosmos import COSMOS
 from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
-from dolfinx_joints.motions.record_text import Component, Direction, RecordText, direction_named, unit_named
 from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.record_text import (
+    Component,
+    Direction,
+    RecordText,
+    direction_named,
+    unit_named,
+)
 
 FORMATS = (KNET, COSMOS, SMC, ESM, AT2)
 _HEAD = 20_000  # bytes that hold the header of any format

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import (
     LARGEST,
     SMALLEST,
@@ -21,9 +22,8 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
-from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.motions.processing import ROUNDING, without_drift
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.motions.processing import ROUNDING, without_drift
 from dolfinx_joints.motions.spectra import (
     arias_intensity,
     response_history,

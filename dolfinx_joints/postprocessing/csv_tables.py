@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_flag, check_path
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, DamageTold
+from dolfinx_joints.common.parameters import check_flag, check_path
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.measures import JOINT_MEASURES, joint_measures
-from dolfinx_joints.results.requests import COMPONENTS, check_results
 from dolfinx_joints.postprocessing.resultants import (
     RESULTANT_MEASURES,
     block_resultants,
@@ -30,6 +29,7 @@ from dolfinx_joints.postprocessing.resultants import (
     resultant_measures,
 )
 from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.requests import COMPONENTS, check_results
 
 Floats = NDArray[Any]
 

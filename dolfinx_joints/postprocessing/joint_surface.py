@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.results.requests import check_joint
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.requests import check_joint
 
 Floats = NDArray[np.floating[Any]]
 

@@ -14,8 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_number
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.spectra import (
+    equally_spaced,
+    fourier_amplitude,
+    highest_peak,
+    running_frequency,
+    significant_duration,
+)
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import (
     COMPONENTS,
     Component,
@@ -24,14 +32,6 @@ from dolfinx_joints.results.requests import (
     check_results,
     check_seconds,
     column_of,
-)
-from dolfinx_joints.results.reader import Results
-from dolfinx_joints.motions.spectra import (
-    equally_spaced,
-    fourier_amplitude,
-    highest_peak,
-    running_frequency,
-    significant_duration,
 )
 
 Floats = NDArray[np.floating[Any]]

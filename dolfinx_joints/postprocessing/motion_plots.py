@@ -20,6 +20,9 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.motions.spectra import response_spectrum
+from dolfinx_joints.motions.spectrum_matching import SpectrumMatch
 from dolfinx_joints.postprocessing.plots import (
     BLUE,
     GREY,
@@ -29,11 +32,8 @@ from dolfinx_joints.postprocessing.plots import (
     decorate,
     legend,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
 from dolfinx_joints.postprocessing.response_plots import checked_periods, plain_periods
 from dolfinx_joints.results.requests import Component, column_of
-from dolfinx_joints.motions.spectra import response_spectrum
-from dolfinx_joints.motions.spectrum_matching import SpectrumMatch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, check_path
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, check_path
+from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, highest_peak
 from dolfinx_joints.postprocessing.joint_surface import JointSurface
 from dolfinx_joints.postprocessing.joint_values import (
     LABELS,
@@ -27,9 +28,8 @@ from dolfinx_joints.postprocessing.joint_values import (
     tractions,
 )
 from dolfinx_joints.postprocessing.measures import displacement_history
-from dolfinx_joints.results.requests import Component, check_results, column_of, record_number
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
-from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, highest_peak
+from dolfinx_joints.results.requests import Component, check_results, column_of, record_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import check_number
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]

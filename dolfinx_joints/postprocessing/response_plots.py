@@ -21,17 +21,24 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum, spectrogram
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,
     displacement_history,
     effective_period,
     joint_history,
 )
-from dolfinx_joints.postprocessing.plots import GREY, chosen_axes, decorate, legend, point_name, runs
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
-from dolfinx_joints.results.requests import Component, check_joint, check_results, check_seconds
+from dolfinx_joints.postprocessing.plots import (
+    GREY,
+    chosen_axes,
+    decorate,
+    legend,
+    point_name,
+    runs,
+)
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum, spectrogram
+from dolfinx_joints.results.requests import Component, check_joint, check_results, check_seconds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.results.requests import check_joint, check_results
+from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.requests import check_joint, check_results
 
 Floats = NDArray[np.floating[Any]]
 

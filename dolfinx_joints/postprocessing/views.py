@@ -26,8 +26,8 @@ from dolfinx_joints.postprocessing.joint_values import (
 )
 from dolfinx_joints.postprocessing.pictures import colour_bar, draw, legend, round_scale, write
 from dolfinx_joints.postprocessing.rendering import Camera, Scene
-from dolfinx_joints.results.requests import check_joint, check_results, record_number
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.requests import check_joint, check_results, record_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,9 +9,9 @@ from typing import Any
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report.page import Html, Section, details, figure, paragraph, table, text
 from dolfinx_joints.report.response_sections import largest_moment
+from dolfinx_joints.report.run_sections import Content, nothing
 from dolfinx_joints.report.runs import Run
 from dolfinx_joints.report.scene import MOMENTS, scene
-from dolfinx_joints.report.run_sections import Content, nothing
 
 _CONTROLS = (
     '<div class="controls"><label>Run <select name="run">{options}</select></label>'

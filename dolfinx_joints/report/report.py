@@ -9,17 +9,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from dolfinx_joints.report import paper_statements
-from dolfinx_joints.report import body_sections as report_body
-from dolfinx_joints.report import response_sections as report_response
-from dolfinx_joints.report import run_sections as report_sections
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import DamageTold
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
+from dolfinx_joints.report import body_sections as report_body
+from dolfinx_joints.report import paper_statements
+from dolfinx_joints.report import response_sections as report_response
+from dolfinx_joints.report import run_sections as report_sections
 from dolfinx_joints.report.page import Drawings, Html, Section, bullets, page, paragraph, plain
 from dolfinx_joints.report.response_sections import largest_displacement, widest_opening
-from dolfinx_joints.report.runs import Run, opened, pairs
 from dolfinx_joints.report.run_sections import Content, ending
+from dolfinx_joints.report.runs import Run, opened, pairs
 
 SECTIONS: tuple[Callable[[Content], Section], ...] = (
     report_sections.parameters,

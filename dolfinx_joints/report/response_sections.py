@@ -10,8 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.motions.spectra import (
+    Floats,
+    equally_spaced,
+    fourier_amplitude,
+    response_spectrum,
+)
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.report import figures as report_figures
 from dolfinx_joints.report.page import (
     Html,
@@ -23,9 +28,8 @@ from dolfinx_joints.report.page import (
     plain,
     table,
 )
-from dolfinx_joints.report.runs import Run, components
 from dolfinx_joints.report.run_sections import Content, nothing
-from dolfinx_joints.motions.spectra import Floats, equally_spaced, fourier_amplitude, response_spectrum
+from dolfinx_joints.report.runs import Run, components
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)

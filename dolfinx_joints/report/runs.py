@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.results.requests import Component
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.requests import Component
 
 # What a run computes on, not what it computes: runs that differ only in these estimate the error.
 _DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")

@@ -17,21 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
-from dolfinx_joints.common.parameters import check_count, check_flag, check_path
-from dolfinx_joints.joints.contact import StatusCounts
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
-from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_count, check_flag, check_path
+from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.monitors.probes import NodeGather
-from dolfinx_joints.solvers.newton import SolveReport
-from dolfinx_joints.simulation.records import StaticState
-from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun
+from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
+from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.solvers.newton import SolveReport
+from dolfinx_joints.time_integration.states import DynamicState
 
 # What every checkpoint holds.
 PARTS = ("run", "monitors", "memory", "state", "origin", "static")

@@ -15,7 +15,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import (
     DamageTold,
@@ -25,6 +24,7 @@ from dolfinx_joints.common.hdf5 import (
     seal,
     set_texts,
 )
+from dolfinx_joints.common.parameters import check_file
 
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 1

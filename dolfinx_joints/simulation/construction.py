@@ -13,13 +13,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_number
 from dolfinx_joints.joints.contact import Contact, no_such_joint
-from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.laws.law import Floats, JointState, Response, Status
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.simulation.records import StaticState
 

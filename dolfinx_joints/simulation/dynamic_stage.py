@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
-from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.common.memory_use import peak_mb
-from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.arguments import check_loads, check_nodal
-from dolfinx_joints.results.reader import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
+from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+from dolfinx_joints.model.arguments import check_loads, check_nodal
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.results.reader import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.simulation.records import Monitor, Outcome, Record
+from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
 

@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.monitors.probes import NodeGather
 
 Floats = NDArray[np.float64]
 

@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.file_lock import released
+from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import (
     check_choice,
     check_count,
@@ -24,21 +27,23 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     offers,
 )
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.common.file_lock import released
+from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.load import BaseMotion, Load, check_motion, in_axes
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.common.mpi import free_petsc_garbage
-from dolfinx_joints.time_integration.midpoint import EnergyConsistent
-from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solvers.newton import SolverOptions, StepSolver
-from dolfinx_joints.solvers.choice import check_kind, make_solver
-from dolfinx_joints.simulation.records import Monitor, Outcome, StaticState
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
-from dolfinx_joints.simulation.static_stage import check_acting, check_complete, check_grouted, march
-from dolfinx_joints.time_integration.substeps import StepControl, check_step, located
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options
+from dolfinx_joints.simulation.records import Monitor, Outcome, StaticState
+from dolfinx_joints.simulation.static_stage import (
+    check_acting,
+    check_complete,
+    check_grouted,
+    march,
+)
+from dolfinx_joints.solvers.choice import check_kind, make_solver
+from dolfinx_joints.solvers.newton import SolverOptions, StepSolver
+from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
+from dolfinx_joints.time_integration.substeps import StepControl, check_step, located
 
 if TYPE_CHECKING:
     from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints

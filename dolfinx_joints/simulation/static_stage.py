@@ -10,17 +10,17 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.solvers.direct import STATIC
-from dolfinx_joints.loads.load import Load
-from dolfinx_joints.model.model import Model
 from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.internal_forces import Resistance
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.solvers.newton import SolverOptions, SolveReport
-from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.loads.load import Load
+from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.direct import STATIC
+from dolfinx_joints.solvers.newton import SolveReport, SolverOptions
 from dolfinx_joints.time_integration.states import Products
 from dolfinx_joints.time_integration.substeps import located
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_choice
 from dolfinx_joints.joints.contact import Contact, Rule
-from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.newton import SolverOptions, NewtonSolver, StepSolver
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.newton import NewtonSolver, SolverOptions, StepSolver
 
 KINDS = ("auto", "condensed", "monolithic")
 

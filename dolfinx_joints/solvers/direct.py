@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.solvers.diagnosis import NO_MEMORY, in_words, of_error, why_singular
-from dolfinx_joints.solvers.multigrid import IterativeSolver, options_set
 from dolfinx_joints.common.memory import factor_fits
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.diagnosis import NO_MEMORY, in_words, of_error, why_singular
+from dolfinx_joints.solvers.multigrid import IterativeSolver, options_set
 
 Floats = NDArray[np.float64]
 

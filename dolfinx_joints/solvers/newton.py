@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.parameters import (
     check_choice,
     check_count,
@@ -28,17 +29,16 @@ from dolfinx_joints.common.parameters import (
     hold_floats,
 )
 from dolfinx_joints.joints.contact import Rule, StatusCounts
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.joints.internal_forces import Resistance
 from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import (
     LINEAR,
     Cache,
-    MatrixCoefficients,
     EffectiveMatrix,
+    MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.joints.internal_forces import Resistance
-from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.tangent import Tangent
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.solvers.direct import DirectSolver, EffectiveMatrix
 from dolfinx_joints.joints.internal_forces import TangentMatrix
+from dolfinx_joints.solvers.direct import DirectSolver, EffectiveMatrix
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.time_integration.states import DynamicState, StepReport
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.time_integration.states import DynamicState, StepReport
 
 Floats = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.parameters import check_number, hold_floats
 from dolfinx_joints.joints.contact import Rule
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.solvers.newton import StepSolver
 from dolfinx_joints.time_integration.states import (
@@ -22,7 +23,6 @@ from dolfinx_joints.time_integration.states import (
     combination,
     joint_work,
 )
-from dolfinx_joints.model.system import MatrixSystem
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.laws.law import Floats, JointState, Response
-from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.model.mass_redistribution import joint_dofs
-from dolfinx_joints.solvers.newton import SolveReport, StepSolver
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.direct import MatrixCoefficients
+from dolfinx_joints.solvers.newton import SolveReport, StepSolver
 
 # Spacing of the differences that give the first velocity and acceleration of moving supports [s].
 SPACING = 1e-4

@@ -10,12 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.parameters import as_float, check_count, check_flag, check_number, hold_floats
-from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.solvers.newton import StepSolver
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.common.parameters import (
+    as_float,
+    check_count,
+    check_flag,
+    check_number,
+    hold_floats,
+)
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.newton import StepSolver
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
+from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
 
 # Of the ledger's scale: what rounding and the solver's tolerance may leave in a step.
 LARGEST_IMBALANCE = 1e-10

@@ -38,12 +38,12 @@ from dolfinx_joints import (
     read_msh,
     split_mesh,
 )
-from dolfinx_joints.mesh.compat import create_mesh
-from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.joints.points import _frames, joint_points
 from dolfinx_joints.joints.operator import JointOperator, JointTangent
+from dolfinx_joints.joints.points import _frames, joint_points
 from dolfinx_joints.laws.law import JointState, Status
+from dolfinx_joints.mesh.cells import CellShape
+from dolfinx_joints.mesh.compat import create_mesh
 from dolfinx_joints.mesh.gmsh_file import _permutation, load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 

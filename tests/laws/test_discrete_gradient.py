@@ -559,7 +559,9 @@ RIGID = [
 def test_a_rigid_point_that_cannot_slide_has_no_shear(law):
     # 2 um/MPa across, none along: pressed by -2 um it takes 1 MPa, what would slide is held.
     state = JointState.at_rest(np.zeros((1, 3)), variables=3)
-    answer = law.condensed_discrete_gradient(UM * np.array([[-2.0, 0, 0]]), UM / MPA * np.array([[2.0, 0.0]]), state)
+    answer = law.condensed_discrete_gradient(
+        UM * np.array([[-2.0, 0, 0]]), UM / MPA * np.array([[2.0, 0.0]]), state
+    )
     np.testing.assert_allclose(answer.traction[0] / MPA, [-1, 0, 0], rtol=1e-13)
     np.testing.assert_allclose(answer.tangent[0], np.diag([0.5 * MPA / UM, 0, 0]), rtol=1e-13)
     np.testing.assert_array_equal(answer.state.gap, 0.0)

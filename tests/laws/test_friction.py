@@ -168,7 +168,9 @@ def test_friction_never_gains_energy():
     # A step dissipates (t0 + t1)/2 . (plastic slip); with backward Euler that is not negative
     # for steps that start and end closed.
     gap, state = random_states(LAW, 10_000, seed=3)
-    start = LAW.backward_euler(state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip))
+    start = LAW.backward_euler(
+        state.gap, JointState(gap=state.gap, elastic_slip=state.elastic_slip)
+    )
     closed = (gap[:, 0] <= 0) & (state.gap[:, 0] <= 0)
     # From an admissible start, at constant normal gap.
     gap[:, 0] = state.gap[:, 0]
@@ -387,7 +389,9 @@ def test_rigid_joint_by_hand():
 def test_a_rigid_point_held_on_both_sides_carries_nothing():
     # Neither the joint nor the structure gives way: no traction follows from its gap.
     state = JointState.at_rest(np.zeros((1, 3)), variables=3)
-    answer = rigid().condensed_backward_euler(np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state)
+    answer = rigid().condensed_backward_euler(
+        np.array([[-1e-9, 2e-9, 1e-9]]), np.zeros((1, 2)), state
+    )
     np.testing.assert_array_equal(answer.traction, np.zeros((1, 3)))
     np.testing.assert_array_equal(answer.tangent, np.zeros((1, 3, 3)))
     np.testing.assert_array_equal(answer.dissipation, [0.0])
@@ -401,7 +405,9 @@ def test_rigid_joint_is_the_limit_of_stiff_ones():
     before = np.column_stack([1e-5 * rng.uniform(-1, 1, count).clip(0.0), np.zeros((count, 2))])
     compliance = 10.0 ** rng.uniform(-14, -9, (count, 2))
     stiff = FrictionNoTension(normal_stiffness=1e30, shear_stiffness=1e30, friction_angle_deg=30.0)
-    one = rigid().condensed_backward_euler(free, compliance, JointState.at_rest(before, variables=3))
+    one = rigid().condensed_backward_euler(
+        free, compliance, JointState.at_rest(before, variables=3)
+    )
     two = stiff.condensed_backward_euler(free, compliance, JointState.at_rest(before))
     assert set(one.status.tolist()) == {0, 1, 2}
     np.testing.assert_array_equal(one.status, two.status)
@@ -416,7 +422,9 @@ def test_rigid_joint_meets_coulombs_law():
     """No overlap, no tension, no traction across a gap, |t_s| <= mu p, and slip along t_s."""
     rng = np.random.default_rng(7)
     free = 1e-5 * rng.normal(size=(2000, 3))
-    answer = rigid().condensed_backward_euler(free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3))
+    answer = rigid().condensed_backward_euler(
+        free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3)
+    )
     t, gap = answer.traction, answer.state.gap
     assert gap[:, 0].min() >= 0.0
     assert t[:, 0].max() <= 0.0

@@ -55,7 +55,9 @@ def test_local_solution_of_keys():
     # c = 1e-12 m/Pa in both directions: k_n 0.5e12, k_s 2/3 e12 Pa/m.
     law = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
     state = JointState.at_rest(np.zeros((1, 3)))
-    answer = law.condensed_backward_euler(UM * np.array([[-1.0, 3.0, 0.0]]), np.full((1, 2), 1e-12), state)
+    answer = law.condensed_backward_euler(
+        UM * np.array([[-1.0, 3.0, 0.0]]), np.full((1, 2), 1e-12), state
+    )
     np.testing.assert_allclose(answer.traction, MPA * np.array([[-0.5, 2.0, 0.0]]), rtol=1e-12)
 
 

@@ -19,8 +19,8 @@ from dolfinx_joints import (
     MatrixSystem,
     MohrCoulombJoint,
     Newmark,
-    SolverOptions,
     RigidJoint,
+    SolverOptions,
     ViscousJoint,
 )
 from dolfinx_joints.solvers.choice import make_solver

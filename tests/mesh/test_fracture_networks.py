@@ -30,8 +30,8 @@ pytest.importorskip("basix")
 import basix
 from scipy.spatial import Delaunay
 
-from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.splitting import split_cells
 
 LATTICE_SEEDS = {2: 80, 3: 45}

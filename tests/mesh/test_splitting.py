@@ -14,8 +14,8 @@ pytest.importorskip("basix")
 
 import basix
 
-from dolfinx_joints.mesh.cells import CellShape, find_facets
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.cells import CellShape, find_facets
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
 
 SHAPES = [

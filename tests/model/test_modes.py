@@ -15,7 +15,19 @@ pytest.importorskip("slepc4py")
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_joints import Elastic, Fixed, FrictionNoTension, JointsError, MatrixSystem, Model, Results, Spring, modes, write_csv, write_modes
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    JointsError,
+    MatrixSystem,
+    Model,
+    Results,
+    Spring,
+    modes,
+    write_csv,
+    write_modes,
+)
 from dolfinx_joints.mesh import compat as _compat
 
 pytestmark = pytest.mark.mpi

@@ -14,7 +14,23 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx_joints import ConvergenceError, Elastic, Fixed, FrictionNoTension, Gravity, MeshError, Model, Newmark, ProgressMonitor, Results, ResultsError, ResultsMonitor, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints import (
+    ConvergenceError,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    MeshError,
+    Model,
+    Newmark,
+    ProgressMonitor,
+    Results,
+    ResultsError,
+    ResultsMonitor,
+    Simulation,
+    StepControl,
+    stiffness_proportional,
+)
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.results_monitor import FieldMonitor
 from dolfinx_joints.results.reader import ENERGY_TERMS

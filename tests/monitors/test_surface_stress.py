@@ -24,9 +24,9 @@ from dolfinx_joints import (
     Simulation,
     split_mesh,
 )
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, principal_extremes
 from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, principal_extremes
 
 pytestmark = pytest.mark.mpi
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.motions.reading import read_components, read_record, record_names
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.motions.reading import read_components, read_record, record_names
 
 NEW_STYLE = "NPTS=   {count}, DT=   {dt} SEC,                  "
 

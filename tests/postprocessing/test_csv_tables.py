@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints import Results, ResultsError
-from dolfinx_joints import cli
+from dolfinx_joints import Results, ResultsError, cli
+from dolfinx_joints.postprocessing.csv_tables import tables_of, write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.postprocessing.measures import joint_measures
 from dolfinx_joints.postprocessing.resultants import block_resultants, joint_resultants
-from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import overview
+from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.postprocessing.csv_tables import tables_of, write_csv
 
 STEPS, EVERY = 7, 3
 RANDOM = np.random.default_rng(7)

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.motions.motion import Motion
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.results.layout import declare_histories, declare_states
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 DT = 0.005

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import motion_plots
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
 from dolfinx_joints.motions.spectra import response_spectrum
 from dolfinx_joints.motions.spectrum_matching import match_spectrum
+from dolfinx_joints.postprocessing import motion_plots
 
 pytest.importorskip("matplotlib")
 

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import joint_surface
-from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.postprocessing import joint_surface, plots
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
@@ -304,7 +303,10 @@ def test_wrong_requests_are_refused(results: Results) -> None:
 
 
 def test_importing_plots_loads_no_matplotlib() -> None:
-    code = "import sys, dolfinx_joints.postprocessing.plots; print([m for m in sys.modules if 'matplotlib' in m])"
+    code = (
+        "import sys, dolfinx_joints.postprocessing.plots\n"
+        "print([m for m in sys.modules if 'matplotlib' in m])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

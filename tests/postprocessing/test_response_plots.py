@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import response_plots
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.postprocessing import response_plots
 from dolfinx_joints.results.layout import declare_histories, declare_states
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")

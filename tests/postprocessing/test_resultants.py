@@ -29,7 +29,11 @@ from dolfinx_joints import (
     Uplift,
 )
 from dolfinx_joints.monitors.resultants import JointForces
-from dolfinx_joints.postprocessing.resultants import block_resultants, joint_resultants, resultant_measures
+from dolfinx_joints.postprocessing.resultants import (
+    block_resultants,
+    joint_resultants,
+    resultant_measures,
+)
 
 pytestmark = pytest.mark.mpi
 

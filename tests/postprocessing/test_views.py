@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.postprocessing import rendering
-from dolfinx_joints.postprocessing import views
 from dolfinx_joints.common.errors import JointsError, ResultsError
+from dolfinx_joints.postprocessing import plots, rendering, views
 from dolfinx_joints.postprocessing.joint_values import colours
-from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.layout import declare_states
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
@@ -194,7 +192,10 @@ def test_a_library_that_is_not_there_is_not_loadable() -> None:
 
 def test_importing_views_loads_nothing_heavy() -> None:
     heavy = ("matplotlib", "pyvista", "vtkmodules", "dolfinx")
-    code = f"import sys, dolfinx_joints.postprocessing.views; print([m for m in {heavy} if m in sys.modules])"
+    code = (
+        "import sys, dolfinx_joints.postprocessing.views\n"
+        f"print([m for m in {heavy} if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -15,18 +15,17 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.report import paper_statements
-from dolfinx_joints.report import report
-from dolfinx_joints.report import page as report_page
-from dolfinx_joints.report import response_sections as report_response
-from dolfinx_joints.report import runs as report_runs
-from dolfinx_joints.report import run_sections as report_sections
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES as NAMES
 from dolfinx_joints.postprocessing.envelopes import declare_envelopes
-from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.report import page as report_page
+from dolfinx_joints.report import paper_statements, report
+from dolfinx_joints.report import response_sections as report_response
+from dolfinx_joints.report import run_sections as report_sections
+from dolfinx_joints.report import runs as report_runs
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")

@@ -22,7 +22,26 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx_joints import CheckpointError, Checkpoints, Elastic, FieldMonitor, Fixed, FrictionNoTension, Gravity, Model, MohrCoulombJoint, Newmark, ProgressMonitor, Results, ResultsError, ResultsMonitor, RigidJoint, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints import (
+    CheckpointError,
+    Checkpoints,
+    Elastic,
+    FieldMonitor,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    MohrCoulombJoint,
+    Newmark,
+    ProgressMonitor,
+    Results,
+    ResultsError,
+    ResultsMonitor,
+    RigidJoint,
+    Simulation,
+    StepControl,
+    stiffness_proportional,
+)
 from dolfinx_joints.simulation import checkpoint_file
 from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.corrections import Corrections

@@ -35,8 +35,8 @@ from dolfinx_joints import (
     Traction,
 )
 from dolfinx_joints.monitors.probes import NodeGather
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
+from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 

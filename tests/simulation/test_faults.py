@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
-from dolfinx_joints.common import file_lock
 from dolfinx_joints.cli import main
+from dolfinx_joints.common import file_lock
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.results.writer import ResultsWriter
@@ -368,8 +368,7 @@ def test_a_lock_that_cannot_be_written_is_told(tmp_path):
 
 def test_memory_is_known_without_linuxs_reports(monkeypatch):
     # From the system's calls: not less than what Linux tells of now, and of the same size.
-    from dolfinx_joints.common import memory
-    from dolfinx_joints.common import memory_use
+    from dolfinx_joints.common import memory, memory_use
 
     free, peak = memory._free_on_machine(), memory_use.peak_mb()
     monkeypatch.setattr(Path, "exists", lambda self: False)
@@ -385,8 +384,7 @@ def test_memory_is_known_without_linuxs_reports(monkeypatch):
 
 def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
     # As in kernels before 3.14: from the system's calls.
-    from dolfinx_joints.common import memory
-    from dolfinx_joints.common import memory_use
+    from dolfinx_joints.common import memory, memory_use
 
     monkeypatch.setattr(Path, "read_text", lambda self, **_: "Other: 1 kB\n")
     assert memory._free_on_machine() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

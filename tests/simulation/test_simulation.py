@@ -13,8 +13,8 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    SolverOptions,
     Simulation,
+    SolverOptions,
     stiffness_proportional,
 )
 

@@ -16,14 +16,16 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.solvers.direct import EffectiveMatrix, MatrixCoefficients, unconstrained_dofs
 from dolfinx_joints.solvers.interface import compliance as module
 from dolfinx_joints.solvers.interface.compliance import Compliance
-from dolfinx_joints.solvers.direct import MatrixCoefficients, EffectiveMatrix, unconstrained_dofs
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 pytestmark = pytest.mark.mpi
 
-STEP = MatrixCoefficients(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+STEP = MatrixCoefficients(
+    mass=8e4, damping=200.0, stiffness=0.5
+)  # of 0.01 s by average acceleration
 STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 KINDS = ("dense", "compressed", "free")
 
@@ -98,7 +100,9 @@ def scene(read, wall_file, blocks_file, two_rectangles_file) -> Callable[..., Sc
         "tetrahedra": lambda: blocks_file(cell="tet"),
     }
 
-    def make(name: str, effective: MatrixCoefficients = STEP, *, on: Any = None, **options: Any) -> Scene:
+    def make(
+        name: str, effective: MatrixCoefficients = STEP, *, on: Any = None, **options: Any
+    ) -> Scene:
         linear = options.pop("linear", "direct")
         jointed = read(files[name](), on)
         return Scene(model(jointed, **options), effective, linear)

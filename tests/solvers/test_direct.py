@@ -15,12 +15,18 @@ pytest.importorskip("petsc4py")
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_joints.solvers import direct as linear
 from dolfinx_joints.common import memory
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.solvers.multigrid import IterativeSolver
-from dolfinx_joints.solvers.direct import STATIC, Cache, DirectSolver, MatrixCoefficients, EffectiveMatrix
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers import direct as linear
+from dolfinx_joints.solvers.direct import (
+    STATIC,
+    Cache,
+    DirectSolver,
+    EffectiveMatrix,
+    MatrixCoefficients,
+)
+from dolfinx_joints.solvers.multigrid import IterativeSolver
 
 pytestmark = pytest.mark.mpi
 
@@ -174,7 +180,9 @@ def test_options_do_not_leak(comm):
     solver.destroy()
 
 
-STEP = MatrixCoefficients(mass=8e4, damping=200.0, stiffness=0.5)  # of 0.01 s by average acceleration
+STEP = MatrixCoefficients(
+    mass=8e4, damping=200.0, stiffness=0.5
+)  # of 0.01 s by average acceleration
 
 
 @pytest.mark.parametrize("effective", [STEP, STATIC])
@@ -219,7 +227,9 @@ def load(matrix: PETSc.Mat) -> PETSc.Vec:
     return b
 
 
-@pytest.mark.parametrize("effective", [STEP, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)])
+@pytest.mark.parametrize(
+    "effective", [STEP, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)]
+)
 def test_iterative_and_direct_solvers_agree(wall, effective):
     # A step, and statics, whose matrix has a condition number of some ten thousand: both leave
     # residuals near rounding, so that solutions agree but for that number times rounding.

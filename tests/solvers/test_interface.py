@@ -24,15 +24,31 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx_joints import ConvergenceError, Elastic, EnergyConsistent, Fixed, FrictionNoTension, GeneralizedAlpha, Gravity, JointsError, KeyedJoint, Model, SolverOptions, RigidJoint, Simulation, StepControl, stiffness_proportional
+from dolfinx_joints import (
+    ConvergenceError,
+    Elastic,
+    EnergyConsistent,
+    Fixed,
+    FrictionNoTension,
+    GeneralizedAlpha,
+    Gravity,
+    JointsError,
+    KeyedJoint,
+    Model,
+    RigidJoint,
+    Simulation,
+    SolverOptions,
+    StepControl,
+    stiffness_proportional,
+)
+from dolfinx_joints.model.modes import modes
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.direct import MatrixCoefficients
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface import solver as interface
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.residual import JointStep
-from dolfinx_joints.solvers.direct import MatrixCoefficients
-from dolfinx_joints.model.modes import modes
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
-from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.states import initial_state
 
 COMPLIANCES = ("dense", "compressed", "free")

@@ -22,12 +22,11 @@ pytest.importorskip("numba")
 from mpi4py import MPI
 from test_low_rank import compressed, kernel, plates
 
-from dolfinx_joints.solvers.interface import corrections
-from dolfinx_joints.laws import return_mapping as end_point_law
-from dolfinx_joints.solvers.interface import gmres
-from dolfinx_joints.solvers.interface import residual as joint_step
-from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.laws import discrete_gradient as midpoint_law
+from dolfinx_joints.laws import return_mapping as end_point_law
+from dolfinx_joints.solvers.interface import corrections, gmres
+from dolfinx_joints.solvers.interface import low_rank as lowrank
+from dolfinx_joints.solvers.interface import residual as joint_step
 from dolfinx_joints.solvers.interface import row_matrix as row_matrices
 
 RANDOM = np.random.default_rng(20)

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import FrictionNoTension, MatrixSystem, RigidJoint
-from dolfinx_joints.solvers.interface.springs import LARGEST_SHARE, JointSprings
 from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.solvers.interface.springs import LARGEST_SHARE, JointSprings
 
 COUNT = 300
 K_N, K_S = 1e10, 4e9  # Pa/m

@@ -21,11 +21,11 @@ from dolfinx_joints import (
     JointsError,
     MatrixSystem,
     Newmark,
-    SolverOptions,
     Rayleigh,
+    SolverOptions,
 )
-from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.states import initial_state
 
 SOLVERS = ["condensed", "monolithic"]

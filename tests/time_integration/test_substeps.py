@@ -20,9 +20,9 @@ from dolfinx_joints import (
     MatrixSystem,
     StepControl,
 )
-from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.states import DynamicState, initial_state
 from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, check_step, located
 

@@ -52,9 +52,9 @@ from dolfinx_joints import (
     frictionless,
     split_mesh,
 )
-from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.states import initial_state
 from dolfinx_joints.time_integration.substeps import Stepper
 
@@ -124,7 +124,9 @@ def march(system, velocity, *, courant, size, scheme):
             state = after
             ledger.record(row)
             # Schemes that answer for a whole step give its mean traction.
-            times.append(state.time - (0.5 * report.dt if scheme.rule == "discrete_gradient" else 0.0))
+            times.append(
+                state.time - (0.5 * report.dt if scheme.rule == "discrete_gradient" else 0.0)
+            )
             force = -system.contact.integral(state.joints.traction[:, 0])
             pressures.append(force / total / BAR.pressure)
     momentum = state.momentum.getArray(readonly=True).reshape(-1, system.components)[:, 0].sum()

@@ -32,10 +32,10 @@ from scipy.integrate import solve_ivp
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, SolverOptions
-from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.exact import CoulombOscillator
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.states import initial_state
 
 NORMAL_FORCE, MU = 10.0, 0.1

@@ -34,13 +34,13 @@ from dolfinx_joints import (
     KeyedJoint,
     MatrixSystem,
     Newmark,
-    SolverOptions,
     RigidJoint,
+    SolverOptions,
     StepControl,
 )
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.states import DynamicState, StepReport, initial_state
 from dolfinx_joints.time_integration.substeps import Stepper
 

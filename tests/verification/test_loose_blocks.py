@@ -32,7 +32,22 @@ pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 from mpi4py import MPI
 
-from dolfinx_joints import Elastic, Fixed, FrictionNoTension, Gravity, JointsError, KeyedJoint, Model, SolverOptions, Prescribed, Pressure, RigidJoint, Simulation, Traction, split_mesh
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    JointsError,
+    KeyedJoint,
+    Model,
+    Prescribed,
+    Pressure,
+    RigidJoint,
+    Simulation,
+    SolverOptions,
+    Traction,
+    split_mesh,
+)
 from dolfinx_joints.solvers.interface import condensed
 from dolfinx_joints.solvers.interface.springs import JointSprings
 

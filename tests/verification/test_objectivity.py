@@ -37,15 +37,15 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    SolverOptions,
     Simulation,
+    SolverOptions,
     Spring,
     Traction,
 )
-from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.laws.law import Status
-from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
+from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.gmsh_file import RawMesh
+from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
 
 pytestmark = [
     pytest.mark.mpi,

@@ -33,7 +33,15 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 
-from dolfinx_joints import Elastic, FrictionNoTension, MeshError, Model, ReservoirMass, WestergaardMass, split_mesh
+from dolfinx_joints import (
+    Elastic,
+    FrictionNoTension,
+    MeshError,
+    Model,
+    ReservoirMass,
+    WestergaardMass,
+    split_mesh,
+)
 from dolfinx_joints.loads.water import reservoir
 
 pytestmark = pytest.mark.mpi

@@ -47,8 +47,8 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
-    SolverOptions,
     Simulation,
+    SolverOptions,
     read_msh,
 )
 from dolfinx_joints.common.mpi import on_root

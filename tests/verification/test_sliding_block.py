@@ -32,8 +32,8 @@ from dolfinx_joints import (
     Simulation,
     read_msh,
 )
-from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.exact import SlidingBlock
 from geometry.two_blocks import two_blocks
 
 # Slips of half a metre are those of the problem; that they are not small is said on purpose.

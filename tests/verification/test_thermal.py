@@ -46,9 +46,9 @@ from dolfinx_joints import (
     Temperature,
     split_mesh,
 )
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 
 pytestmark = pytest.mark.mpi
 

@@ -28,7 +28,24 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.integrate import quad
 
-from dolfinx_joints import BaseMotion, Elastic, Fixed, FrictionNoTension, Gravity, HydrostaticPressure, MeshError, Model, Prescribed, SiltPressure, Simulation, WestergaardMass, modes, rayleigh, split_mesh, synthetic_motion
+from dolfinx_joints import (
+    BaseMotion,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    HydrostaticPressure,
+    MeshError,
+    Model,
+    Prescribed,
+    SiltPressure,
+    Simulation,
+    WestergaardMass,
+    modes,
+    rayleigh,
+    split_mesh,
+    synthetic_motion,
+)
 from dolfinx_joints.loads.water import wetted_facets as wetted
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 

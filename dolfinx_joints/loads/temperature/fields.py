@@ -23,8 +23,8 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, hold_floats
 from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, hold_floats
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.common.errors import TemperatureError
+from dolfinx_joints.common.parameters import check_number
 
 if TYPE_CHECKING:
     from dolfinx_joints.mesh.jointed_mesh import JointedMesh

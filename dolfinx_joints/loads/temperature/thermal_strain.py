@@ -13,8 +13,15 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.common.parameters import check_function, check_name, check_number, hold_floats, real, shown
 from dolfinx_joints.body.elasticity import Elastic
+from dolfinx_joints.common.parameters import (
+    check_function,
+    check_name,
+    check_number,
+    hold_floats,
+    real,
+    shown,
+)
 from dolfinx_joints.loads.load import Load, TimeFactor, always
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 

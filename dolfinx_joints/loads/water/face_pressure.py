@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.common.parameters import check_each, check_name, check_number, hold_floats
 from dolfinx_joints.loads.load import TimeFactor, always, check_on_group, on_group
-from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.model.model import Model
     from dolfinx_joints.loads.water.wetted_facets import WettedFacets
+    from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
 Depth = float | Callable[[Floats], Any]

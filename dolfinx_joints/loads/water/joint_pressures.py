@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_each, number_at, shown
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.loads.water.open_paths import OpenPaths
     from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
+    from dolfinx_joints.loads.water.open_paths import OpenPaths
     from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]

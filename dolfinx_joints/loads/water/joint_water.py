@@ -24,6 +24,7 @@ from dolfinx_joints.common.parameters import (
     check_vector,
     hold_floats,
 )
+from dolfinx_joints.loads.load import TimeFactor, always
 from dolfinx_joints.loads.water.joint_pressures import (
     WaterInJoint,
     given_pressure,
@@ -31,7 +32,6 @@ from dolfinx_joints.loads.water.joint_pressures import (
     label,
     opening_force,
 )
-from dolfinx_joints.loads.load import TimeFactor, always
 from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.joints.quadrature import facet_cell_type
+from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model

@@ -17,9 +17,15 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_name, check_number, check_vector, hold_floats, shown
 from dolfinx_joints.common.memory import SHARE, available_bytes
 from dolfinx_joints.common.mpi import lasting, on_root
+from dolfinx_joints.common.parameters import (
+    check_name,
+    check_number,
+    check_vector,
+    hold_floats,
+    shown,
+)
 from dolfinx_joints.loads.water.reservoir_slabs import (
     SURFACE,
     WaterFace,

@@ -22,8 +22,8 @@ import dolfinx.mesh
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Floats = NDArray[np.float64]

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import GapOperator
-from dolfinx_joints.solvers.multigrid import IterativeSolver
 from dolfinx_joints.solvers.direct import BLOCK, EffectiveMatrix
 from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix, gathered
 from dolfinx_joints.solvers.interface.unit_forces import UnitForces
+from dolfinx_joints.solvers.multigrid import IterativeSolver
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -11,9 +11,9 @@ from mpi4py import MPI
 from numba import njit
 from numpy.typing import NDArray
 
-from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.laws.law import JointState, Law, Response
+from dolfinx_joints.solvers.interface.condensed import Condensed
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

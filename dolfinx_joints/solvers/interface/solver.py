@@ -24,15 +24,21 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.joints.contact import Contact, Rule
+from dolfinx_joints.joints.internal_forces import JointResistance
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.direct import (
+    STATIC,
+    Cache,
+    EffectiveMatrix,
+    MatrixCoefficients,
+    unconstrained_dofs,
+)
+from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
-from dolfinx_joints.laws.law import JointState, Response
-from dolfinx_joints.solvers.direct import STATIC, Cache, MatrixCoefficients, EffectiveMatrix, unconstrained_dofs
-from dolfinx_joints.joints.internal_forces import JointResistance
-from dolfinx_joints.solvers.newton import SolverOptions, SolveReport, solve_failure
-from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.newton import SolveReport, SolverOptions, solve_failure
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +117,9 @@ class InterfaceSolver:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: Condensed = self._condensed((effective, 2.0 if rule == "discrete_gradient" else 1.0))
+        condensed: Condensed = self._condensed(
+            (effective, 2.0 if rule == "discrete_gradient" else 1.0)
+        )
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._free)
         if condensed.static:

@@ -7,8 +7,8 @@ from itertools import pairwise
 import gmsh
 import numpy as np
 import pytest
+from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
 from mpi4py import MPI
-from test_geometry import ELEMENTS, Groups, area, check_groups, dam_volume
 
 import dolfinx_joints as dj
 from geometry import _base

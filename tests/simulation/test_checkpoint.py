@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, wall
 
 from dolfinx_joints import (
     CheckpointError,
@@ -47,38 +48,6 @@ from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
-POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
-STEPS, DT = 12, 4e-3
-
-
-class Killed(BaseException):
-    """In the place of a signal: nobody handles it."""
-
-
-class Killer:
-    """A monitor that stops the run in a step."""
-
-    def __init__(self, step=None):
-        self.step = step
-
-    def start(self, model, stage, steps, first):
-        """Nothing to prepare."""
-
-    def record(self, record):
-        if record.step == self.step:
-            raise Killed
-
-    def finish(self, status, summary):
-        """Nothing to close."""
-
-    def state_dict(self):
-        return {}
-
-    def resume(self, model, stage, steps, last, memory):
-        """Nothing to take up."""
-
 
 class Plain:
     """A monitor that cannot be taken up again."""
@@ -91,22 +60,6 @@ class Plain:
 
     def finish(self, status, summary):
         """Nothing to close."""
-
-
-def shaking(time):
-    """A ground acceleration strong enough to open the joints, [m/s^2]."""
-    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
-
-
-def wall(jointed, joints=LAW):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=joints,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
 
 
 def content(path):
@@ -497,7 +450,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(sys.argv[1])))
 from mpi4py import MPI
 from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation, read_msh
-from test_checkpoint import DT, POINTS, Killer, shaking, wall
+from shaken_wall import DT, POINTS, Killer, shaking, wall
 
 class Told(Killer):
     def record(self, record):
@@ -554,7 +507,7 @@ def test_corrections_go_on_with_the_same_bits(comm):
     Corrections solved to 3 % depend on them: without `recall` the two differ by far more than
     rounding.
     """
-    from test_corrections import right_side, scaled_compliance, states, stuck_tangent, tangents
+    from joint_tangents import right_side, scaled_compliance, states, stuck_tangent, tangents
 
     matrix, stuck = RowMatrix.of(scaled_compliance(), comm), stuck_tangent(10.0)
     first = Corrections(matrix, None, stuck, comm)

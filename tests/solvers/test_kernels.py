@@ -20,7 +20,7 @@ pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
 
 from mpi4py import MPI
-from test_low_rank import compressed, kernel, plates
+from plates import compressed, kernel, plates
 
 from dolfinx_joints.laws import discrete_gradient as midpoint_law
 from dolfinx_joints.laws import return_mapping as end_point_law

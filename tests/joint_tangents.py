@@ -1,0 +1,73 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compliance and tangents of random joint points: open, sticking and sliding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mpi4py")
+pytest.importorskip("numba")
+pytest.importorskip("scipy")
+
+POINTS = 40
+
+
+def scaled_compliance(seed: int = 1, *, dead: np.ndarray | None = None) -> np.ndarray:
+    """S = G - I of random points on a plate: G positive definite, diagonal about 1."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(0.0, 4.0, (POINTS, 2))
+    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
+    own = np.array([[1.0, 0.2, -0.1], [0.2, 0.9, 0.1], [-0.1, 0.1, 1.1]])
+    s = np.kron(np.exp(-2.0 * distance), own) - np.eye(3 * POINTS)
+    if dead is not None:
+        s[dead.ravel()] = 0.0
+        s[:, dead.ravel()] = 0.0
+    return s
+
+
+def stuck_tangent(stiffness: float, *, shear: float = 0.4) -> np.ndarray:
+    """T0 = c / (c + 1/k) for c = 1, shape (points, 3)."""
+    k = np.array([stiffness, shear * stiffness, shear * stiffness])
+    with np.errstate(divide="ignore"):
+        return np.tile(1.0 / (1.0 + 1.0 / k), (POINTS, 1))
+
+
+def tangents(status: np.ndarray, stuck: np.ndarray, seed: int = 3) -> np.ndarray:
+    """Of open (0), sticking (1) and sliding (2) points: the last unsymmetric, with mu = tan 30."""
+    rng = np.random.default_rng(seed)
+    angle, part = rng.uniform(0.0, 2.0 * np.pi, POINTS), rng.uniform(0.0, 1.0, POINTS)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    blocks = np.zeros((POINTS, 3, 3))
+    for i in np.flatnonzero(status):
+        blocks[i] = np.diag(stuck[i])
+        if status[i] == 2:
+            m = along[i]
+            blocks[i, 1:, 0] = -0.577 * stuck[i, 0] * m
+            blocks[i, 1:, 1:] = part[i] * stuck[i, 1] * (np.eye(2) - np.outer(m, m))
+    return blocks
+
+
+def states(kind: str, seed: int = 4) -> np.ndarray:
+    """Mixtures: which share of the points is open, sticks and slides."""
+    shares = {
+        "open": [1.0, 0.0, 0.0],
+        "one closed": [1.0, 0.0, 0.0],
+        "mostly open": [0.8, 0.1, 0.1],
+        "mixed": [0.3, 0.4, 0.3],
+        "mostly stuck": [0.05, 0.9, 0.05],
+        "stuck": [0.0, 1.0, 0.0],
+        "sliding": [0.0, 0.0, 1.0],
+    }[kind]
+    status = np.random.default_rng(seed).choice(3, POINTS, p=shares)
+    if kind == "one closed":
+        status[7] = 2
+    return status
+
+
+def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:
+    r = np.random.default_rng(seed).normal(size=3 * POINTS)
+    if kind == "few":
+        r[np.random.default_rng(seed).permutation(3 * POINTS)[9:]] = 0.0
+    return r

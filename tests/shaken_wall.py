@@ -1,0 +1,69 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A jointed wall that is shaken, and a monitor that stops its run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    stiffness_proportional,
+)
+
+CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
+
+LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+
+POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
+
+STEPS, DT = 12, 4e-3
+
+
+class Killed(BaseException):
+    """In the place of a signal: nobody handles it."""
+
+
+class Killer:
+    """A monitor that stops the run in a step."""
+
+    def __init__(self, step=None):
+        self.step = step
+
+    def start(self, model, stage, steps, first):
+        """Nothing to prepare."""
+
+    def record(self, record):
+        if record.step == self.step:
+            raise Killed
+
+    def finish(self, status, summary):
+        """Nothing to close."""
+
+    def state_dict(self):
+        return {}
+
+    def resume(self, model, stage, steps, last, memory):
+        """Nothing to take up."""
+
+
+def shaking(time):
+    """A ground acceleration strong enough to open the joints, [m/s^2]."""
+    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
+
+
+def wall(jointed, joints=LAW):
+    return Model(
+        jointed,
+        material=CONCRETE,
+        joints=joints,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+    )

@@ -52,7 +52,7 @@ class SmallDisplacements:
         return {"largest": largest, "warned": self._warned}
 
     def load_state_dict(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Take up what another's ``memory`` gave."""
+        """Take up what another's ``state_dict`` gave."""
         if memory:
             self._largest[:], self._warned[:] = memory["largest"], memory["warned"]
 

@@ -101,9 +101,9 @@ class Checkpoints:
                 another run writes it.
         """
         for monitor in monitors:
-            if not (hasattr(monitor, "memory") and hasattr(monitor, "resume")):
+            if not (hasattr(monitor, "state_dict") and hasattr(monitor, "resume")):
                 raise CheckpointError(
-                    f"The monitor {type(monitor).__name__} has no methods memory and resume, "
+                    f"The monitor {type(monitor).__name__} has no methods state_dict and resume, "
                     "which runs with checkpoints need."
                 )
         if not resume and not self._overwrite and on_root(comm, lambda: self.found):

@@ -112,7 +112,7 @@ class DynamicRun:
         }
 
     def resume(self, memory: Mapping[str, Any], origin: PETSc.Vec) -> None:
-        """Go on from what ``memory`` gave, the monitors as well (collective).
+        """Go on from what ``state_dict`` gave, the monitors as well (collective).
 
         Args:
             memory: Of the run to be continued, whose state this one was made with.

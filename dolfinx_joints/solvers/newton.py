@@ -148,7 +148,7 @@ class StepSolver(Protocol):
         """What later solves depend on beyond their arguments: names to arrays and numbers."""
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up what the ``memory`` of a solver of the same system gave (collective)."""
+        """Take up what the ``state_dict`` of a solver of the same system gave (collective)."""
 
 
 class NewtonSolver:

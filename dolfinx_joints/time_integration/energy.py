@@ -155,7 +155,7 @@ class EnergyLedger:
         return {"row": row, "totals": [getattr(self, name) for name in names]}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what another's ``memory`` gave."""
+        """Go on from what another's ``state_dict`` gave."""
         self.row = EnergyRow(**memory["row"])
         self._at_start, self.scale, self._error, self._imbalance = memory["totals"]
 

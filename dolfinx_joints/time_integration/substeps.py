@@ -163,7 +163,7 @@ class Stepper:
         return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up what another's ``memory`` gave."""
+        """Take up what another's ``state_dict`` gave."""
         self._largest, self._level = memory["largest"], memory["level"]
         self.counts = StepCounts(**memory["counts"])
 

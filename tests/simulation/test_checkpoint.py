@@ -319,7 +319,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
         comm.barrier()
 
     refused(r"^There is no checkpoint .*run.ckpt\.$", resume=True)
-    refused("^The monitor Plain has no methods memory and resume", monitors=[Plain()])
+    refused("^The monitor Plain has no methods state_dict and resume", monitors=[Plain()])
     short(jointed, folder)
     refused("exists; pass resume=True to go on from it, or overwrite=True", monitors=[])
     whole = path.read_bytes()

@@ -107,7 +107,7 @@ class Condensed:
         return self.corrections.state_dict() if made else dict(self._recalled)
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up what another's ``memory`` gave, once corrections are asked for."""
+        """Take up what another's ``state_dict`` gave, once corrections are asked for."""
         self._recalled = memory
 
     def _stuck(self) -> Floats:

@@ -180,7 +180,7 @@ class Corrections:
         return {"missed": self._missed, **held}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up what another's ``memory`` gave (collective)."""
+        """Take up what another's ``state_dict`` gave (collective)."""
         self._missed = memory["missed"]
         if "held" in memory:
             self._block = self._hold(memory["held"])

@@ -167,7 +167,7 @@ class InterfaceSolver:
         return {"matrices": matrices, "sweeps": self._sweeps, **known}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what another's ``memory`` gave (collective)."""
+        """Go on from what another's ``state_dict`` gave (collective)."""
         kept = []
         for i in range(len(memory["matrices"])):
             one = memory["matrices"][str(i)]

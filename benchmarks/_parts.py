@@ -17,7 +17,7 @@ from benchmarks._measure import StepWatch, petsc_seconds, slowest
 from benchmarks._scenes import Scene
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.simulation.records import Record
-from dolfinx_joints.solvers.direct import EffectiveMatrix
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 

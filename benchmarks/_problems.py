@@ -25,7 +25,9 @@ from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.scheme import Scheme
+from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import Stepper
 from geometry.jointed_wall import jointed_wall
 from geometry.two_blocks import two_blocks

@@ -32,8 +32,9 @@ import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.newton import StepSolver
-from dolfinx_joints.time_integration.states import DynamicState, initial_state
+from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.states import DynamicState
 
 SCHEME = dj.EnergyConsistent()
 REFERENCE = dj.SolverOptions(relative_tolerance=1e-13)

@@ -31,10 +31,10 @@ import dolfinx_joints as dj
 from benchmarks._measure import StepWatch, free_memory, load_average, peak_mb, progress, reset_peak
 from benchmarks._scenes import TIME_STEP, Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.solvers.direct import LINEAR
+from dolfinx_joints.solvers.effective_matrix import LINEAR
 from dolfinx_joints.solvers.interface import condensed
 from dolfinx_joints.solvers.interface.compliance import Compliance
-from dolfinx_joints.solvers.newton import COMPLIANCES
+from dolfinx_joints.solvers.step_solver import COMPLIANCES
 
 LARGEST_LEDGER = 1e-9
 LARGEST_DIFFERENCE = 1e-8

@@ -37,7 +37,7 @@ from benchmarks._measure import (
     run_alone,
 )
 from benchmarks._scenes import TIME_STEP, wall
-from dolfinx_joints.solvers.direct import LINEAR
+from dolfinx_joints.solvers.effective_matrix import LINEAR
 
 DIVISIONS, JOINTS = (116, 24, 116), 1
 KINDS = ("linear", "joints")

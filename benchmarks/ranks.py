@@ -25,7 +25,8 @@ from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.states import DynamicState, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.states import DynamicState
 
 SCHEME = dj.EnergyConsistent()
 BOUND = 1e-9

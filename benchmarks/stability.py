@@ -40,7 +40,8 @@ from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import Scheme, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.substeps import Stepper
 
 SCHEMES: dict[str, Scheme] = {

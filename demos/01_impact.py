@@ -40,9 +40,11 @@ from mpi4py import MPI
 from dolfinx_joints import EnergyConsistent, FrictionNoTension, MatrixSystem, Newmark
 from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.newton import StepSolver
+from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.scheme import Scheme, StepReport
+from dolfinx_joints.time_integration.states import DynamicState
 
 STEPS_AWAY, STEPS_NEAR = 20, 1500  # per period of the mass on its spring (paper, section 3)
 PROBLEMS = {

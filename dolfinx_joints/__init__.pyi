@@ -61,10 +61,10 @@ from .model.modal_damping import modal_damping as modal_damping
 from .model.model import Model as Model
 from .model.modes import modes as modes
 from .model.system import MatrixSystem as MatrixSystem
+from .monitors.field_monitor import FieldMonitor as FieldMonitor
 from .monitors.modes_file import write_modes as write_modes
+from .monitors.progress_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.resultants import JointForces as JointForces
-from .monitors.results_monitor import FieldMonitor as FieldMonitor
-from .monitors.results_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.results_monitor import ResultsMonitor as ResultsMonitor
 from .motions import spectra as spectra
 from .motions.motion import Motion as Motion
@@ -79,12 +79,12 @@ from .postprocessing.csv_tables import write_csv as write_csv
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.simulation import Simulation as Simulation
-from .solvers.newton import SolverOptions as SolverOptions
+from .solvers.step_solver import SolverOptions as SolverOptions
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent
-from .time_integration.midpoint import GeneralizedAlpha as GeneralizedAlpha
-from .time_integration.midpoint import HilberHughesTaylor as HilberHughesTaylor
 from .time_integration.midpoint import ImplicitContact as ImplicitContact
-from .time_integration.midpoint import Newmark as Newmark
+from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha
+from .time_integration.newmark import HilberHughesTaylor as HilberHughesTaylor
+from .time_integration.newmark import Newmark as Newmark
 from .time_integration.substeps import StepControl as StepControl
 
 __version__: str

@@ -32,7 +32,7 @@ from benchmarks._parts import PARTS, Clocks
 from benchmarks._same_files import DamagedError, difference, scales
 from benchmarks._scenes import wall
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.solvers.direct import EffectiveMatrix
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 PROMISED = {"dofs", "joint_points", "steps", "linear_ms", "joints_ms", "ratio", "newton_mean"}

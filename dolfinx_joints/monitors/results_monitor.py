@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Monitors: results file, ParaView fields, progress bar."""
+"""Monitor that writes the results file."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError, ResultsError
-from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root, raised_together
-from dolfinx_joints.common.parameters import check_count, check_flag, check_kind_of, check_path
+from dolfinx_joints.common.parameters import check_count, check_flag, check_path
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
@@ -289,118 +288,3 @@ class ResultsMonitor:
                         values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]
-
-
-class FieldMonitor:
-    """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
-
-    A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
-    folders cannot be opened again; the times of the first after that step are there twice.
-
-    Args:
-        path: The folder; what an earlier run left there is replaced.
-        every: Steps between two times.
-    """
-
-    def __init__(self, path: str | Path, *, every: int = 10) -> None:
-        """Nothing is written before the run starts."""
-        check_path("path", path)
-        check_count("every", every, 1, "fields are written every 1 or more steps")
-        self._path, self._every = Path(path), every
-        self._lock: FileLock | None = None
-
-    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Create the folder and write the first time (collective)."""
-        self._open(self._path, model, first)
-        with released(self._lock, at_end=False):
-            self.record(first)
-
-    def _open(self, path: Path, model: Model, first: Record) -> None:
-        """Create a folder that no other run writes (collective)."""
-        from dolfinx.io import VTXWriter
-
-        def take() -> None:
-            """Find out on one rank what would leave the others waiting in the writer."""
-            try:
-                path.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise ResultsError(f"{path} cannot be written: {error}.") from None
-            self._lock = FileLock(path, ResultsError)
-
-        on_root(model.jointed.mesh.comm, take)
-        with released(self._lock, at_end=False):
-            self._u = model.function(first.displacement)
-            self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
-
-    def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
-    ) -> None:
-        """Create a folder for the times after ``last`` (collective)."""
-        name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"
-        self._open(self._path.with_name(name), model, last)
-
-    def record(self, record: Record) -> None:
-        """Append a time (collective)."""
-        if record.step % self._every == 0:
-            owned = record.displacement.getLocalSize()
-            self._u.x.array[:owned] = record.displacement.getArray(readonly=True)
-            self._u.x.scatter_forward()
-            self._writer.write(record.time)
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Close the folder and let others write it (collective)."""
-        with released(self._lock, at_end=True):
-            self._writer.close()
-
-
-class ProgressMonitor:
-    """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
-
-    Args:
-        label: Text before the bar.
-    """
-
-    def __init__(self, label: str = "dynamic") -> None:
-        """The bar appears when the run starts."""
-        check_kind_of("label", label, isinstance(label, str), "a text")
-        self._label = label
-        self._bar: Any = None
-
-    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Show the bar."""
-        if model.jointed.mesh.comm.rank == 0:
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
-            )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
-
-    def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
-    ) -> None:
-        """Show the bar from the last step on."""
-        self.start(model, stage, steps, last)
-
-    def record(self, record: Record) -> None:
-        """Advance the bar."""
-        if self._bar is None or record.step == 0 or record.solve is None:
-            return
-        counts, shown = record.solve.counts, f"{record.solve.iterations} it"
-        if counts is not None and counts.total:
-            opened, sliding = counts.open / counts.total, counts.slip / counts.total
-            shown += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
-        self._bar.set_postfix_str(shown, refresh=False)
-        self._bar.update(1)
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Close the bar."""
-        if self._bar is not None:
-            self._bar.close()

@@ -20,9 +20,10 @@ from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.results.reader import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.simulation.records import Monitor, Outcome, Record
-from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.time_integration.scheme import Scheme, StepReport
+from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.solvers.newton import SolveReport
+from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepCounts

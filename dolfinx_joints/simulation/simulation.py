@@ -40,9 +40,11 @@ from dolfinx_joints.simulation.static_stage import (
     march,
 )
 from dolfinx_joints.solvers.choice import check_kind, make_solver
-from dolfinx_joints.solvers.newton import SolverOptions, StepSolver
+from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
+from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, initial_state
+from dolfinx_joints.time_integration.scheme import Scheme
+from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, check_step, located
 
 if TYPE_CHECKING:

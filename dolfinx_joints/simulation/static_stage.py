@@ -19,9 +19,9 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.direct import STATIC
-from dolfinx_joints.solvers.newton import SolveReport, SolverOptions
-from dolfinx_joints.time_integration.states import Products
+from dolfinx_joints.solvers.effective_matrix import STATIC
+from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions
+from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.substeps import located
 
 

@@ -11,7 +11,8 @@ from dolfinx_joints.common.parameters import check_choice
 from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.newton import NewtonSolver, SolverOptions, StepSolver
+from dolfinx_joints.solvers.newton import NewtonSolver
+from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
 KINDS = ("auto", "condensed", "monolithic")
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.internal_forces import TangentMatrix
-from dolfinx_joints.solvers.direct import DirectSolver, EffectiveMatrix
+from dolfinx_joints.solvers.direct import DirectSolver
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.time_integration.states import DynamicState, StepReport
+from dolfinx_joints.time_integration.scheme import StepReport
+from dolfinx_joints.time_integration.states import DynamicState
 
 Floats = NDArray[np.float64]
 

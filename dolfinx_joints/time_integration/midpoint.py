@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Time schemes as data; each marches M a + C v + K u + B^T w t = F with any matrices."""
+"""Midpoint schemes; each marches M a + C v + K u + B^T w t = F with any matrices."""
 
 from __future__ import annotations
 
@@ -10,19 +10,13 @@ from typing import ClassVar
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
 from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.direct import MatrixCoefficients
-from dolfinx_joints.solvers.newton import StepSolver
-from dolfinx_joints.time_integration.states import (
-    DynamicState,
-    Products,
-    StepReport,
-    StepWork,
-    combination,
-    joint_work,
-)
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.products import Products, combination, joint_work
+from dolfinx_joints.time_integration.scheme import StepReport, StepWork
+from dolfinx_joints.time_integration.states import DynamicState
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,222 +118,6 @@ class ImplicitContact(_Midpoint):
     """
 
     rule: ClassVar[Rule] = "backward_euler"
-
-
-class _Alpha:
-    """The step that the end-point schemes share, the generalized-alpha method.
-
-    M a_m + C v_f + K u_f + B^T w t_f = F_f, where a_m = (1 - alpha_m) a1 + alpha_m a0, the others
-    alike with alpha_f, and
-
-    u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
-    """
-
-    rule: ClassVar[Rule] = "backward_euler"
-    beta: float
-    gamma: float
-
-    @property
-    def alpha_m(self) -> float:
-        """Weight of the start of the step in inertia."""
-        return 0.0
-
-    @property
-    def alpha_f(self) -> float:
-        """Weight of the start of the step in the other forces."""
-        return 0.0
-
-    def conserves(self, system: MatrixSystem) -> bool:
-        """Whether the body's balance is exact: for average acceleration on supports at rest."""
-        average = (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
-        return average and system.symmetric and system.values is None
-
-    def advance(
-        self, solver: StepSolver, state: DynamicState, dt: float
-    ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s] (collective).
-
-        Raises:
-            ConvergenceError: Newton did not converge.
-        """
-        system, time = solver.system, state.time + dt
-        share = 1.0 - self.alpha_f
-        of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)
-        # a1 = of_mass x + a_known and v1 = of_damping x + v_known.
-        v, a = state.velocity, state.acceleration
-        a_known = combination((-1.0 / (self.beta * dt), v), (1.0 - 0.5 / self.beta, a))
-        v_known = combination(
-            (1.0 - self.gamma / self.beta, v), (dt * (1.0 - 0.5 * self.gamma / self.beta), a)
-        )
-        x = combination((dt, v), (0.5 * dt**2, a))
-        held = system.constrained
-        x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
-        rates = system.prescribed_rates(time, 0.5 * dt)
-        if rates is not None:
-            # Inferred from their displacements alone, their accelerations would swing for ever.
-            a_known.getArray()[held] = rates[1] - of_mass * x.array[held]
-            v_known.getArray()[held] = rates[0] - of_damping * x.array[held]
-        load = system.load(time, state.load.duplicate())
-        b = self._right_hand_side(solver, state, load, a_known, v_known)
-        before = None if state.joints is None else replace(state.joints.state, dt=dt)
-        effective = MatrixCoefficients(
-            mass=(1.0 - self.alpha_m) / share * of_mass, damping=of_damping, stiffness=1.0
-        )
-        joints, solve = solver.solve(effective, b, x, before, self.rule)
-        products = Products(solver, effective, b, x, joints)
-        a_known.axpy(of_mass, x)
-        v_known.axpy(of_damping, x)
-        momentum = v_known.duplicate()
-        system.mass.mult(v_known, momentum)
-        after = DynamicState(
-            time=time,
-            displacement=combination((1.0, state.displacement), (1.0, x)),
-            velocity=v_known,
-            acceleration=a_known,
-            load=load,
-            reaction=products.reaction,
-            momentum=momentum,
-            elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
-            joints=joints,
-        )
-        work = StepWork(
-            loads=system.work_of_loads(x, state.time, time),
-            supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
-            viscous=products.viscous / (of_damping * dt),
-            joints=joint_work(system, state, joints, mean_traction=True),
-        )
-        change = combination((1.0, a_known), (-1.0, a)).norm()
-        error = float(change) * dt**2 * abs(self.beta - 1.0 / 6.0)
-        return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
-
-    def _right_hand_side(
-        self,
-        solver: StepSolver,
-        state: DynamicState,
-        load: PETSc.Vec,
-        a_known: PETSc.Vec,
-        v_known: PETSc.Vec,
-    ) -> PETSc.Vec:
-        """What is known of the equation, over 1 - alpha_f, [N]."""
-        system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
-        b = combination((1.0, load), (old / share, state.load), (-1.0 / share, state.elastic_force))
-        known = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))
-        work = b.duplicate()
-        system.mass.mult(known, work)
-        b.axpy(-1.0 / share, work)
-        known.waxpy(old / share, state.velocity, v_known)
-        b.axpy(-1.0, system.damping_force(known, work))
-        if old:
-            # Of the start, so that what is left at the supports is their force at the end.
-            b.axpy(old / share, state.reaction)
-            if system.resistance is not None and state.joints is not None:
-                b.axpy(-old / share, system.resistance.force_at_end(state.joints, work))
-        return b
-
-
-@dataclass(frozen=True, kw_only=True)
-class Newmark(_Alpha):
-    """Newmark's method (1959); average acceleration, the scheme of the paper, unless told.
-
-    Average acceleration (beta 1/4, gamma 1/2) keeps the energy of a linear system, but not that of
-    joints that open and close.
-
-    Attributes:
-        beta: Above 0, at most 1/2.
-        gamma: At least 1/2 (below it the method is unstable), at most 1.
-
-    Raises:
-        ValueError: A parameter is out of its range.
-    """
-
-    beta: float = 0.25
-    gamma: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_number("Newmark beta", self.beta, lambda v: 0 < v <= 0.5, "above 0 and at most 1/2")
-        check_number(
-            "Newmark gamma",
-            self.gamma,
-            lambda v: 0.5 <= v <= 1,
-            "at least 1/2 (unstable below) and at most 1",
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class HilberHughesTaylor(_Alpha):
-    """The HHT-alpha method (1977): damps high frequencies, second order.
-
-    Attributes:
-        alpha: At least 0 (average acceleration), at most 1/3.
-
-    Raises:
-        ValueError: The parameter is out of its range.
-    """
-
-    alpha: float = 0.1
-
-    def __post_init__(self) -> None:
-        """Check the parameter."""
-        hold_floats(self)
-        check_number("alpha", self.alpha, lambda v: 0 <= v <= 1 / 3, "at least 0 and at most 1/3")
-
-    @property
-    def alpha_f(self) -> float:
-        """Weight of the start of the step in forces."""
-        return self.alpha
-
-    @property
-    def beta(self) -> float:  # type: ignore[override]
-        """Newmark's beta."""
-        return 0.25 * (1.0 + self.alpha) ** 2
-
-    @property
-    def gamma(self) -> float:  # type: ignore[override]
-        """Newmark's gamma."""
-        return 0.5 + self.alpha
-
-
-@dataclass(frozen=True, kw_only=True)
-class GeneralizedAlpha(_Alpha):
-    """The generalized-alpha method (Chung and Hulbert 1993), damping set at infinite frequency.
-
-    Attributes:
-        spectral_radius: At infinite frequency, from 0 (gone in a step) to 1 (undamped).
-
-    Raises:
-        ValueError: The parameter is out of its range.
-    """
-
-    spectral_radius: float = 0.8
-
-    def __post_init__(self) -> None:
-        """Check the parameter."""
-        hold_floats(self)
-        check_number(
-            "spectral_radius", self.spectral_radius, lambda v: 0 <= v <= 1, "at least 0, at most 1"
-        )
-
-    @property
-    def alpha_m(self) -> float:
-        """Weight of the start of the step in inertia."""
-        return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
-
-    @property
-    def alpha_f(self) -> float:
-        """Weight of the start of the step in the other forces."""
-        return self.spectral_radius / (self.spectral_radius + 1.0)
-
-    @property
-    def beta(self) -> float:  # type: ignore[override]
-        """Newmark's beta."""
-        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
-
-    @property
-    def gamma(self) -> float:  # type: ignore[override]
-        """Newmark's gamma."""
-        return 0.5 - self.alpha_m + self.alpha_f
 
 
 class _Turn:

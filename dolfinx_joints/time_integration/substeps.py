@@ -19,9 +19,10 @@ from dolfinx_joints.common.parameters import (
     hold_floats,
 )
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.newton import StepSolver
+from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.states import DynamicState, Scheme, StepReport
+from dolfinx_joints.time_integration.scheme import Scheme, StepReport
+from dolfinx_joints.time_integration.states import DynamicState
 
 # Of the ledger's scale: what rounding and the solver's tolerance may leave in a step.
 LARGEST_IMBALANCE = 1e-10

@@ -24,7 +24,7 @@ from dolfinx_joints import (
     ViscousJoint,
 )
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
 
 FRICTION = {"normal_stiffness": 1e10, "shear_stiffness": 4e9, "friction_angle_deg": 30.0}
 

@@ -32,7 +32,7 @@ from dolfinx_joints import (
     stiffness_proportional,
 )
 from dolfinx_joints.monitors import results_monitor as monitors
-from dolfinx_joints.monitors.results_monitor import FieldMonitor
+from dolfinx_joints.monitors.field_monitor import FieldMonitor
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 pytestmark = pytest.mark.mpi

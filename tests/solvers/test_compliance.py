@@ -16,7 +16,11 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.solvers.direct import EffectiveMatrix, MatrixCoefficients, unconstrained_dofs
+from dolfinx_joints.solvers.effective_matrix import (
+    EffectiveMatrix,
+    MatrixCoefficients,
+    unconstrained_dofs,
+)
 from dolfinx_joints.solvers.interface import compliance as module
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix

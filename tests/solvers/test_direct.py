@@ -19,10 +19,10 @@ from dolfinx_joints.common import memory
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers import direct as linear
-from dolfinx_joints.solvers.direct import (
+from dolfinx_joints.solvers.direct import DirectSolver
+from dolfinx_joints.solvers.effective_matrix import (
     STATIC,
     Cache,
-    DirectSolver,
     EffectiveMatrix,
     MatrixCoefficients,
 )

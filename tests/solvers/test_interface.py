@@ -43,13 +43,13 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.model.modes import modes
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.direct import MatrixCoefficients
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.residual import JointStep
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
-from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
 
 COMPLIANCES = ("dense", "compressed", "free")
 LINEAR = ("direct", "iterative")

@@ -14,8 +14,9 @@ pytest.importorskip("petsc4py")
 from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, SolverOptions
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.direct import STATIC
-from dolfinx_joints.solvers.newton import NewtonSolver, SolveReport
+from dolfinx_joints.solvers.effective_matrix import STATIC
+from dolfinx_joints.solvers.newton import NewtonSolver
+from dolfinx_joints.solvers.step_solver import SolveReport
 
 
 class Backwards(FrictionNoTension):

@@ -21,7 +21,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
 
 SOLVERS = ["condensed", "monolithic"]
 

@@ -23,7 +23,8 @@ from dolfinx_joints import (
 from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import DynamicState, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, check_step, located
 
 

@@ -55,7 +55,7 @@ from dolfinx_joints import (
 from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.substeps import Stepper
 
 

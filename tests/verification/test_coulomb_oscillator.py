@@ -36,7 +36,7 @@ from dolfinx_joints.exact import CoulombOscillator
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.states import initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
 
 NORMAL_FORCE, MU = 10.0, 0.1
 K_N, K_S = 1e9, 1e11

@@ -41,7 +41,9 @@ from dolfinx_joints import (
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.states import DynamicState, StepReport, initial_state
+from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.time_integration.scheme import StepReport
+from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import Stepper
 
 SOLVERS = ["condensed", "monolithic"]

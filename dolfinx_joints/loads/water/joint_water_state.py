@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from dolfinx_joints.laws.law import JointState, Response
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.model.system import MatrixSystem
-    from dolfinx_joints.solvers.direct import MatrixCoefficients
-    from dolfinx_joints.solvers.newton import SolveReport, StepSolver
+    from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+    from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
 Floats = NDArray[np.float64]
 

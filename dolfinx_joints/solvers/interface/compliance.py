@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import GapOperator
-from dolfinx_joints.solvers.direct import BLOCK, EffectiveMatrix
+from dolfinx_joints.solvers.direct import BLOCK
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix, gathered
 from dolfinx_joints.solvers.interface.unit_forces import UnitForces

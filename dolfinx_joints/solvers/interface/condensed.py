@@ -14,11 +14,15 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.direct import EffectiveMatrix, MatrixCoefficients, unconstrained_dofs
+from dolfinx_joints.solvers.effective_matrix import (
+    EffectiveMatrix,
+    MatrixCoefficients,
+    unconstrained_dofs,
+)
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
-from dolfinx_joints.solvers.newton import SolverOptions
+from dolfinx_joints.solvers.step_solver import SolverOptions
 
 Floats = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.joints.internal_forces import JointResistance
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.direct import (
+from dolfinx_joints.solvers.effective_matrix import (
     STATIC,
     Cache,
     EffectiveMatrix,
@@ -38,7 +38,7 @@ from dolfinx_joints.solvers.direct import (
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
-from dolfinx_joints.solvers.newton import SolveReport, SolverOptions, solve_failure
+from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 
 Floats = NDArray[np.float64]
 

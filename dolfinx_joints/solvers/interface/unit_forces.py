@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import diagonal_compliance
-from dolfinx_joints.solvers.direct import BLOCK, EffectiveMatrix
+from dolfinx_joints.solvers.direct import BLOCK
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid import IterativeSolver
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,61 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Monitor that shows a progress bar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.records import Record
+
+
+class ProgressMonitor:
+    """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
+
+    Args:
+        label: Text before the bar.
+    """
+
+    def __init__(self, label: str = "dynamic") -> None:
+        """The bar appears when the run starts."""
+        check_kind_of("label", label, isinstance(label, str), "a text")
+        self._label = label
+        self._bar: Any = None
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Show the bar."""
+        if model.jointed.mesh.comm.rank == 0:
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
+            )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Show the bar from the last step on."""
+        self.start(model, stage, steps, last)
+
+    def record(self, record: Record) -> None:
+        """Advance the bar."""
+        if self._bar is None or record.step == 0 or record.solve is None:
+            return
+        counts, shown = record.solve.counts, f"{record.solve.iterations} it"
+        if counts is not None and counts.total:
+            opened, sliding = counts.open / counts.total, counts.slip / counts.total
+            shown += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
+        self._bar.set_postfix_str(shown, refresh=False)
+        self._bar.update(1)
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Close the bar."""
+        if self._bar is not None:
+            self._bar.close()

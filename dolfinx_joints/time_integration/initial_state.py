@@ -1,0 +1,161 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Initial state of a motion, its acceleration in balance with the forces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.model.mass_redistribution import joint_dofs
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.states import DynamicState
+
+# Spacing of the differences that give the first velocity and acceleration of moving supports [s].
+SPACING = 1e-4
+
+# Of the loads or elastic forces, that may be left where there is no mass at the start.
+LARGEST_FORCE = 1e-6
+
+
+def initial_state(
+    solver: StepSolver,
+    *,
+    time: float = 0.0,
+    displacement: PETSc.Vec | None = None,
+    velocity: PETSc.Vec | None = None,
+    joints: JointState | Response | None = None,
+    water: NDArray[np.int8] | None = None,
+) -> DynamicState:
+    """State whose acceleration balances the forces at the start of the motion (collective).
+
+    Args:
+        solver: Solver of the system.
+        time: Start [s].
+        displacement: u [m]; zero unless given, but for prescribed dofs.
+        velocity: v [m/s], zero unless given.
+        joints: State of the joints, asked for their tractions at ``displacement``, or the response
+            that led there, taken as it is; at rest at ``displacement`` unless given.
+        water: `DynamicState.water`; by the openings unless given.
+    """
+    system = solver.system
+    u = system.stiffness.createVecRight() if displacement is None else displacement.copy()
+    v = u.duplicate() if velocity is None else velocity.copy()
+    if displacement is None:
+        u.set(0.0)
+        u.getArray()[system.constrained] = system.prescribed(time)
+    if velocity is None:
+        v.set(0.0)
+    moving = u.duplicate()
+    moving.set(0.0)
+    rates = system.prescribed_rates(time, -SPACING)
+    if rates is not None:
+        v.getArray()[system.constrained] = rates[0]
+        moving.getArray()[system.constrained] = rates[1]
+    if system.water is not None and system.contact is not None:
+        known = joints.state if isinstance(joints, Response) else joints
+        water = system.water.enter(system.contact.gap(u) if known is None else known.gap, water)
+    load = system.load(time, u.duplicate())
+    force = load.copy()
+    work = u.duplicate()
+    elastic_force = u.duplicate()
+    system.stiffness.mult(u, elastic_force)
+    force.axpy(-1.0, elastic_force)
+    force.axpy(-1.0, system.damping_force(v, work))
+    system.mass.mult(moving, work)
+    force.axpy(-1.0, work)
+    response = None
+    if system.resistance is not None:
+        response = joints if isinstance(joints, Response) else None
+        if not isinstance(joints, Response):
+            response = system.resistance.trial(u, joints or system.resistance.at_rest(u))
+        assert response is not None
+        system.resistance.force_at_end(response, work)
+        force.axpy(-1.0, work)
+    if velocity is None:
+        _check_massless(system, force, max(load.norm(), elastic_force.norm()))
+    a = _balance(system, force)
+    reaction = force.duplicate()
+    system.mass.mult(a, reaction)
+    reaction.axpy(-1.0, force)
+    a.axpy(1.0, moving)
+    held = np.zeros(reaction.getLocalSize())
+    held[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
+    reaction.setArray(held)
+    momentum = v.duplicate()
+    system.mass.mult(v, momentum)
+    return DynamicState(
+        time=time,
+        displacement=u,
+        velocity=v,
+        acceleration=a,
+        load=load,
+        reaction=reaction,
+        momentum=momentum,
+        elastic_force=elastic_force,
+        joints=response,
+        water=water,
+    )
+
+
+def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> None:
+    """Refuse a start from rest with massless parts, joints aside, out of balance (collective).
+
+    No inertia takes up that force: it would swing in them from step to step for ever.
+    """
+    comm = force.comm.tompi4py()
+    if not sum(comm.allgather(len(system.massless))):
+        return
+    alone = np.zeros(force.getLocalSize(), dtype=bool)
+    alone[system.massless] = True
+    alone[system.constrained] = False
+    if system.contact is not None:
+        alone &= ~joint_dofs(system.contact.operator)
+    left = float(np.abs(force.getArray(readonly=True)[alone]).max(initial=0.0))
+    left = max(comm.allgather(left))
+    if left > LARGEST_FORCE * scale:
+        raise JointsError(
+            f"A part of the body without mass is not in balance at the start: a nodal force of "
+            f"{left:.3g} N is left; let its loads start at zero, or begin from statics()."
+        )
+
+
+def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
+    """Acceleration with M a = force at the free dofs with mass and zero at all others."""
+    resting = np.zeros(force.getLocalSize(), dtype=bool)
+    resting[system.constrained] = True
+    unconstrained_dofs = int((~resting).sum())
+    resting[system.massless] = True
+    left = [unconstrained_dofs, int((~resting).sum())]
+    unconstrained_dofs, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
+    if unconstrained_dofs and not moving:
+        raise JointsError(
+            "The body has no mass: all densities are zero, which dynamics cannot do with; "
+            "quasi_statics can."
+        )
+    free = force.duplicate()
+    free.setArray(np.where(resting, 0.0, 1.0))
+    mass = system.mass.copy()
+    rows = np.flatnonzero(resting) + mass.getOwnershipRange()[0]
+    mass.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
+    b = force.duplicate()
+    b.pointwiseMult(force, free)
+    ksp = PETSc.KSP().create(mass.comm)
+    ksp.setType("cg")
+    ksp.getPC().setType("jacobi")
+    ksp.setOperators(mass)
+    ksp.setTolerances(rtol=1e-13, atol=1e-300, max_it=1000)
+    a = b.duplicate()
+    a.set(0.0)
+    ksp.solve(b, a)
+    if ksp.getConvergedReason() < 0:
+        raise JointsError(
+            "The initial acceleration could not be found: the mass matrix is singular (has a part "
+            "of the body mass in some directions only?)."
+        )
+    ksp.destroy()
+    return a

@@ -1,0 +1,97 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Products and works of a step that all schemes need."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.states import DynamicState
+
+
+class Products:
+    """M x and K x of the change x of a step, and what of its equation is left.
+
+    Attributes:
+        mass: M x.
+        stiffness: K x.
+        viscous: x.C x times the coefficient of C in the equation [J].
+        reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
+        remainder: The same at the free dofs [N].
+    """
+
+    def __init__(
+        self,
+        solver: StepSolver,
+        effective: MatrixCoefficients,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        joints: Response | None,
+    ) -> None:
+        """Multiply (collective).
+
+        Raises:
+            ConvergenceError: The residual is not finite.
+        """
+        system = solver.system
+        self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
+        system.mass.mult(x, self.mass)
+        system.stiffness.mult(x, self.stiffness)
+        products = [self.mass, self.stiffness]
+        factors = np.array([effective.mass, effective.stiffness])
+        damped = np.array(
+            system.coefficients(effective.mass, effective.damping, effective.stiffness)
+        )
+        # The difference of what the equation holds: nothing of it goes unaccounted by rounding.
+        self.viscous = float((damped - factors) @ [product.dot(x) for product in products])
+        residual = combination((-1.0, b), *zip(damped, products, strict=True))
+        if system.dashpots is not None:
+            system.dashpots.mult(x, self.reaction)
+            residual.axpy(effective.damping, self.reaction)
+            self.viscous += effective.damping * float(self.reaction.dot(x))
+        if system.resistance is not None and joints is not None:
+            residual.axpy(1.0, system.resistance.force(joints, self.reaction))
+        norm = float(residual.norm())
+        if not np.isfinite(norm):
+            raise ConvergenceError(iteration=1, residual=norm)
+        self.reaction.set(0.0)
+        held = system.constrained
+        self.reaction.getArray()[held] = residual.getArray(readonly=True)[held]
+        residual.getArray()[held] = 0.0
+        self.remainder = residual
+
+
+def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
+    """A new vector, the sum of factors times vectors."""
+    (factor, first), *others = terms
+    total = first.copy()
+    total.scale(factor)
+    for factor, vector in others:
+        total.axpy(factor, vector)
+    return total
+
+
+def joint_work(
+    system: MatrixSystem, before: DynamicState, joints: Response | None, *, mean_traction: bool
+) -> Floats:
+    """Work of the body on each joint in a step [J] (collective).
+
+    Args:
+        system: The system.
+        before: State at the start of the step.
+        joints: Response of the joints at its end.
+        mean_traction: Take the mean of the tractions of both, not those of the response.
+    """
+    if system.contact is None or before.joints is None or joints is None:
+        return np.zeros(0)
+    traction = joints.traction
+    if mean_traction:
+        traction = 0.5 * (traction + before.joints.traction)
+    moved = joints.state.gap - before.joints.state.gap
+    return system.contact.integrals(np.einsum("ij,ij->i", traction, moved))

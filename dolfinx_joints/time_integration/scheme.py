@@ -1,0 +1,69 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Interface of the time schemes: protocol and report of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from dolfinx_joints.joints.contact import Rule
+from dolfinx_joints.laws.law import Floats
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
+from dolfinx_joints.time_integration.states import DynamicState
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepWork:
+    """Works of a step as the scheme itself balances them.
+
+    Attributes:
+        loads: Of each load by name [J].
+        supports: Of moving supports [J].
+        viscous: Against the damping [J].
+        joints: Of the body on each joint, shape (number of joints,), [J].
+    """
+
+    loads: Mapping[str, float]
+    supports: float
+    viscous: float
+    joints: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepReport:
+    """A step.
+
+    Attributes:
+        dt: Its length [s].
+        solve: How its solve went.
+        work: Works.
+        local_error: Estimate of the displacement error made in this step, 2-norm over all dofs [m].
+    """
+
+    dt: float
+    solve: SolveReport
+    work: StepWork
+    local_error: float
+
+
+class Scheme(Protocol):
+    """A time scheme: parameters, and one step.
+
+    Attributes:
+        rule: What it asks the laws for.
+    """
+
+    @property
+    def rule(self) -> Rule:
+        """See above."""
+
+    def conserves(self, system: MatrixSystem) -> bool:
+        """Whether its balance is exact for a system: what is missing then tells of the solve."""
+
+    def advance(
+        self, solver: StepSolver, state: DynamicState, dt: float
+    ) -> tuple[DynamicState, StepReport]:
+        """The state a step later; raises ConvergenceError and leaves ``state`` as it was."""

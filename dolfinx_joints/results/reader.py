@@ -33,9 +33,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import LARGEST, check_file, check_path, real, shown
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import DamageTold, attribute, check_contents, open_growing
+from dolfinx_joints.common.parameters import LARGEST, check_file, check_path, real, shown
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1

@@ -16,12 +16,12 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.common.hdf5 import set_texts
-from dolfinx_joints.results.reader import FORMAT, VERSION, Results, listing
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.results.disk_space import Room
+from dolfinx_joints.results.reader import FORMAT, VERSION, Results, listing
 from dolfinx_joints.results.stream import Stream, create
 
 Status = Literal["running", "complete", "stopped", "failed"]

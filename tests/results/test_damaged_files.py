@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from dolfinx_joints import Results, ResultsError
-from dolfinx_joints.simulation.checkpoint_file import read_checkpoint, write_checkpoint
 from dolfinx_joints.cli import main
 from dolfinx_joints.common.errors import CheckpointError, StudyError
 from dolfinx_joints.common.hdf5 import DIGEST_BYTES
 from dolfinx_joints.results.reader import describe
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.checkpoint_file import read_checkpoint, write_checkpoint
 from dolfinx_joints.study_table import read_table, write_table
 
 SECRET = "secret.h5"

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError, ResultsError
-from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results, describe
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results, describe
 from dolfinx_joints.results.writer import ResultsWriter
 
 

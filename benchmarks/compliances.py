@@ -8,9 +8,9 @@ each way of keeping the compliance runs it in a process of its own, so that peak
 mix. Compared are the memory that is kept, the peak that making it adds, the time of a step, and the
 motion, which must be the same. Exit status 1 if it is not, or if energies do not balance.
 
-``--linear iterative --kinds free`` is the way of bodies whose factor does not fit into memory:
-nothing is factored and nothing kept. ``--at-rest`` leaves out the self weight, which takes hundreds
-of products there.
+``--linear iterative --kinds matrix-free`` is the way of bodies whose factor does not fit into
+memory: nothing is factored and nothing kept. ``--at-rest`` leaves out the self weight, which takes
+hundreds of products there.
 """
 
 from __future__ import annotations

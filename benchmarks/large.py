@@ -6,7 +6,7 @@
 A wall of `geometry/jointed_wall.py` is written to a file and read from it, once as a body without
 joints, for a linear step, and once with its joint, for a step in which that opens. Steps begin at
 rest where the shaking is strong, without self weight, and nothing but the factor or the
-preconditioner is kept: the compliance of the joints is free. Each run has a process of its own.
+preconditioner is kept, no compliance of the joints. Each run has a process of its own.
 
 Exit status 1 if energies do not balance, or the joint does not open.
 """
@@ -64,7 +64,7 @@ def measure(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any
     with phases.phase("assembly"):
         model = scene.model(jointed, None if tied else scene.law())
     progress(f"{kind}: {model.num_dofs} dofs are assembled, {phases.seconds['assembly']:.0f} s")
-    newton = dj.SolverOptions(linear=options.linear, compliance="free", max_iterations=100)
+    newton = dj.SolverOptions(linear=options.linear, compliance="matrix-free", max_iterations=100)
     simulation = dj.Simulation(model, monitors=[watch], newton=newton)
     petsc_seconds(SET_UP)
     with phases.phase("steps"):

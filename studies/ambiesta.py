@@ -304,7 +304,7 @@ def simulate(
     simulation = dj.Simulation(model, monitors=[recorded, *monitors], solver=solver)
     if case.self_weight == "grouted":
         weight = [load for load in model.loads if isinstance(load, dj.Gravity)]
-        simulation.statics(joints="free", loads=weight)
+        simulation.statics(joints="inactive", loads=weight)
         simulation.grout(gap=case.gap)
     simulation.statics(steps=LOAD_STEPS)
     outcome = simulation.dynamics(

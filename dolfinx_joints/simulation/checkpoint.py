@@ -289,7 +289,7 @@ class CheckpointKeeper:
             joints=self._response(tree["joints"]),
             reaction=self._vector(tree["reaction"]),
             reports=reports,
-            joints_free=tree.get("joints_free", False),
+            joints_inactive=tree.get("joints_inactive", False),
             missing=tuple(tree.get("missing", ())),
         )
 

@@ -29,7 +29,7 @@ Rows = NDArray[np.bool_]
 LOOSE = 1e-12
 
 
-def free_response(contact: Contact, u: PETSc.Vec) -> Response:
+def inactive_response(contact: Contact, u: PETSc.Vec) -> Response:
     """Joints that carry nothing at the displacement ``u`` (collective)."""
     state = contact.at_rest(u)
     count = len(state.gap)
@@ -68,7 +68,7 @@ def grouted(
     _check_elastic(model)
     contact, response = model.contact, before.joints
     if contact is None or response is None:
-        return replace(before, joints_free=False)
+        return replace(before, joints_inactive=False)
     chosen = known if names is None else names
     here = np.isin(contact.operator.joint, [known.index(name) for name in chosen])
     idle: Rows = np.all(response.traction == 0.0, axis=1)
@@ -79,7 +79,7 @@ def grouted(
     still = before.displacement.duplicate()
     still.set(0.0)
     fresh = contact.respond(still, contact.resting(target), "backward_euler")
-    joints = _chosen(idle if before.joints_free else idle & here, fresh, response)
+    joints = _chosen(idle if before.joints_inactive else idle & here, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
     wet = {
         type(load).__name__
@@ -87,7 +87,7 @@ def grouted(
         if hasattr(load, "in_dynamics") and getattr(load, "joint", None) in chosen
     }
     missing = tuple(sorted({*before.missing, *wet}))
-    return replace(before, joints=joints, joints_free=False, missing=missing)
+    return replace(before, joints=joints, joints_inactive=False, missing=missing)
 
 
 def _chosen(rows: Rows, one: Response, other: Response) -> Response:
@@ -107,23 +107,23 @@ def _chosen(rows: Rows, one: Response, other: Response) -> Response:
     return Response(**parts, state=state, status=status)
 
 
-def check_may_be_free(model: Model, before: StaticState | None, acting: Sequence[Load]) -> None:
-    """Refuse free joints that have been active, and blocks that fall without them (collective).
+def check_may_be_inactive(model: Model, before: StaticState | None, acting: Sequence[Load]) -> None:
+    """Check that joints may be inactive: new, and blocks stand without them (collective).
 
     Raises:
-        JointsError: They have, or a block would; a load is water in a free joint, or the body has
-            plastic cells.
+        JointsError: They have, or a block would; a load is water in an inactive joint, or the body
+            has plastic cells.
     """
     _check_elastic(model)
     for load in acting:
         if hasattr(load, "joint"):
             raise JointsError(
-                f"{type(load).__name__} acts in the joint {load.joint!r}, which is free; leave it "
-                "out of statics(loads=...) until the joints are grouted."
+                f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
+                "it out of statics(loads=...) until the joints are grouted."
             )
-    if before is not None and not before.joints_free:
+    if before is not None and not before.joints_inactive:
         raise JointsError(
-            "Joints cannot become free again: the last static stage left them active."
+            "Joints cannot become inactive again: the last static stage left them active."
         )
     if before is None:
         check_blocks_stand(model)
@@ -132,7 +132,7 @@ def check_may_be_free(model: Model, before: StaticState | None, acting: Sequence
 def _check_elastic(model: Model) -> None:
     """Refuse plastic cells, whose state the joints' responses would have to hold."""
     if model.bulk is not None:
-        raise JointsError("Joints of a body with plastic cells cannot be free, nor grouted.")
+        raise JointsError("Joints of a body with plastic cells cannot be inactive, nor grouted.")
 
 
 def check_blocks_stand(model: Model) -> None:
@@ -157,7 +157,7 @@ def check_blocks_stand(model: Model) -> None:
             beside = _joints_beside(model, block, i)
             raise JointsError(
                 f"The block around ({place}) m, at {beside}, is held by its supports alone "
-                f"against {held} of {motions} rigid motions; while joints are free each block "
+                f"against {held} of {motions} rigid motions; while joints are inactive each block "
                 "must stand by itself: give it a support, or keep the joints active."
             )
 

@@ -102,9 +102,9 @@ class StaticState:
     Attributes:
         displacement: u [m].
         joints: Response of the joints, None without joints.
-        reaction: Forces of the supports on the body, zero at free dofs [N].
+        reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: How the solves went, one per load step.
-        joints_free: Whether the joints carried nothing: blocks stood alone.
+        joints_inactive: Whether the joints carried nothing: blocks stood alone.
         missing: Loads of the model that did not act.
     """
 
@@ -112,7 +112,7 @@ class StaticState:
     joints: Response | None
     reaction: PETSc.Vec
     reports: list[SolveReport]
-    joints_free: bool = False
+    joints_inactive: bool = False
     missing: tuple[str, ...] = ()
 
 

@@ -106,35 +106,35 @@ class Simulation:
         Args:
             steps: Number of load steps.
             loads: Those of the model's loads that act at the end; all of them unless given.
-            joints: ``active``, or ``free``: blocks stand alone, joints carry nothing until
+            joints: ``active``, or ``inactive``: blocks stand alone, joints carry nothing until
                 `grout`. A run may begin so.
 
         Raises:
             ValueError: ``steps`` is not positive, a load is not the model's, or ``joints`` is
                 unknown.
-            JointsError: Joints are free and should have been grouted, or should be free and have
-                been active; a block does not stand without its joints.
+            JointsError: Joints are inactive and should have been grouted, or should be inactive
+                and have been active; a block does not stand without its joints.
             ConvergenceError: A load step did not converge.
             JointsError: Water in a joint and its openings do not come to agree.
         """
         check_count("steps", steps, 1, "at least one load step is needed")
-        check_choice("joints", joints, ("active", "free"))
+        check_choice("joints", joints, ("active", "inactive"))
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        free = joints == "free"
-        if free:
-            from dolfinx_joints.simulation.construction import check_may_be_free
+        inactive = joints == "inactive"
+        if inactive:
+            from dolfinx_joints.simulation.construction import check_may_be_inactive
 
-            check_may_be_free(self.model, self.static, acting)
+            check_may_be_inactive(self.model, self.static, acting)
         shares = np.arange(1, steps + 1) / steps
-        return self._statics([(None, float(share)) for share in shares], acting, free=free)
+        return self._statics([(None, float(share)) for share in shares], acting, inactive=inactive)
 
     def grout(self, joints: Sequence[str] | None = None, *, gap: float = 0.0) -> StaticState:
         """Close joints free of stress where they stand after a static stage (collective).
 
-        Where a joint carries nothing, free or open, its gap and slip count anew from here; points
-        in contact stay as they are. Joints that were free and are not named stay open by what
-        their blocks have moved apart, and are active from now on as well.
+        Where a joint carries nothing, inactive or open, its gap and slip count anew from here;
+        points in contact stay as they are. Joints that were inactive and are not named stay open by
+        what their blocks have moved apart, and are active from now on as well.
 
         Args:
             joints: Names of the joints to be grouted, all of them unless given.
@@ -148,7 +148,9 @@ class Simulation:
         from dolfinx_joints.simulation.construction import grouted
 
         if self.static is None:
-            raise JointsError("There is nothing to grout yet: run statics(joints='free') before.")
+            raise JointsError(
+                "There is nothing to grout yet: run statics(joints='inactive') before."
+            )
         self.static = grouted(self.model, self.static, joints, gap)
         return self.static
 
@@ -176,10 +178,10 @@ class Simulation:
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
         *,
-        free: bool = False,
+        inactive: bool = False,
     ) -> StaticState:
         """March from the last static state; see `march`."""
-        if not free:
+        if not inactive:
             check_grouted(self.static)
         with self._phase("static"):
             self.static = march(
@@ -187,7 +189,7 @@ class Simulation:
                 self.static,
                 path,
                 acting,
-                free=free,
+                inactive=inactive,
                 newton=self._newton,
                 kind=self._kind,
                 watch=self._watch,

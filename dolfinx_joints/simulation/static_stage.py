@@ -31,7 +31,7 @@ def march(
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
-    free: bool,
+    inactive: bool,
     newton: SolverOptions,
     kind: str,
     watch: SmallDisplacements,
@@ -44,7 +44,7 @@ def march(
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
-        free: Whether joints carry nothing.
+        inactive: Whether joints carry nothing.
         newton: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: What warns of large slip and opening.
@@ -54,7 +54,7 @@ def march(
     """
     system = model.system(only=acting)
     resistance = system.resistance
-    system = replace(system, contact=None) if free else system
+    system = replace(system, contact=None) if inactive else system
     solver = make_solver(system, newton, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
     u.set(0.0)
@@ -93,10 +93,10 @@ def march(
             watch.see(joints.gap)
         reports.append(report)
     watch.warn("in a static stage")
-    if free and model.contact is not None:
-        from dolfinx_joints.simulation.construction import free_response
+    if inactive and model.contact is not None:
+        from dolfinx_joints.simulation.construction import inactive_response
 
-        response = free_response(model.contact, u)
+        response = inactive_response(model.contact, u)
     absent = [one for one in model.loads if not any(one is other for other in acting)]
     free_petsc_garbage(model.jointed.mesh.comm)
     return StaticState(
@@ -104,7 +104,7 @@ def march(
         joints=response,
         reaction=products.reaction,
         reports=reports,
-        joints_free=free,
+        joints_inactive=inactive,
         missing=tuple(type(one).__name__ for one in absent),
     )
 
@@ -141,11 +141,11 @@ def check_grouted(static: StaticState | None) -> None:
     """Refuse to go on with joints that carry nothing.
 
     Raises:
-        JointsError: They are free.
+        JointsError: They are inactive.
     """
-    if static is not None and static.joints_free:
+    if static is not None and static.joints_inactive:
         raise JointsError(
-            "The joints are still free; call grout() to close them, grout([]) to leave all of "
+            "The joints are still inactive; call grout() to close them, grout([]) to leave all of "
             "them open by what their blocks have moved apart."
         )
 

@@ -85,4 +85,6 @@ def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: in
     """
     options = options or SolverOptions()
     few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
-    return replace(options, compliance="free") if few and options.compliance == "auto" else options
+    if few and options.compliance == "auto":
+        return replace(options, compliance="matrix-free")
+    return options

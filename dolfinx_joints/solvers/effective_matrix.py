@@ -98,32 +98,33 @@ class EffectiveMatrix:
         comm = self.held.comm.tompi4py()
         return not factor_fits(comm, self.held.getSize()[0], self._components)
 
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec) -> bool:
+    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
 
         Args:
             b: Right-hand side [N].
             x: Values of the constrained dofs, the others replaced by the solution [m].
-            free: 1 for free and 0 for constrained dofs.
+            unconstrained: 1 for unconstrained and 0 for constrained dofs.
 
         Returns:
             Whether the matrix was factored for it.
         """
         right = b.duplicate()
-        right.pointwiseMult(b, free)
+        right.pointwiseMult(b, unconstrained)
         if not self._moves:
             x.set(0.0)
             factored = self.solver.solve(right, x)
-            x.pointwiseMult(x, free)  # iterations leave rounding there: clamped points would open
+            # Iterations leave rounding there: clamped points would open.
+            x.pointwiseMult(x, unconstrained)
             return factored
         held, pushed = x.duplicate(), b.duplicate()
-        held.pointwiseMult(x, free)
+        held.pointwiseMult(x, unconstrained)
         held.aypx(-1.0, x)
         self.full.mult(held, pushed)
-        pushed.pointwiseMult(pushed, free)
+        pushed.pointwiseMult(pushed, unconstrained)
         right.axpy(-1.0, pushed)
         factored = self.solver.solve(right, x)
-        x.pointwiseMult(x, free)
+        x.pointwiseMult(x, unconstrained)
         x.axpy(1.0, held)
         return factored
 
@@ -172,11 +173,11 @@ def check_linear(linear: str, *, symmetric: bool) -> None:
 
 
 def unconstrained_dofs(system: MatrixSystem) -> PETSc.Vec:
-    """1 for free and 0 for constrained dofs."""
-    free = system.stiffness.createVecRight()
-    free.set(1.0)
-    free.getArray()[system.constrained] = 0.0
-    return free
+    """1 for unconstrained and 0 for constrained dofs."""
+    mask = system.stiffness.createVecRight()
+    mask.set(1.0)
+    mask.getArray()[system.constrained] = 0.0
+    return mask
 
 
 def _mean_diagonal(matrix: PETSc.Mat) -> float:

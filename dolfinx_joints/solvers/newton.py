@@ -55,10 +55,10 @@ class NewtonSolver:
         self._resistance = system.resistance
         self.name = "linear" if self._resistance is None else "monolithic"
         self.options = options or SolverOptions()
-        self.free = unconstrained_dofs(system)
-        self._correction = self.free.duplicate()
+        self.unconstrained = unconstrained_dofs(system)
+        self._correction = self.unconstrained.duplicate()
         resistance = self._resistance
-        product = None if resistance is None else resistance.tangent_matrix(self.free)
+        product = None if resistance is None else resistance.tangent_matrix(self.unconstrained)
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
@@ -93,7 +93,7 @@ class NewtonSolver:
         tangent: Tangent = self._tangents(effective)
         resistance = self._resistance
         if resistance is None or state is None:
-            return None, solve_without_joints(tangent.effective, b, x, self.free)
+            return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
         balance = _Balance(self, tangent.effective, resistance, b, x, state, rule)
         return self._iterate(resistance, tangent, balance, x, state)
 
@@ -152,7 +152,7 @@ class NewtonSolver:
         for part in REGULARISATIONS:
             values = resistance.tangent(response, part)
             try:
-                return int(tangent.update(values).solve(balance.at_free, self._correction))
+                return int(tangent.update(values).solve(balance.out_of_balance, self._correction))
             except JointsError as error:
                 tangent.forget()
                 failure = error
@@ -198,16 +198,16 @@ class _Balance:
         rule: Rule,
     ) -> None:
         self._matrix, self._resistance, self.state, self.rule = matrix, resistance, state, rule
-        self._free, self._right = solver.free, b
+        self._unconstrained, self._right = solver.unconstrained, b
         self._relative = solver.options.relative_tolerance
         self._force = b.duplicate()
         self.change = x.copy()
-        self.residual, self.at_free = b.duplicate(), b.duplicate()
+        self.residual, self.out_of_balance = b.duplicate(), b.duplicate()
         self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
         self._rounding = 0.0
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
-        """Response to a change, and the norm of the residual at the free dofs."""
+        """Response to a change, and the norm of the residual at the unconstrained dofs."""
         response = self._resistance.respond(change, self.state, self.rule)
         self._resistance.force(response, self._force)
         self._matrix.full.mult(change, self.residual)
@@ -216,8 +216,8 @@ class _Balance:
         self._rounding = self._rounding_error(response, change)
         self.residual.axpy(1.0, self._force)
         self.residual.axpy(-1.0, self._right)
-        self.at_free.pointwiseMult(self.residual, self._free)
-        return response, float(self.at_free.norm())
+        self.out_of_balance.pointwiseMult(self.residual, self._unconstrained)
+        return response, float(self.out_of_balance.norm())
 
     def accept(self) -> None:
         """Measure from here on against the forces at the start and at this change."""
@@ -238,8 +238,8 @@ class _Balance:
 
 
 def solve_without_joints(
-    matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, free: PETSc.Vec
+    matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec
 ) -> SolveReport:
     """A linear solve with the report of `NewtonSolver.solve` (collective)."""
-    factored = matrix.solve_linear(b, x, free)
+    factored = matrix.solve_linear(b, x, unconstrained)
     return SolveReport(iterations=1, factorizations=int(factored), residual=0.0, counts=None)

@@ -29,7 +29,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 
 # What may be kept of the compliance at the joints.
-COMPLIANCES = ("auto", "dense", "compressed", "free")
+COMPLIANCES = ("auto", "dense", "compressed", "matrix-free")
 
 # Half as often, and nothing is left of a correction.
 MOST_CUTS = 50

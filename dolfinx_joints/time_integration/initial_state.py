@@ -125,25 +125,25 @@ def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> Non
 
 
 def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
-    """Acceleration with M a = force at the free dofs with mass and zero at all others."""
+    """Acceleration with M a = force at the unconstrained dofs with mass and zero at all others."""
     resting = np.zeros(force.getLocalSize(), dtype=bool)
     resting[system.constrained] = True
-    unconstrained_dofs = int((~resting).sum())
+    unconstrained = int((~resting).sum())
     resting[system.massless] = True
-    left = [unconstrained_dofs, int((~resting).sum())]
-    unconstrained_dofs, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
-    if unconstrained_dofs and not moving:
+    left = [unconstrained, int((~resting).sum())]
+    unconstrained, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
+    if unconstrained and not moving:
         raise JointsError(
             "The body has no mass: all densities are zero, which dynamics cannot do with; "
             "quasi_statics can."
         )
-    free = force.duplicate()
-    free.setArray(np.where(resting, 0.0, 1.0))
+    mask = force.duplicate()
+    mask.setArray(np.where(resting, 0.0, 1.0))
     mass = system.mass.copy()
     rows = np.flatnonzero(resting) + mass.getOwnershipRange()[0]
     mass.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
     b = force.duplicate()
-    b.pointwiseMult(force, free)
+    b.pointwiseMult(force, mask)
     ksp = PETSc.KSP().create(mass.comm)
     ksp.setType("cg")
     ksp.getPC().setType("jacobi")

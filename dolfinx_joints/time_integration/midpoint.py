@@ -126,7 +126,7 @@ class _Turn:
     Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
 
     Attributes:
-        velocity: v1 - (2 x / dt - v0), zero at free dofs; None where supports rest [m/s].
+        velocity: v1 - (2 x / dt - v0), zero at unconstrained dofs; None where supports rest [m/s].
         momentum: M times that, or None [N s].
     """
 

@@ -23,7 +23,7 @@ class Products:
         stiffness: K x.
         viscous: x.C x times the coefficient of C in the equation [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
-        remainder: The same at the free dofs [N].
+        remainder: The same at the unconstrained dofs [N].
     """
 
     def __init__(

@@ -5,7 +5,7 @@ r"""Cantilevers that carry their weight alone, joints grouted afterwards, loads 
 A wall of blocks side by side on a clamped base. Expected: each block carries its own weight
 (volume times density times g), joints nothing; and, bodies and tied joints being linear,
 
-    u(weight on free blocks, grout, then the rest) = u(weight on blocks alone) + u(the rest, tied),
+    u(weight on loose blocks, grout, then the rest) = u(weight on blocks alone) + u(the rest, tied),
 
 where each part is a run of its own and the blocks alone are meshes of their own.
 """
@@ -85,8 +85,8 @@ def largest(comm, values):
 
 def test_blocks_carry_their_own_weight(comm, wall):
     model = wall([Gravity()])
-    state = Simulation(model).statics(joints="free")
-    assert state.joints_free
+    state = Simulation(model).statics(joints="inactive")
+    assert state.joints_inactive
     assert not state.joints.traction.any()
     # Nodes on a joint are double: those of a block are the nodes of its cells.
     cells = model.V.dofmap.list
@@ -103,7 +103,7 @@ def test_blocks_carry_their_own_weight(comm, wall):
 def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
     """The left block of the wall moves as the one block of a mesh of its own."""
     model = wall([Gravity()])
-    state = Simulation(model).statics(joints="free")
+    state = Simulation(model).statics(joints="inactive")
     found, places = gathered(model, state.displacement), comm.bcast(NodeGather(model).positions)
     path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
     alone = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
@@ -121,7 +121,7 @@ def test_tractions_are_those_of_the_later_load(comm, wall, solver):
     weight = Gravity()
     both = wall([weight, *PRESSED])
     run = Simulation(both, solver=solver)
-    alone = run.statics(joints="free", loads=[weight])
+    alone = run.statics(joints="inactive", loads=[weight])
     run.grout()
     after = run.statics(steps=2)
     later = wall(PRESSED)
@@ -152,7 +152,7 @@ def test_order_of_the_stages_matters(comm, wall):
     model = wall([Gravity()])
     before = Simulation(model).statics()
     run = Simulation(model)
-    run.statics(joints="free")
+    run.statics(joints="inactive")
     after = run.grout()
     assert largest(comm, before.joints.traction) > 1e3
     assert largest(comm, after.joints.traction) == 0.0
@@ -170,7 +170,7 @@ def test_joints_left_open(comm, wall):
     held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
     model = wall([cold], supports=[*sides, held])
     run = Simulation(model)
-    parted = run.statics(joints="free")
+    parted = run.statics(joints="inactive")
     np.testing.assert_allclose(parted.joints.state.gap[:, 0], 1e-5 * 8.0 * 4.0, rtol=1e-6)
     grouted = run.grout(["joint_2"], gap=2e-5)
     first = model.operator.joint == model.jointed.joint_names.index("joint_1")
@@ -186,7 +186,7 @@ def test_blocks_that_moved_into_each_other_touch(comm, wall):
     warm = Temperature(value=20.0, reference=12.0, expansion=1e-5)
     model = wall([warm])
     run = Simulation(model)
-    overlap = run.statics(joints="free").joints.state.gap[:, 0] < 0.0
+    overlap = run.statics(joints="inactive").joints.state.gap[:, 0] < 0.0
     assert comm.allreduce(int(overlap.sum())) > 0
     state = run.grout([]).joints
     assert min(comm.allgather(state.state.gap[:, 0].min(initial=0.0))) == 0.0
@@ -212,7 +212,7 @@ def test_a_run_stays_at_rest_after_grouting(comm, wall, law):
     """Nothing acts but the weight, which the blocks carry alone: nothing moves."""
     model = wall([Gravity()], law=law)
     run = Simulation(model)
-    run.statics(joints="free")
+    run.statics(joints="inactive")
     start = run.grout().displacement
     outcome = run.dynamics(dt=1e-3, steps=5)
     moved = outcome.state.displacement.copy()
@@ -232,7 +232,7 @@ def test_weight_carried_before_is_no_load_later(comm, wall):
         model = wall(loads)
         run = Simulation(model)
         if loads:
-            run.statics(joints="free")
+            run.statics(joints="inactive")
             run.grout()
         outcome = run.dynamics(dt=2e-3, steps=20, motion=shaking)
         moved = outcome.state.displacement.copy()
@@ -272,7 +272,7 @@ def test_loads_come_and_go(wall):
     weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
     model = wall([weight, water], law=KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10))
     run = Simulation(model)
-    run.statics(joints="free", loads=[weight])
+    run.statics(joints="inactive", loads=[weight])
     run.grout()
     first = run.static.displacement.copy()
     assert run.statics(loads=[weight, water], steps=3).missing == ()
@@ -288,13 +288,13 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
     weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
     model, path = wall([weight, water]), new_path("weight.static")
     run = Simulation(model)
-    run.statics(joints="free", loads=[weight])
+    run.statics(joints="inactive", loads=[weight])
     run.save_static(path)
     run.grout()
     end = run.statics()
     other = Simulation(model)
     found = other.load_static(path)
-    assert (found.joints_free, found.missing) == (True, ("HydrostaticPressure",))
+    assert (found.joints_inactive, found.missing) == (True, ("HydrostaticPressure",))
     other.grout()
     resumed = other.statics()
     difference = resumed.displacement.copy()
@@ -321,14 +321,14 @@ def test_a_block_that_does_not_stand_is_refused(wall):
     with pytest.raises(JointsError, match=message):
         Simulation(
             wall([Gravity()], supports=[Fixed(group="x_min"), Fixed(group="x_max")])
-        ).statics(joints="free")
+        ).statics(joints="inactive")
     # Upright and sideways motion and two rotations are held, sliding along x, y and turning not.
     with pytest.raises(JointsError, match=r"at joint_1, is held .* against 3 of 6"):
         Simulation(wall([Gravity()], supports=[Fixed(group="base", components="z")])).statics(
-            joints="free"
+            joints="inactive"
         )
     springs = [Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e8)]
-    Simulation(wall([Gravity()], supports=springs)).statics(joints="free")
+    Simulation(wall([Gravity()], supports=springs)).statics(joints="inactive")
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -342,17 +342,17 @@ def test_a_plane_block_that_does_not_stand_is_refused(read, two_rectangles_file,
         loads=[Gravity()],
     )
     with pytest.raises(JointsError, match=r"at joint_1, is held .* against 0 of 3 rigid motions"):
-        Simulation(model).statics(joints="free")
+        Simulation(model).statics(joints="inactive")
 
 
 def test_without_joints_grouting_is_nothing(read, wall_file):
     path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
     model = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
     run = Simulation(model)
-    free = run.statics(joints="free").displacement
+    alone = run.statics(joints="inactive").displacement
     run.grout()
     whole = Simulation(model).statics().displacement
-    whole.axpy(-1.0, free)
+    whole.axpy(-1.0, alone)
     assert whole.norm() == 0.0
 
 
@@ -365,19 +365,19 @@ def test_refusals(wall):
         run.grout()
     with pytest.raises(JointsError, match="no static state to save yet"):
         run.save_static("nothing")
-    with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, free"):
+    with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, inactive"):
         run.statics(joints="open")
     with pytest.raises(ValueError, match="loads is .*; it must be a list of loads"):
         run.statics(loads=weight)
     with pytest.raises(ValueError, match="A Gravity was given to a static stage that is not"):
         run.statics(loads=[Gravity(acceleration=(0.0, 0.0, -9.0))])
-    run.statics(loads=[weight], joints="free")
+    run.statics(loads=[weight], joints="inactive")
     for stage in (
         run.statics,
         lambda: run.quasi_statics([0.0]),
         lambda: run.dynamics(dt=1e-3, steps=1),
     ):
-        with pytest.raises(JointsError, match="The joints are still free; call grout"):
+        with pytest.raises(JointsError, match="The joints are still inactive; call grout"):
             stage()
     with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
@@ -388,17 +388,19 @@ def test_refusals(wall):
     run.grout()
     with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)
-    with pytest.raises(JointsError, match="Joints cannot become free again"):
-        run.statics(joints="free")
+    with pytest.raises(JointsError, match="Joints cannot become inactive again"):
+        run.statics(joints="inactive")
 
 
 def test_water_in_a_joint_is_looked_at_again_after_the_grout(wall):
     """Grouting an open joint takes its water away: that is no start for an earthquake."""
     weight, water = Gravity(), JointWater(joint="joint_1", level=5.0)
     run = Simulation(wall([weight, water]))
-    with pytest.raises(JointsError, match="JointWater acts in the joint 'joint_1', which is free"):
-        run.statics(joints="free")
-    run.statics(joints="free", loads=[weight])
+    with pytest.raises(
+        JointsError, match="JointWater acts in the joint 'joint_1', which is inactive"
+    ):
+        run.statics(joints="inactive")
+    run.statics(joints="inactive", loads=[weight])
     run.grout()
     run.statics(loads=[weight, water])
     run.grout(["joint_1"])

@@ -31,7 +31,7 @@ STEP = MatrixCoefficients(
     mass=8e4, damping=200.0, stiffness=0.5
 )  # of 0.01 s by average acceleration
 STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
-KINDS = ("dense", "compressed", "free")
+KINDS = ("dense", "compressed", "matrix-free")
 
 
 class Scene:
@@ -174,7 +174,7 @@ def test_own_compliances(scene, name):
     np.testing.assert_allclose(found.scale.reshape(-1, 3), shown, rtol=1e-14)
 
 
-@pytest.mark.parametrize("kind", ["compressed", "free"])
+@pytest.mark.parametrize("kind", ["compressed", "matrix-free"])
 @pytest.mark.parametrize("name", ["wall", "blocks", "plane"])
 def test_estimated_own_compliances(scene, name, kind):
     # Any will do, but what is far off makes the iteration slow: within a factor of three, where
@@ -289,7 +289,7 @@ def test_which_kind_auto_takes(scene, monkeypatch):
     case = scene("plane")
     assert case.compliance("auto").kind == "dense"
     assert isinstance(case.compliance("auto").split, RowMatrix)
-    assert scene("plane", linear="iterative").compliance("auto").kind == "free"
+    assert scene("plane", linear="iterative").compliance("auto").kind == "matrix-free"
     monkeypatch.setattr(module, "LARGEST_DENSE", case.size - 1)
     assert case.compliance("auto").kind == "compressed"
     monkeypatch.setattr(case.joints, "points", None)
@@ -298,7 +298,7 @@ def test_which_kind_auto_takes(scene, monkeypatch):
 
 def test_free_with_an_iterative_bulk(scene):
     case = scene("wall", linear="iterative")
-    found, reference = case.compliance("free"), scene("wall")
+    found, reference = case.compliance("matrix-free"), scene("wall")
     force = forces(case.size)[0]
     expected = reference.gaps(force)
     size = np.abs(expected).max()

@@ -51,7 +51,7 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.time_integration.initial_state import initial_state
 
-COMPLIANCES = ("dense", "compressed", "free")
+COMPLIANCES = ("dense", "compressed", "matrix-free")
 LINEAR = ("direct", "iterative")
 DT = 0.005
 
@@ -179,7 +179,7 @@ def test_ranks_do_not_matter(wall, compliance, linear):
 def test_other_laws_with_every_compliance(wall, law):
     model = wall(law)
     path, _, outcome = march(model, compliance="dense")
-    for compliance in ("compressed", "free"):
+    for compliance in ("compressed", "matrix-free"):
         other, _, end = march(model, compliance=compliance)
         assert end.imbalance <= 1e-10
         assert far(other.gaps, path.gaps) <= 1e-9
@@ -245,7 +245,7 @@ def test_gauss_points_and_a_mass_without_joint_nodes(wall):
         model = wall(**changes)
         path, _, outcome = march(model)
         assert outcome.imbalance <= 1e-10
-        for compliance in ("compressed", "free"):
+        for compliance in ("compressed", "matrix-free"):
             other, _, end = march(model, compliance=compliance)
             assert far(other.gaps, path.gaps) <= 1e-9
             assert end.imbalance <= 1e-10
@@ -334,7 +334,10 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("compliance", "compliance is 'sparse'; it must be one of auto, dense, compressed, free."),
+        (
+            "compliance",
+            "compliance is 'sparse'; it must be one of auto, dense, compressed, matrix-free.",
+        ),
         ("linear", "linear is 'sparse'; it must be one of auto, direct, mumps, iterative."),
     ],
 )

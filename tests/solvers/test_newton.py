@@ -122,7 +122,7 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
 @pytest.mark.parametrize(
     ("points", "steps", "asked", "kept"),
     [
-        (584, 1, "auto", "free"),  # 1752 unknowns for 1750 products of a solve
+        (584, 1, "auto", "matrix-free"),  # 1752 unknowns for 1750 products of a solve
         (583, 1, "auto", "auto"),  # 1749
         (584, 2, "auto", "auto"),
         (584, 0, "auto", "auto"),  # dynamics

@@ -165,7 +165,7 @@ def test_loose_blocks_as_the_monolithic_solver_finds_them(name):
     assert counts[0].open > 0
 
 
-@pytest.mark.parametrize("kind", ["dense", "compressed", "free"])
+@pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
 def test_loose_blocks_with_every_compliance(kind, linear):
     push = Traction(group="top", value=(5e3, 2e3, -2e3))
@@ -299,7 +299,7 @@ def test_a_block_slides_from_an_incline(law, share):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("kind", ["dense", "compressed", "free"])
+@pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
 def test_a_bar_pressed_on_a_wall(kind):
     """Pushed until it touches, beyond, back until it opens, and pulled."""
     length, gap, push = 4 * HEIGHT, 4e-4, 1e-3

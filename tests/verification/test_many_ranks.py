@@ -310,7 +310,7 @@ def test_construction_and_saved_states(jointed, new_path):
 
     together, mine = simulation(COMM), simulation(MPI.COMM_SELF)
     for each in (together, mine):
-        each.statics(joints="free", loads=[weight])
+        each.statics(joints="inactive", loads=[weight])
         each.grout()
     path = new_path("grouted.static")
     together.save_static(path)

@@ -318,7 +318,7 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     with pytest.raises(CheckpointError, match="do not hold the state of plastic cells"):
         Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=Checkpoints(new_path("c.h5")))
     with pytest.raises(JointsError, match="of a body with plastic cells cannot be free, nor"):
-        Simulation(model).statics(joints="free")
+        Simulation(model).statics(joints="inactive")
     with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
         SurfaceStress(model, NodeGather(model))
     with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):

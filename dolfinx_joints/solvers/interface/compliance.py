@@ -76,9 +76,9 @@ class Compliance:
         operator: B with zero columns at constrained dofs, three rows per joint point.
         joints: The joints' operator, of which areas and places are taken.
         kind: ``dense``: all of S, one back-substitution per unknown, 8 m^2 bytes over the ranks;
-            ``compressed``: the same back-substitutions, less memory; ``free``: nothing is kept,
-            each product takes a back-substitution; ``auto``: free if the bulk is solved by
-            iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
+            ``compressed``: the same back-substitutions, less memory; ``matrix-free``: nothing is
+            kept, each product takes a back-substitution; ``auto``: matrix-free if the bulk is
+            solved by iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
         largest: Own compliance to be used at most, shape (n, 2), [m/Pa].
 
     Attributes:
@@ -118,7 +118,7 @@ class Compliance:
                 self.rough = self._rough(columns, joints)
             return
         self._scale(self._forces.diagonal(), joints.areas, largest)
-        if self.kind == "free":
+        if self.kind == "matrix-free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
             if isinstance(effective.solver, IterativeSolver):
                 rough = partial(self._forces.rough_product, tolerance=ROUGH_TOLERANCE)
@@ -220,12 +220,12 @@ def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperato
     if kind == "compressed" and joints.points is None:
         raise ValueError(
             "compliance is 'compressed', but the places of the joint points are not known: this "
-            "system comes from matrices; take 'dense' or 'free'."
+            "system comes from matrices; take 'dense' or 'matrix-free'."
         )
     if kind != "auto":
         return kind
     if isinstance(effective.solver, IterativeSolver):
-        return "free"
+        return "matrix-free"
     return "dense" if size <= LARGEST_DENSE or joints.points is None else "compressed"
 
 

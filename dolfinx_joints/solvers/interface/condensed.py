@@ -59,7 +59,7 @@ class Condensed:
         self._recalled: Mapping[str, Any] = {}
         self._effective = effective
         self._body = EffectiveMatrix(system, effective, linear=options.linear)
-        self.loose = self.static and not _is_held(self._body, unconstrained_dofs(system))
+        self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.loose:
             self._body.destroy()
 
@@ -133,11 +133,11 @@ class Condensed:
             self.matrix.destroy()
 
 
-def _is_held(matrix: EffectiveMatrix, free: PETSc.Vec) -> bool:
+def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
     """Whether a matrix of statics is regular: no block that nothing but joints supports."""
-    load, moved = free.duplicate(), free.duplicate()
+    load, moved = unconstrained.duplicate(), unconstrained.duplicate()
     load.setRandom()
-    load.pointwiseMult(load, free)
+    load.pointwiseMult(load, unconstrained)
     try:
         matrix.solver.solve(load, moved)
     except JointsError:

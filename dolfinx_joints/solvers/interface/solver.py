@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
 
-With A factored, the joint gaps follow from the joint forces, g = g_free - G F, where
-G = B A^-1 B^T is the compliance (Delassus) matrix and F = w t. Each step is one free response, an
+With A factored, the joint gaps follow from the joint forces, g = g_trial - G F, where G = B A^-1
+B^T is the compliance (Delassus) matrix and F = w t. Each step is one response without joints, an
 iteration on F alone, and one expansion. F solves
 
-    r(F) = F - w Res(g_free - G F + diag(G) F) = 0,
+    r(F) = F - w Res(g_trial - G F + diag(G) F) = 0,
 
 Res being the law solved at each point on the point's own compliance: closed and regular however
 stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh. All of
@@ -83,8 +83,8 @@ class InterfaceSolver:
             raise ValueError("A system without joints has nothing to condense onto.")
         self._contact: Contact = system.contact
         comm = self._contact.operator.comm
-        self._free = unconstrained_dofs(system)
-        self._operator = self._contact.operator.constrained(self._free)
+        self._unconstrained = unconstrained_dofs(system)
+        self._operator = self._contact.operator.constrained(self._unconstrained)
         self._areas = np.repeat(np.concatenate(comm.allgather(self._contact.operator.areas)), 3)
         start, stop = self._operator.getOwnershipRange()
         self._mine = slice(start, stop)
@@ -121,7 +121,7 @@ class InterfaceSolver:
             (effective, 2.0 if rule == "discrete_gradient" else 1.0)
         )
         factored, condensed.used = not condensed.used, True
-        condensed.matrix.solve_linear(b, x, self._free)
+        condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
             self._refine(condensed.matrix, b, x)
         trial_gap = state.gap + self._contact.operator.gap(x)
@@ -229,7 +229,7 @@ class InterfaceSolver:
         condensed.matrix.solver.solve(self._nodal, self._moved)
         if condensed.static:
             self._refine(condensed.matrix, self._nodal, self._moved)
-        self._moved.pointwiseMult(self._moved, self._free)
+        self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
         comm = self._contact.operator.comm
@@ -243,9 +243,9 @@ class InterfaceSolver:
         rest, change = right.duplicate(), x.duplicate()
         matrix.full.mult(x, rest)
         rest.aypx(-1.0, right)
-        rest.pointwiseMult(rest, self._free)
+        rest.pointwiseMult(rest, self._unconstrained)
         matrix.solver.solve(rest, change)
-        change.pointwiseMult(change, self._free)
+        change.pointwiseMult(change, self._unconstrained)
         x.axpy(1.0, change)
 
     def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:

@@ -4,7 +4,7 @@
 
 K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b with t' = t - s (g - g0). At a point
 with its own compliance c, springs included, gap = h - c t'; this is the law on a compliance c' at
-a free gap h',
+a trial gap h',
 
     gap = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
 """
@@ -60,7 +60,7 @@ class JointSprings:
         return np.repeat(values, (1, 2), axis=1)
 
     def without(self, trial_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
-        """Free gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
+        """Trial gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
 
         Args:
             trial_gap: h, shape (n, 3), [m].

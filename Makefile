@@ -32,6 +32,8 @@ RUFF_TOOL := ruff-0.17
 RUFF_NEEDS := 'ruff==0.17.*'
 MYPY_TOOL := mypy-1.15
 MYPY_NEEDS := 'mypy==1.15.*'
+IMPORTS_TOOL := import-linter-2.16
+IMPORTS_NEEDS := 'import-linter==2.16'
 BUILD_TOOL := build-1.6
 BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
 COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
@@ -42,6 +44,8 @@ MUTANTS_TOOL := mutants-1
 MUTANTS_NEEDS := --no-deps 'cosmic-ray==8.7.*' 'parso==0.8.*' 'attrs==26.*' 'stevedore==5.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
 MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
+IMPORTS = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(IMPORTS_TOOL)" \
+	python3 "$(TOOLS)/$(IMPORTS_TOOL)/bin/lint-imports" --no-cache
 BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh
 
 # $(call install_tool,FOLDER,REQUIREMENTS): into a new directory, then one rename, so that an
@@ -124,8 +128,9 @@ mutants: ## Put small faults into laws, joints, schemes and solvers; do the test
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
 
-lint: ## Check style and types
+lint: ## Check style, imports between wings, and types
 	@$(call install_tool,$(RUFF_TOOL),$(RUFF_NEEDS))
+	@$(call install_tool,$(IMPORTS_TOOL),$(IMPORTS_NEEDS))
 	@$(PYTHON) -c 'import mypy' 2>/dev/null || $(call install_tool,$(MYPY_TOOL),$(MYPY_NEEDS))
 	$(RUFF) check .
 	$(RUFF) format --check .

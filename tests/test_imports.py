@@ -1,0 +1,106 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What ``import dolfinx_joints`` costs, gives and needs; pyproject.toml says who imports whom."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "dolfinx_joints"
+FOLDERS = sorted({path.parent for path in PACKAGE.rglob("*.py")})
+LIGHT = ("laws", "materials", "motions", "results", "postprocessing", "report")
+BLOCKED = """
+import importlib, pkgutil, sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "basix", "ufl"}:
+            raise ImportError(f"{name} is blocked")
+
+sys.meta_path.insert(0, Refuse())
+"""
+
+
+def run(code: str) -> str:
+    """Output of a Python process that finds the package."""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, cwd=PACKAGE.parent, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_import_is_light():
+    heavy = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "matplotlib", "scipy", "h5py")
+    code = f"import sys, dolfinx_joints; print([m for m in {heavy} if m in sys.modules])"
+    assert run(code).strip() == "[]"
+
+
+def test_public_names_exist_and_are_listed_before_their_first_use():
+    pytest.importorskip("dolfinx")
+    code = "import dolfinx_joints as d; print(set(d.__all__) - set(dir(d)), len(d.__all__))"
+    code += "; [getattr(d, name) for name in d.__all__]"
+    missing, count = run(code).split()
+    assert missing == "set()"
+    assert int(count) > 20
+
+
+def test_unknown_name_is_an_attribute_error():
+    import dolfinx_joints
+
+    with pytest.raises(AttributeError, match="No dolfinx_joints attribute Nothing"):
+        dolfinx_joints.Nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("wing", LIGHT)
+def test_light_wings_need_no_dolfinx(wing):
+    if wing in ("postprocessing", "report"):
+        pytest.importorskip("matplotlib")
+    run(
+        BLOCKED
+        + f"""
+wing = importlib.import_module("dolfinx_joints.{wing}")
+for module in pkgutil.walk_packages(wing.__path__, wing.__name__ + "."):
+    importlib.import_module(module.name)
+"""
+    )
+
+
+def test_light_names_work_without_dolfinx():
+    # A law at work, with every heavy import refused.
+    out = run(
+        BLOCKED
+        + """
+import numpy as np
+from dolfinx_joints import FrictionNoTension, Motion, Results, read_record, spectra
+from dolfinx_joints.laws.law import JointState
+law = FrictionNoTension(normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=30.0)
+state = JointState.at_rest(np.zeros((1, 3)))
+print(law.backward_euler(np.array([[-1e-3, 0, 0]]), state).traction[0, 0])
+"""
+    )
+    assert float(out) == pytest.approx(-1e6)
+
+
+def test_communicators_come_from_the_caller():
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        used = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        used |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        assert "COMM_WORLD" not in used, path
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)
+def test_folders_and_modules_stay_small(folder):
+    modules = [path for path in folder.glob("*.py") if path.stem != "__init__"]
+    rooms = modules + [path for path in folder.iterdir() if path in FOLDERS]
+    assert len(rooms) >= 2, folder
+    assert len(modules) <= (5 if folder == PACKAGE else 14), folder
+    for path in modules:
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path

@@ -146,9 +146,10 @@ class StepWatch:
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the crest and start the clock."""
-        from dolfinx_joints.monitors.probes import NodeGather, PointProbe
+        from dolfinx_joints.mesh.node_numbering import NodeNumbering
+        from dolfinx_joints.monitors.probes import PointProbe
 
-        self._probe = PointProbe(model, [self._scene.crest], NodeGather(model))
+        self._probe = PointProbe(model, [self._scene.crest], NodeNumbering(model.V))
         self._static = self._probe.read(first.displacement)[0]
         self._factored = petsc_seconds(FACTOR)
         self._last = clock.perf_counter(), clock.process_time()

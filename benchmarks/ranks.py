@@ -23,7 +23,7 @@ import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.laws.law import JointState, Response
-from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.states import DynamicState
@@ -47,7 +47,7 @@ class Side:
         """Assemble (collective)."""
         self.comm = comm
         self.model = scene.model(scene.read(mesh, comm=comm), scene.law())
-        self._nodes = NodeGather(self.model)
+        self._nodes = NodeNumbering(self.model.V)
         self._motion = motion
         operator = self.model.operator
         stop = comm.scan(len(operator.areas))

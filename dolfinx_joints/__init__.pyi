@@ -31,7 +31,7 @@ from .laws.rigid import RigidJoint as RigidJoint
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import SupportForces as SupportForces
 from .loads.free_field import incident_wave as incident_wave
-from .loads.load import BaseMotion as BaseMotion
+from .loads.ground_motion import BaseMotion as BaseMotion
 from .loads.load import FormLoad as FormLoad
 from .loads.load import Gravity as Gravity
 from .loads.load import Pressure as Pressure

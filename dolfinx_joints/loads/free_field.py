@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.body.viscous_boundary import impedance
 from dolfinx_joints.common.parameters import check_kind_of, check_number, hold_floats, offers
-from dolfinx_joints.loads.load import TimeFactor, always, in_axes
+from dolfinx_joints.loads.ground_motion import in_axes
+from dolfinx_joints.loads.load import TimeFactor, always
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.loaded_body import LoadedBody
     from dolfinx_joints.motions.motion import Motion
 
 Floats = NDArray[np.float64]
@@ -122,7 +123,7 @@ class FreeField:
             unit="Hz",
         )
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
         gdim = model.gdim
         base = self._base(model)
@@ -153,7 +154,7 @@ class FreeField:
                 f"{count:.3g} levels; {MOST_LEVELS} are the most."
             )
 
-    def _base(self, model: Model) -> float:
+    def _base(self, model: LoadedBody) -> float:
         """Height of the base, once groups and heights are checked (collective)."""
         missing = [group for group in self.groups if group not in model.absorbing]
         if missing:
@@ -190,7 +191,7 @@ class SupportForces:
         good = offers(self.reaction, "getLocalSize")
         check_kind_of("SupportForces: reaction", self.reaction, good, "nodal forces in a vector")
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """The forces, but where this model holds the body itself (collective)."""
         force = model.mass.createVecRight()
         fits = getattr(self.reaction, "getLocalSize", lambda: -1)() == force.getLocalSize()
@@ -204,7 +205,7 @@ class SupportForces:
         return [(force, always)]
 
 
-def _rock(model: Model, groups: Sequence[str]) -> Floats:
+def _rock(model: LoadedBody, groups: Sequence[str]) -> Floats:
     """Lambda [Pa], mu [Pa] and rho [kg/m^3] of the cells along the groups (collective)."""
     fields = (model.body.first_lame, model.body.shear_modulus, model.body.density)
     mesh = model.jointed.mesh
@@ -231,7 +232,7 @@ def _rock(model: Model, groups: Sequence[str]) -> Floats:
 
 
 def _levels(
-    model: Model, groups: Sequence[str], axis: int, way: int, base: float, spacing: float
+    model: LoadedBody, groups: Sequence[str], axis: int, way: int, base: float, spacing: float
 ) -> list[tuple[int, PETSc.Vec]]:
     """Forces of a unit velocity on each level, with its number from the base (collective).
 
@@ -265,7 +266,7 @@ def _levels(
     return forces
 
 
-def _heights(model: Model, groups: Sequence[str]) -> tuple[float, float]:
+def _heights(model: LoadedBody, groups: Sequence[str]) -> tuple[float, float]:
     """Heights of the lowest and the highest node of the groups [m] (collective)."""
     z = model.V.tabulate_dof_coordinates()[:, model.gdim - 1]
     acting = np.concatenate([z[model.nodes(group)] for group in groups])
@@ -284,7 +285,7 @@ def _cubic(offset: Floats) -> Floats:
     return weights
 
 
-def _traction(model: Model, axis: int, way: int) -> Any:
+def _traction(model: LoadedBody, axis: int, way: int) -> Any:
     """Dashpots and stress of a wave of unit velocity, rising (way 1) or falling (-1), [Pa s/m]."""
     body, up = model.body, model.gdim - 1
     n = ufl.FacetNormal(model.jointed.mesh)

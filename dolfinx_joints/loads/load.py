@@ -6,30 +6,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import ufl
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.parameters import (
     check_function,
-    check_kind_of,
     check_name,
     check_number,
     check_vector,
-    finite,
     hold_floats,
-    numbers_of,
     shown,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 TimeFactor = Callable[[float], float]
 
@@ -37,38 +32,15 @@ TimeFactor = Callable[[float], float]
 class Load(Protocol):
     """Something that becomes nodal patterns with time factors."""
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Nodal forces [N] (or forces per unit of the factor) and their factors (collective)."""
 
 
 class AddedMass(Protocol):
     """Something that moves with the body and has no weight."""
 
-    def matrix(self, model: Model) -> PETSc.Mat:
+    def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """Its mass in the layout of the model's matrices [kg] (collective)."""
-
-
-def in_axes(
-    motion: Callable[[float], Any], gdim: int, name: str = "motion"
-) -> Callable[[float], NDArray[np.float64]]:
-    """What moves a model, of a motion in space: in the plane x and z, the vertical axis there is y.
-
-    Args:
-        motion: Function of time; of two numbers (x, up) in the plane all are taken.
-        gdim: Axes of the model.
-        name: What the motion is called where it gives something else than ``gdim`` numbers.
-    """
-
-    def moved(time: float) -> NDArray[np.float64]:
-        given = motion(time)
-        values = numbers_of(given)
-        if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):
-            raise ValueError(
-                f"{name}({time:g}) is {shown(given)}; it must be at least {gdim} finite numbers."
-            )
-        return values[[0, 2]] if gdim == 2 and len(values) > 2 else values[:gdim]
-
-    return moved
 
 
 def always(_time: float) -> float:
@@ -94,7 +66,7 @@ class Gravity:
         if self.acceleration is not None:
             check_vector("Gravity: acceleration", self.acceleration, (2, 3))
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """M g with the mass of the body; an extra mass form has no weight."""
         gdim = model.gdim
         vector = np.zeros(gdim)
@@ -127,7 +99,7 @@ class Traction:
         check_on_group(self)
         check_vector(f"Traction on {shown(self.group)}: value", self.value, (2, 3))
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
         from dolfinx import fem
 
@@ -164,7 +136,7 @@ class Pressure:
         name = f"Pressure on {shown(self.group)}: value"
         check_number(name, self.value, lambda _: True, "finite", unit="Pa")
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
         from dolfinx import fem
 
@@ -195,42 +167,9 @@ class FormLoad:
         check_function("FormLoad: form", self.form, "the test function")
         check_function("FormLoad: factor", self.factor)
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its nodal forces."""
         return [(model.assemble(self.form(ufl.TestFunction(model.V))), self.factor)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class BaseMotion:
-    """Uniform acceleration of the ground; displacements are then relative to the ground.
-
-    F = -M iota a_g(t) for each axis.
-
-    Attributes:
-        acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
-            In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
-
-    Raises:
-        ValueError: It is no function.
-    """
-
-    acceleration: Callable[[float], Any]
-
-    def __post_init__(self) -> None:
-        """Check the motion."""
-        check_function("BaseMotion: acceleration", self.acceleration)
-
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """One inertia pattern per axis."""
-        latest = lru_cache(maxsize=1)(in_axes(self.acceleration, model.gdim, "acceleration"))
-
-        def factor(axis: int) -> TimeFactor:
-            return lambda time: float(latest(time)[axis])
-
-        return [
-            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factor(axis))
-            for axis in range(model.gdim)
-        ]
 
 
 def check_on_group(load: Any) -> None:
@@ -246,14 +185,3 @@ def check_on_group(load: Any) -> None:
 def on_group(load: Any) -> str:
     """What messages call a load on a facet group."""
     return f"{type(load).__name__} on {shown(load.group)}"
-
-
-def check_motion(motion: Any, gdim: int) -> None:
-    """Refuse a ground motion that gives no acceleration vector.
-
-    Raises:
-        ValueError: It is no function, or gives fewer than ``gdim`` numbers.
-    """
-    wanted = f"a function of time that gives at least {gdim} numbers"
-    check_kind_of("motion", motion, callable(motion), wanted)
-    in_axes(motion, gdim)(0.0)

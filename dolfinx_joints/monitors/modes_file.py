@@ -12,9 +12,10 @@ import numpy as np
 
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import Modes
-from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
+from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 
 
@@ -53,7 +54,7 @@ def write_modes(
             f"The modes have {max(unknowns, default=0)} unknowns, the model has {model.num_dofs}: "
             "they are of another model."
         )
-    nodes = NodeGather(model)
+    nodes = NodeNumbering(model.V)
     surface = boundary_facets(model, nodes)
     shapes = [nodes.gather(shape) for shape in modes.shapes]
     told = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}

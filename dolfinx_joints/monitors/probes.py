@@ -13,43 +13,10 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
-
-
-class NodeGather:
-    """Collects nodal vectors on rank 0 in the order of the input mesh's nodes.
-
-    Attributes:
-        positions: Node coordinates on rank 0, shape (num_nodes, 3), [m].
-        number: Position of each local node (ghosts included) in that order.
-    """
-
-    def __init__(self, model: Model) -> None:
-        """Exchange the order once (collective)."""
-        self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
-        index_map = model.V.dofmap.index_map
-        owned = index_map.size_local
-        x = model.V.tabulate_dof_coordinates()
-        keys = _node_keys(model)
-        parts = self._comm.allgather(keys[:owned])
-        every = np.concatenate(parts)
-        order = np.argsort(every, kind="stable")
-        self._order = order
-        sorted_keys = every[order]
-        self.number = np.searchsorted(sorted_keys, keys)
-        positions = self._comm.gather(x[:owned], root=0)
-        self.positions = np.zeros((0, 3)) if positions is None else np.concatenate(positions)[order]
-
-    def gather(self, u: PETSc.Vec) -> Floats:
-        """Nodal vectors (num_nodes, 3) on rank 0, empty elsewhere (collective)."""
-        parts = self._comm.gather(u.getArray(readonly=True).reshape(-1, self._gdim), root=0)
-        if parts is None:
-            return np.zeros((0, 3))
-        values = np.zeros((len(self._order), 3))
-        values[:, : self._gdim] = np.concatenate(parts)[self._order]
-        return values
 
 
 def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
@@ -66,33 +33,9 @@ def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
     return {n: tuple(float(x) for x in place) for n, place in zip(points, places, strict=True)}
 
 
-def _node_keys(model: Model) -> NDArray[np.int64]:
-    """A number for each local node that no partition changes.
-
-    The smallest (input cell, position in the cell) slot that holds the node.
-    """
-    mesh, dofmap = model.jointed.mesh, model.V.dofmap
-    cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
-    table = dofmap.list[: len(cells)]
-    slots = cells[:, None] * table.shape[1] + np.arange(table.shape[1])
-    index_map = dofmap.index_map
-    keys = np.full(index_map.size_local + index_map.num_ghosts, np.iinfo(np.int64).max)
-    np.minimum.at(keys, table.ravel(), slots.ravel())
-    return _least_over_ranks(mesh.comm, index_map, keys)
-
-
-def _least_over_ranks(comm: Any, index_map: Any, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Smallest key that any rank holds for each node."""
-    numbers = index_map.local_to_global(np.arange(len(keys), dtype=np.int32))
-    least = np.full(index_map.size_global, np.iinfo(np.int64).max)
-    for part_numbers, part_keys in comm.allgather((numbers, keys)):
-        np.minimum.at(least, part_numbers, part_keys)
-    return least[numbers]
-
-
 def boundary_facets(
     model: Model,
-    nodes: NodeGather,
+    nodes: NodeNumbering,
     *,
     without: NDArray[np.int32] | None = None,
     only: NDArray[np.int32] | None = None,
@@ -153,7 +96,9 @@ class PointProbe:
         MeshError: A point is farther from every node than a tenth of the body's size.
     """
 
-    def __init__(self, model: Model, points: Sequence[Sequence[float]], nodes: NodeGather) -> None:
+    def __init__(
+        self, model: Model, points: Sequence[Sequence[float]], nodes: NodeNumbering
+    ) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
         owned = model.V.dofmap.index_map.size_local

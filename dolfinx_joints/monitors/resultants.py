@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
+from dolfinx_joints.mesh.blocks import block_of_nodes
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import NodeGather, joint_facet_points
+from dolfinx_joints.monitors.probes import joint_facet_points
 from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.simulation.construction import connected_blocks
 from dolfinx_joints.simulation.records import Record
 
 Floats = NDArray[np.floating[Any]]
@@ -175,15 +175,14 @@ class Blocks:
         sides_of_all: The same of all points of all ranks.
     """
 
-    def __init__(self, model: Model, nodes: NodeGather) -> None:
+    def __init__(self, model: Model, nodes: NodeNumbering) -> None:
         """Connect the cells (collective)."""
         assert model.operator is not None
         comm, mesh = model.jointed.mesh.comm, model.jointed.mesh
         self._operator = model.operator
         own_cells = mesh.topology.index_map(model.gdim).size_local
         table = model.V.dofmap.list[:own_cells]
-        cells = comm.gather(nodes.number[table], root=0)
-        block = on_root(comm, lambda: connected_blocks(np.concatenate(cells)))[nodes.number]
+        block = block_of_nodes(nodes)
         of_cell = block[table[:, 0]]
         self.sides_of_all = _sides(model, np.asarray(mesh.topology.original_cell_index), of_cell)
         start = model.operator.matrix.getOwnershipRange()[0] // 3
@@ -249,7 +248,7 @@ class ResultantsStream:
         wet: Names of the joints with water.
     """
 
-    def __init__(self, model: Model, nodes: NodeGather, wet: tuple[str, ...]) -> None:
+    def __init__(self, model: Model, nodes: NodeNumbering, wet: tuple[str, ...]) -> None:
         """Find joints and blocks (collective)."""
         self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
         self._model, self._wet = model, wet

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.common.parameters import check_count, check_flag, check_path
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
-    NodeGather,
     PointProbe,
     boundary_facets,
     checked_points,
@@ -133,7 +133,7 @@ class ResultsMonitor:
     def _find(self, model: Model, first: Record) -> None:
         """Nodes, points, supports and joints of the model (collective)."""
         self._model, self._comm = model, model.jointed.mesh.comm
-        self._nodes = NodeGather(model)
+        self._nodes = NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         self._supports = model.constraints.groups
         self._envelopes = None

@@ -15,8 +15,9 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import lasting, on_root
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import NodeGather, boundary_facets
+from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions
 
 Floats = NDArray[np.floating[Any]]
@@ -48,7 +49,7 @@ class SurfaceStress:
         ValueError: The model is plane or has plastic cells.
     """
 
-    def __init__(self, model: Model, nodes: NodeGather, facets: Ints | None = None) -> None:
+    def __init__(self, model: Model, nodes: NodeNumbering, facets: Ints | None = None) -> None:
         """Assemble the matrix (collective)."""
         if model.gdim != 3:
             raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
@@ -200,7 +201,7 @@ class StressEnvelopes:
     """
 
     def __init__(
-        self, model: Model, nodes: NodeGather, groups: Sequence[str] | None = None
+        self, model: Model, nodes: NodeNumbering, groups: Sequence[str] | None = None
     ) -> None:
         """Assemble what the recovery needs (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
@@ -227,7 +228,7 @@ class StressEnvelopes:
         self._seen.load_state_dict(columns[self._stress.own])
 
 
-def facets_of_groups(model: Model, nodes: NodeGather, groups: Sequence[str]) -> Ints:
+def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:
     """Vertices of the exterior facets of named groups, on every rank (collective).
 
     Args:
@@ -247,7 +248,7 @@ def facets_of_groups(model: Model, nodes: NodeGather, groups: Sequence[str]) -> 
     return np.unique(np.concatenate(found), axis=0)
 
 
-def free_facets(model: Model, nodes: NodeGather) -> Ints:
+def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
     """Vertices of the exterior facets of no joint and no support, on every rank (collective).
 
     Args:

@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import (
     LARGEST,
@@ -34,9 +35,6 @@ from dolfinx_joints.motions.processing import (
     without_drift,
     without_line,
 )
-
-STANDARD_GRAVITY = 9.80665
-"""Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901): the g in which records are given."""
 
 # A day in steps of 0.01 s.
 MOST_SAMPLES = 1e7

@@ -15,9 +15,9 @@ from typing import Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 MAX_BYTES = 50_000_000
 """Largest file that is read [bytes]; an hour at 200 samples per second takes 12e6."""

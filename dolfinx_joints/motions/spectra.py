@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.parameters import LARGEST, SMALLEST, finite, numbers_of, real, shown
-from dolfinx_joints.motions.motion import MOST_SAMPLES, STANDARD_GRAVITY
+from dolfinx_joints.motions.motion import MOST_SAMPLES
 
 Floats = NDArray[np.floating[Any]]
 

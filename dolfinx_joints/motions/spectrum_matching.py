@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import (
     LARGEST,
@@ -22,7 +23,7 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.processing import ROUNDING, without_drift
 from dolfinx_joints.motions.spectra import (
     arias_intensity,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.parameters import (
     check_choice,
     check_kind_of,
@@ -20,7 +21,7 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import response_spectrum
 from dolfinx_joints.motions.spectrum_matching import SpectrumMatch
 from dolfinx_joints.postprocessing.plots import (

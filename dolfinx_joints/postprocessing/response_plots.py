@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.parameters import (
     SMALLEST,
     check_choice,
@@ -21,7 +22,6 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
     shown,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum, spectrogram
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_joints import __version__
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.report import figures as report_figures
 from dolfinx_joints.report.page import (
@@ -23,11 +24,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Pair, Run
-from dolfinx_joints.results.reader import (
-    ENERGY_TERMS,
-    LARGE_ENERGY_ERROR,
-    LARGE_LOCAL_ERROR,
-)
+from dolfinx_joints.results.reader import ENERGY_TERMS
 
 _PARAMETERS = {
     "time_step": "time step [s]",

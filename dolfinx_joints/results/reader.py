@@ -51,12 +51,6 @@ ENERGY_TERMS = (
 )
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
-# Beyond these a run is doubtful: the energy error as a share of the largest energy (the paper's
-# stayed below 4 % with joints), and the error estimated for a single step as one of the largest
-# displacement.
-LARGE_ENERGY_ERROR = 0.05
-LARGE_LOCAL_ERROR = 0.05
-
 _MOST_LISTED = 12  # names in a message
 
 Index = int | slice

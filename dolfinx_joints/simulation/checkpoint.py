@@ -23,9 +23,9 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_flag, check_path
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
@@ -140,7 +140,7 @@ class Checkpoints:
             raise CheckpointError(
                 "Checkpoints do not hold the state of plastic cells; run this model without them."
             )
-        nodes = NodeGather(model)
+        nodes = NodeNumbering(model.V)
         facts = fingerprint(model, system, nodes, settings, motion, times)
         return CheckpointKeeper(self, model, nodes, facts)
 
@@ -156,7 +156,7 @@ class CheckpointKeeper:
     """
 
     def __init__(
-        self, checkpoints: Checkpoints, model: Model, nodes: NodeGather, facts: Mapping[str, Any]
+        self, checkpoints: Checkpoints, model: Model, nodes: NodeNumbering, facts: Mapping[str, Any]
     ) -> None:
         """Nothing is written yet."""
         self._path, self._every = checkpoints.path, checkpoints.every

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError, MeshError
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_number
 from dolfinx_joints.joints.contact import Contact, no_such_joint
 from dolfinx_joints.laws.law import Floats, JointState, Response, Status
 from dolfinx_joints.loads.load import Load
+from dolfinx_joints.mesh.blocks import block_of_nodes
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import NodeGather
 from dolfinx_joints.simulation.records import StaticState
 
 Rows = NDArray[np.bool_]
@@ -141,10 +141,7 @@ def check_blocks_stand(model: Model) -> None:
     Raises:
         JointsError: A block is not held by its supports alone.
     """
-    comm, nodes = model.jointed.mesh.comm, NodeGather(model)
-    table = model.V.dofmap.list[: model.jointed.mesh.topology.index_map(model.gdim).size_local]
-    cells = comm.gather(nodes.number[table], root=0)
-    block = on_root(comm, lambda: connected_blocks(np.concatenate(cells)))[nodes.number]
+    comm, block = model.jointed.mesh.comm, block_of_nodes(NodeNumbering(model.V))
     owned = model.V.dofmap.index_map.size_local
     points = model.V.tabulate_dof_coordinates()[:owned, : model.gdim]
     count = comm.allreduce(int(block.max(initial=-1)), MPI.MAX) + 1
@@ -160,17 +157,6 @@ def check_blocks_stand(model: Model) -> None:
                 f"against {held} of {motions} rigid motions; while joints are inactive each block "
                 "must stand by itself: give it a support, or keep the joints active."
             )
-
-
-def connected_blocks(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the connected block of each node, from the nodes of the cells."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    first = np.broadcast_to(cells[:, :1], cells.shape).ravel()
-    size = int(cells.max()) + 1
-    graph = coo_matrix((np.ones(cells.size), (first, cells.ravel())), (size, size))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _against_rigid_motions(

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.memory_use import peak_mb
 from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.results.reader import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.simulation.records import Monitor, Outcome, Record
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dolfinx_joints.loads.water.water_pressures import WaterPressures
+    from dolfinx_joints.loads.water.joint_water_state import WaterPressures
 
 # Warnings that a results file keeps, and characters of each and of the error that ended a run.
 _MOST_WARNINGS, _LONGEST_WARNING = 40, 500
@@ -175,7 +175,7 @@ class DynamicRun:
     @cached_property
     def _pressures(self) -> WaterPressures:
         """Pressures of the water in joints, found when first asked for (collective)."""
-        from dolfinx_joints.loads.water.water_pressures import WaterPressures
+        from dolfinx_joints.loads.water.joint_water_state import WaterPressures
 
         return WaterPressures(self.model, self._solver.system.in_joints)
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.parameters import number_at
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.monitors.probes import NodeGather
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ SAME = 1e-9
 def fingerprint(
     model: Model,
     system: MatrixSystem,
-    nodes: NodeGather,
+    nodes: NodeNumbering,
     settings: Mapping[str, Any],
     motion: Callable[[float], Any] | None,
     times: Floats,
@@ -105,7 +105,7 @@ def _told(value: Any) -> str:
     return text if " at 0x" not in text else type(value).__qualname__
 
 
-def _weights(system: MatrixSystem, nodes: NodeGather, components: int) -> PETSc.Vec:
+def _weights(system: MatrixSystem, nodes: NodeNumbering, components: int) -> PETSc.Vec:
     """A number between 0.5 and 2.5 for each dof, by its node's place in the input."""
     weights = system.stiffness.createVecRight()
     owned = nodes.number[: weights.getLocalSize() // components]

@@ -28,7 +28,8 @@ from dolfinx_joints.common.parameters import (
     offers,
 )
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.loads.load import BaseMotion, Load, check_motion, in_axes
+from dolfinx_joints.loads.ground_motion import BaseMotion, check_motion, in_axes
+from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options

@@ -17,6 +17,7 @@ from dolfinx_joints.joints.internal_forces import Resistance
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
@@ -65,7 +66,7 @@ def march(
             joints = before.joints.state
     if system.water is not None and joints is not None:
         system.water.enter(joints.gap)
-        solver = system.water.settling(solver)
+        solver = JointWaterIteration(system.water, solver)
     held = system.constrained
     reports: list[SolveReport] = []
     elastic_force, load, b, x = (u.duplicate() for _ in range(4))

@@ -38,7 +38,7 @@ from dolfinx_joints import (
     rayleigh,
     synthetic_motion,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 

@@ -26,7 +26,7 @@ from dolfinx_joints import (
     split_mesh,
     synthetic_motion,
 )
-from dolfinx_joints.loads.load import in_axes
+from dolfinx_joints.loads.ground_motion import in_axes
 
 pytestmark = pytest.mark.mpi
 

@@ -31,7 +31,7 @@ from dolfinx_joints import (
     Traction,
     split_mesh,
 )
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 

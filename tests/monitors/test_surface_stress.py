@@ -24,7 +24,7 @@ from dolfinx_joints import (
     Simulation,
     split_mesh,
 )
-from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, principal_extremes
 
@@ -70,7 +70,7 @@ def test_a_rank_without_cells_takes_part(comm, new_path):
     base = dmesh.locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
     tags = dmesh.meshtags(mesh, 2, base, np.full(len(base), 1, dtype=np.int32))
     model = model_of(split_mesh(mesh, tags, joints={}, groups={"base": 1}))
-    seen = StressEnvelopes(model, NodeGather(model))
+    seen = StressEnvelopes(model, NodeNumbering(model.V))
     seen.see(displacement(model, lambda x: x @ LOWER.T), 0.0)
     columns = seen.gather()
     if comm.rank == 0:
@@ -101,7 +101,7 @@ def test_patch_on_each_side_of_a_joint(comm, blocks_file, read, cell, order):
     upper = upper[upper < len(values)]
     values[upper] = x[upper] @ UPPER.T
     u.setArray(values.ravel())
-    nodes = NodeGather(model)
+    nodes = NodeNumbering(model.V)
     stress = SurfaceStress(model, nodes)
     found = stress(u, 0.0)
     is_upper = np.isin(stress.nodes[stress.own], nodes.number[upper])
@@ -124,7 +124,7 @@ def test_pure_bending(comm, wall_file, read, cell):
         rows = [-0.5 * k * (z**2 + nu * (a**2 - y**2)), -nu * k * a * y, k * a * z]
         return np.stack(rows, axis=1)
 
-    nodes = NodeGather(model)
+    nodes = NodeNumbering(model.V)
     envelopes = StressEnvelopes(model, nodes)
     u = displacement(model, bent)
     envelopes.see(u, 0.0)
@@ -182,7 +182,7 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
     if comm.rank != 0:
         return
     model = model_of(read(wall_file(), on=MPI.COMM_SELF))
-    nodes = NodeGather(model)
+    nodes = NodeNumbering(model.V)
     recovery = SurfaceStress(model, nodes)
     with Results(many) as results:
         np.testing.assert_array_equal(results.static("envelopes/nodes"), recovery.nodes)

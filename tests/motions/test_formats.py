@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
 from dolfinx_joints.motions.record_text import (
     MAX_BYTES,

@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.motions.motion import (
-    STANDARD_GRAVITY,
-    Motion,
-    synthetic_motion,
-)
+from dolfinx_joints.motions.motion import Motion, synthetic_motion
 
 
 def motion_of(columns: Any, dt: float = 0.01) -> Motion:

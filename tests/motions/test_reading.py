@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
 
 NEW_STYLE = "NPTS=   {count}, DT=   {dt} SEC,                  "

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.motions.spectra import (
     arias_intensity,
     equally_spaced,

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY, Motion
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import response_spectrum
 from dolfinx_joints.motions.spectrum_matching import match_spectrum
 from dolfinx_joints.postprocessing import motion_plots

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import response_plots
 from dolfinx_joints.results.layout import declare_histories, declare_states
 from dolfinx_joints.results.reader import Results

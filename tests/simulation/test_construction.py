@@ -34,9 +34,9 @@ from dolfinx_joints import (
     Temperature,
     Traction,
 )
-from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 
@@ -75,7 +75,7 @@ def wall(wall_file, read):
 def gathered(model, vector):
     """Nodal vectors in the order of the input's nodes on all ranks."""
     comm = model.jointed.mesh.comm
-    return comm.bcast(NodeGather(model).gather(vector))
+    return comm.bcast(NodeNumbering(model.V).gather(vector))
 
 
 def largest(comm, values):
@@ -104,11 +104,14 @@ def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
     """The left block of the wall moves as the one block of a mesh of its own."""
     model = wall([Gravity()])
     state = Simulation(model).statics(joints="inactive")
-    found, places = gathered(model, state.displacement), comm.bcast(NodeGather(model).positions)
+    found, places = (
+        gathered(model, state.displacement),
+        comm.bcast(NodeNumbering(model.V).positions),
+    )
     path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
     alone = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
     single = gathered(alone, Simulation(alone).statics().displacement)
-    there = comm.bcast(NodeGather(alone).positions)
+    there = comm.bcast(NodeNumbering(alone.V).positions)
     scale = np.abs(single).max()
     # Nodes on the joint are double: one of the two at that place is the block's.
     for place, u in zip(there, single, strict=True):
@@ -140,7 +143,7 @@ def test_tractions_are_those_of_the_later_load(comm, wall, solver):
     total.axpy(-1.0, after.displacement)
     assert total.norm() < 1e-9 * size
     # Stresses of the cantilevers stay in the results.
-    stress = SurfaceStress(both, NodeGather(both))
+    stress = SurfaceStress(both, NodeNumbering(both.V))
     parts = [stress(s.displacement, 0.0).copy() for s in (alone, tied, after)]
     error = largest(comm, parts[0] + parts[1] - parts[2])
     assert error < 1e-9 * largest(comm, parts[2])

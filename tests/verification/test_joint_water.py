@@ -34,9 +34,9 @@ from dolfinx.mesh import (
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.loads.water.joint_pressures import Wetness
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.loads.water.joint_water import Wetness
 from dolfinx_joints.loads.water.joint_water_state import JointWaters
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 

@@ -22,8 +22,8 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from dolfinx_joints.monitors.probes import NodeGather
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 COMM = MPI.COMM_WORLD
 pytestmark = [
@@ -127,7 +127,7 @@ def of_all(model, state):
     comm, operator = model.jointed.mesh.comm, model.operator
     joints = state.joints
     whole = {
-        "displacement": NodeGather(model).gather(state.displacement),
+        "displacement": NodeNumbering(model.V).gather(state.displacement),
         "gap": operator.gather(joints.state.gap[:, :3]),
         "traction": operator.gather(joints.traction),
         "status": operator.gather(joints.status.astype(float)),

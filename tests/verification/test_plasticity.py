@@ -46,7 +46,7 @@ from dolfinx_joints import (
     Temperature,
     split_mesh,
 )
-from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
 pytestmark = pytest.mark.mpi
@@ -320,7 +320,7 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     with pytest.raises(JointsError, match="of a body with plastic cells cannot be free, nor"):
         Simulation(model).statics(joints="inactive")
     with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
-        SurfaceStress(model, NodeGather(model))
+        SurfaceStress(model, NodeNumbering(model.V))
     with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):
         standing(block(comm, "triangle"), rock(), plane="stress")
     warm = Temperature(value=10.0, reference=0.0, expansion=1e-5)

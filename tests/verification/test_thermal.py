@@ -46,7 +46,7 @@ from dolfinx_joints import (
     Temperature,
     split_mesh,
 )
-from dolfinx_joints.monitors.probes import NodeGather
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 
@@ -138,7 +138,7 @@ def test_warm_bar_between_walls(comm, cell, plane, joint):
     if joint:
         np.testing.assert_allclose(state.joints.traction[:, 0], stress, rtol=1e-9)
     if model.gdim == 3:
-        recovery = SurfaceStress(model, NodeGather(model))
+        recovery = SurfaceStress(model, NodeNumbering(model.V))
         found = recovery(state.displacement, 0.0)
         expected = np.tile([0.0, 0.0, stress, 0.0, 0.0, 0.0], (len(found), 1))
         np.testing.assert_allclose(found, expected, rtol=0, atol=-1e-9 * stress)
@@ -158,7 +158,7 @@ def test_each_block_has_a_reference(comm):
     opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
     # Vertices on the joint are double, so that no vertex takes the mean of both blocks.
-    found = SurfaceStress(model, NodeGather(model))(state.displacement, 0.0)
+    found = SurfaceStress(model, NodeNumbering(model.V))(state.displacement, 0.0)
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
 
 
@@ -169,7 +169,7 @@ def test_one_load_with_a_reference_per_block(comm):
     state = Simulation(model).statics()
     opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
-    found = SurfaceStress(model, NodeGather(model))(state.displacement, 0.0)
+    found = SurfaceStress(model, NodeNumbering(model.V))(state.displacement, 0.0)
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
 
 
@@ -201,7 +201,7 @@ def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
     model.stiffness.mult(u, missing)
     missing.axpy(-1.0, force)
     assert missing.norm() < 1e-10 * force.norm()
-    found = SurfaceStress(model, NodeGather(model))(u, 0.0)
+    found = SurfaceStress(model, NodeNumbering(model.V))(u, 0.0)
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * slope
 
 
@@ -213,7 +213,7 @@ def test_seasons(comm):
         value=10.0, reference=0.0, expansion=ALPHA, factor=lambda t: math.cos(2.0 * math.pi * t)
     )
     model = model_of(jointed, [mean, swing])
-    simulation, envelopes = Simulation(model), StressEnvelopes(model, NodeGather(model))
+    simulation, envelopes = Simulation(model), StressEnvelopes(model, NodeNumbering(model.V))
     for time in (0.0, 0.5, 1.0):
         state = simulation.quasi_statics([time])
         change = -1.0 + 10.0 * math.cos(2.0 * math.pi * time)

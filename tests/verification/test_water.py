@@ -46,8 +46,8 @@ from dolfinx_joints import (
     split_mesh,
     synthetic_motion,
 )
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water import wetted_facets as wetted
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 

@@ -28,7 +28,7 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ class Temperature:
             check_name("Temperature: cells", self.cells, "a cell group")
         check_function("Temperature: factor", self.factor)
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch a free body as the temperature does (collective)."""
         where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
         v = ufl.TestFunction(model.V)
@@ -87,7 +87,7 @@ class Temperature:
             raise ValueError("Temperature: value is not finite in the whole of its cells.")
         return [(force, self.factor)]
 
-    def blocked_stress(self, model: Model) -> Any:
+    def blocked_stress(self, model: LoadedBody) -> Any:
         """Pressure that it makes in a body held still (UFL), [Pa]."""
         from dolfinx import fem
 
@@ -95,7 +95,7 @@ class Temperature:
         change = self._field(model) - self._reference(model)
         return model.body.blocked_stress(expansion * change)
 
-    def _reference(self, model: Model) -> Any:
+    def _reference(self, model: LoadedBody) -> Any:
         """T_0 as a constant, or as a function of degree 0."""
         from dolfinx import fem
 
@@ -119,7 +119,7 @@ class Temperature:
             )
         return field
 
-    def _field(self, model: Model) -> Any:
+    def _field(self, model: LoadedBody) -> Any:
         """T as a number or a UFL expression."""
         from dolfinx import fem
 

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.common.parameters import check_each, check_name, check_number, hold_floats
 from dolfinx_joints.loads.load import TimeFactor, always, check_on_group, on_group
-from dolfinx_joints.motions.motion import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
+    from dolfinx_joints.loads.loaded_body import LoadedBody
     from dolfinx_joints.loads.water.wetted_facets import WettedFacets
-    from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
 Depth = float | Callable[[Floats], Any]
@@ -52,7 +52,7 @@ class HydrostaticPressure:
         hold_floats(self)
         _check(self, "density", "gravity")
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces (collective)."""
         weight = self.density * self.gravity
         return [(_pressure(model, self.group, self.level, weight), self.factor)]
@@ -86,7 +86,7 @@ class SiltPressure:
         hold_floats(self)
         _check(self, "density", "coefficient", "gravity")
 
-    def patterns(self, model: Model) -> list[tuple[PETSc.Vec, TimeFactor]]:
+    def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces (collective)."""
         weight = self.coefficient * self.density * self.gravity
         return [(_pressure(model, self.group, self.level, weight), self.factor)]
@@ -123,7 +123,7 @@ class WestergaardMass:
             name = f"{on_group(self)}: depth"
             check_number(name, self.depth, lambda v: v > 0, "positive and finite", unit="m")
 
-    def matrix(self, model: Model) -> PETSc.Mat:
+    def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective)."""
         from petsc4py import PETSc
 
@@ -163,7 +163,7 @@ class WestergaardMass:
         return deep.reshape(positions.shape[:-1])
 
 
-def _pressure(model: Model, group: str, level: float, weight: float) -> PETSc.Vec:
+def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:
     """Nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
     from petsc4py import PETSc
 
@@ -181,7 +181,7 @@ def _pressure(model: Model, group: str, level: float, weight: float) -> PETSc.Ve
     return force
 
 
-def _faces(model: Model, group: str, level: float) -> WettedFacets:
+def _faces(model: LoadedBody, group: str, level: float) -> WettedFacets:
     from dolfinx_joints.loads.water.wetted_facets import wetted_facets
 
     return wetted_facets(model.V, model.jointed, group, float(level))

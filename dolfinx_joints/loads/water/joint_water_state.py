@@ -15,23 +15,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.loads.water.joint_pressures import Codes, WaterInJoint, Wetness, opening_force
+from dolfinx_joints.loads.water.joint_water import (
+    Codes,
+    Uplift,
+    WaterInJoint,
+    Wetness,
+    label,
+    opening_force,
+)
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.joints.contact import Rule
-    from dolfinx_joints.laws.law import JointState, Response
-    from dolfinx_joints.model.model import Model
-    from dolfinx_joints.model.system import MatrixSystem
-    from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-    from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
+    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 Floats = NDArray[np.float64]
-
-# Solves of one static load step before openings and pressures are given up.
-MOST_SOLVES = 100
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,14 @@ class JointWaters:
 
     Attributes:
         names: Names of the loads.
+        joints: Names of all joints of the body.
         codes: Wetness of the local points at the end of the step.
 
     Raises:
         ValueError: A joint has two of them.
     """
 
-    def __init__(self, model: Model, loads: Mapping[str, Any]) -> None:
+    def __init__(self, model: LoadedBody, loads: Mapping[str, Any]) -> None:
         """Nothing is open yet (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
@@ -74,7 +73,7 @@ class JointWaters:
         self._known: list[_End] = []
         operator = model.operator
         assert operator is not None
-        self._operator = operator
+        self.joints, self._operator = operator.names, operator
         self._time_and_scale = (0.0, 1.0)
         self.enter(np.full((len(operator.areas), 3), -np.inf))
 
@@ -145,10 +144,6 @@ class JointWaters:
         total = np.sum(self._operator.comm.allgather(differ), axis=0)
         return np.asarray(total).astype(np.int64)
 
-    def settling(self, solver: StepSolver) -> Settling:
-        """A solver of statics that looks for openings and pressures that agree."""
-        return Settling(self, solver, self._operator.names)
-
     def _together(self, parts: Sequence[Codes]) -> Codes:
         """Codes of all loads, each of other joints."""
         return np.max(parts, axis=0)
@@ -164,62 +159,35 @@ class JointWaters:
         return found
 
 
-class Settling:
-    """Solves a static load step again until the water is that of the openings it leads to.
-
-    It begins with the water of the last load step. Where water opens and opening lets water in,
-    openings only grow on the way, and the smallest that agree are found.
+class WaterPressures:
+    """All water in the joints of a stage.
 
     Args:
-        water: The water.
-        solver: What solves with given pressures.
-        joints: Joint names.
+        model: The model.
+        loads: The `Uplift` and `JointWater` loads that act.
     """
 
-    def __init__(self, water: JointWaters, solver: StepSolver, joints: Sequence[str]) -> None:
-        """Nothing is solved yet."""
-        self.system: MatrixSystem = solver.system
-        self.name = solver.name
-        self._water, self._solver, self._joints, self._step = water, solver, joints, 0
+    def __init__(self, model: LoadedBody, loads: Sequence[Any]) -> None:
+        """Find the pressures of each point (collective)."""
+        given = [load for load in loads if isinstance(load, Uplift)]
+        self._given = [(load.at_points(model), load.factor) for load in given]
+        others = [load for load in loads if not isinstance(load, Uplift)]
+        self._parts = [WaterInJoint(label(load), load, model) for load in others]
+        assert model.operator is not None
+        self._size = len(model.operator.areas)
 
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = "backward_euler",
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` and the water; ``b`` is left with its forces (collective).
+    def __call__(self, time: float, codes: Codes | None) -> Floats:
+        """Pressure at the local joint points, shape (n,), [Pa].
 
-        Raises:
-            JointsError: Openings and pressures do not come to agree.
+        Args:
+            time: Time [s].
+            codes: What the water does there, ``DynamicState.water``; None where no load depends
+                on the joints.
         """
-        self._step += 1
-        start, seen = x.copy(), [self._water.codes]
-        while True:
-            response, report = self._solver.solve(effective, b, x, state, rule)
-            assert response is not None
-            codes = self._water.by_opening(response.state.gap)
-            toggled = self._water.toggled(codes, seen[-1])
-            if not toggled.any():
-                return response, report
-            again = any(not self._water.toggled(codes, old).any() for old in seen)
-            if again or len(seen) == MOST_SOLVES:
-                worst = int(np.argmax(toggled))
-                raise JointsError(
-                    f"The water in the joint {self._joints[worst]!r} does not settle in step "
-                    f"{self._step} of the static stage: after {len(seen)} iterations "
-                    f"{toggled[worst]} of its points still change between wet and dry; take more "
-                    "load steps, a larger aperture, or a given Uplift."
-                )
-            seen.append(codes)
-            self._water.change(codes, b)
-            start.copy(x)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: statics have no checkpoints."""
-        return {}
-
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up nothing."""
+        total = np.zeros(self._size)
+        for pressure, factor in self._given:
+            total += float(factor(time)) * pressure
+        for part in self._parts:
+            assert codes is not None
+            total += part.factor(time) * part.pressure(codes)
+        return total

@@ -18,7 +18,7 @@ from dolfinx_joints.joints.quadrature import facet_cell_type
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
-    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 Mask = NDArray[np.bool_]
 
@@ -44,7 +44,7 @@ class OpenPaths:
         MeshError: There is no such group, or it does not touch the joint.
     """
 
-    def __init__(self, model: Model, joint: str, group: str) -> None:
+    def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
         """Link points with their neighbours (collective)."""
         assert model.operator is not None
         layout, pairs, self._comm = model.operator.layout, model.jointed.pairs, model.operator.comm
@@ -89,7 +89,7 @@ class OpenPaths:
         return np.asarray(every & np.isin(label, label[every & self._starts]))
 
 
-def _positions(model: Model, group: str) -> Floats:
+def _positions(model: LoadedBody, group: str) -> Floats:
     """Nodes of a facet group on all ranks, shape (n, 3), [m] (collective)."""
     own = model.V.tabulate_dof_coordinates()[model.nodes(group)]
     return np.concatenate(model.jointed.mesh.comm.allgather(own))

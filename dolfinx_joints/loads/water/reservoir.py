@@ -40,7 +40,7 @@ from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints,
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -132,7 +132,7 @@ class ReservoirMass:
         """What messages call it."""
         return f"ReservoirMass on {shown(self.group)}"
 
-    def matrix(self, model: Model) -> PETSc.Mat:
+    def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective).
 
         Raises:
@@ -331,7 +331,7 @@ class _WetParts:
     pressures: Floats
     points: WettedPoints
 
-    def coupling(self, model: Model) -> tuple[Ints, Ints, Floats]:
+    def coupling(self, model: LoadedBody) -> tuple[Ints, Ints, Floats]:
         """Forces of unit pressures at the water's nodes: these nodes, dofs, values [m^2]."""
         gdim = model.gdim
         nodes = self.points.nodes
@@ -373,7 +373,7 @@ def _to_all(comm: Any, work: Any) -> tuple[Ints, Floats]:
     return dofs, matrix
 
 
-def _assembled(model: Model, dofs: Ints, half: Floats) -> PETSc.Mat:
+def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
     """Y^T Y over given dofs in the layout of the model's matrices (collective)."""
     from petsc4py import PETSc
 

@@ -1,0 +1,12 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Constants that several wings share."""
+
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901): the g in which records are given."""
+
+# Beyond these a run is doubtful: the energy error as a share of the largest energy (the paper's
+# stayed below 4 % with joints), and the error estimated for a single step as one of the largest
+# displacement.
+LARGE_ENERGY_ERROR = 0.05
+LARGE_LOCAL_ERROR = 0.05

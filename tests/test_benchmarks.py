@@ -190,7 +190,7 @@ def test_efficiency_of_ranks():
 
 @pytest.mark.slow
 def test_kills(capsys):
-    """No run is lost: a handful of the 200 kills that docs/benchmarks.md tells of."""
+    """No run is lost: a handful of the 200 kills of docs/decisions/robustness.md."""
     given = ["--kills", "5", "--rank-kills", "2", "--steps", "40", "--json"]
     assert kills.main(given) == 0
     found = printed(capsys)

@@ -1,54 +1,49 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pages of the documentation site: texts of the project, demos, and lists of public names."""
+"""Pages of the documentation site: texts of the project, demos, and the reference."""
 
 from __future__ import annotations
 
 import ast
+import importlib
 import os
 import re
 import shutil
-from collections import defaultdict
 from importlib.util import find_spec
 from pathlib import Path
 
-from dolfinx_joints import _HOME
-
 PROJECT = Path(__file__).resolve().parents[2]
-# In the order of the menu.
+# In the order of the menu. The pages of a folder are in the order of the links of its index.
 MENU = {
-    "Use": [
-        "docs/guide.md",
-        "demos",
-        "docs/api.md",
-        "docs/modules.md",
-    ],
-    "Background": ["docs/theory.md", "docs/time_integration.md", "docs/conventions.md"],
-    "Evidence": [
-        "docs/benchmarks.md",
-        "docs/studies.md",
-        "docs/mutants.md",
-    ],
+    "Use": ["docs/guide/index.md", "demos", "docs/reference/index.md", "docs/conventions.md"],
+    "Background": ["docs/theory/index.md"],
+    "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "CHANGELOG.md"],
 }
 # Files beside the pages that pages link to.
 FILES = ("CITATION.cff", "COPYING", "COPYING.LESSER")
-# Modules that users import by name, as the guide does.
-MODULES = (
-    "results",
-    "measures",
-    "envelopes",
-    "spectra",
-    "motion_processing",
-    "stresses",
-    "plots",
-    "motion_plots",
-    "response_plots",
-    "views",
-    "report",
-    "study",
-)
+# Modules that users import by name, as the guide does, by the wing whose page lists them.
+MODULES = {
+    "laws": ["laws.law"],
+    "motions": ["motions.reading", "motions.processing", "motions.spectra"]
+    + ["motions.spectrum_matching"],
+    "results": ["results.reader"],
+    "postprocessing": ["postprocessing.plots", "postprocessing.views", "postprocessing.measures"]
+    + ["postprocessing.resultants", "postprocessing.envelopes"]
+    + ["postprocessing.response_plots", "postprocessing.motion_plots"],
+    "monitors": ["monitors.surface_stress"],
+    "report": ["report.report"],
+    "study": ["study"],
+    "exact": ["exact"],
+}
 LINK = re.compile(r"\]\(([^)\s:#]+)(#[^)\s]*)?\)")
+REFERENCE = """# Reference
+
+The public names of `import dolfinx_joints as dj`, by the wing of the package that they come from,
+and modules that are imported by name. All units are SI units; angles are in degrees where the name
+says so. [Parameters](parameters.md): kind, range, unit and default of each.
+
+"""
 
 
 def demos() -> list[Path]:
@@ -68,21 +63,36 @@ def gather(target: Path, runs: Path) -> None:
     """
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(PROJECT / "docs" / "images", target / "docs" / "images")
-    names = [name for group in MENU.values() for name in group]
-    for name in ["README.md", *names]:
-        source = PROJECT / name
-        if source.is_file():
-            text = with_page_links(source.read_text("utf-8"), source)
-            _write(target / name.replace("README", "index"), text)
+    for source in [PROJECT / "README.md", *texts()]:
+        name = str(source.relative_to(PROJECT)).replace("README", "index")
+        _write(target / name, with_page_links(source.read_text("utf-8"), source))
     for name in FILES:
         shutil.copy(PROJECT / name, target / name)
     for script in demos():
         text = demo_page(script, runs / script.stem, target / "demos" / script.stem)
         _write(target / "demos" / f"{script.stem}.md", text)
-    _write(target / "docs" / "api.md", api_page())
-    _write(target / "docs" / "modules.md", modules_page())
+    for name, text in reference_pages().items():
+        _write(target / "docs" / "reference" / f"{name}.md", text)
     with (target / "index.md").open("a", encoding="utf-8") as index:
         index.write(_menu())
+    for index in (target / "docs").glob("*/index.md"):
+        pages = listed(index)
+        with index.open("a", encoding="utf-8") as file:
+            file.write(_toctree("", [str(page.with_suffix("").name) for page in pages]))
+
+
+def texts() -> list[Path]:
+    """The texts of the menu, those of its folders included."""
+    found = [PROJECT / name for group in MENU.values() for name in group]
+    found = [file for file in found if file.is_file()]
+    return found + [page for file in found if file.name == "index.md" for page in listed(file)]
+
+
+def listed(index: Path) -> list[Path]:
+    """The pages of a folder in the order of the links of its index."""
+    links = [index.parent / match[1] for match in LINK.finditer(index.read_text("utf-8"))]
+    inside = [link for link in links if link.parent == index.parent and link.suffix == ".md"]
+    return list(dict.fromkeys(inside))
 
 
 def with_page_links(text: str, source: Path) -> str:
@@ -101,7 +111,7 @@ def with_page_links(text: str, source: Path) -> str:
 
 
 def demo_page(script: Path, run: Path, pictures: Path) -> str:
-    """A demo as a page: its text and code, what it printed, its figures.
+    """A demo as a page: its text and code, its printed lines, its figures.
 
     Args:
         script: The demo, cells of text and code between ``# %%`` lines.
@@ -134,56 +144,62 @@ def _cell(cell: str) -> str:
     return f"```python\n{code}\n```" if code else ""
 
 
-def api_page() -> str:
-    """The public names of the package by the module that they come from."""
-    homes = defaultdict(list)
-    for name, module in _HOME.items():
-        homes[module].append(name)
-    page = (
-        "# Public names\n\nWhat `import dolfinx_joints as dj` offers, by the module that it comes "
-        "from. All units are SI units; angles are in degrees where the name says so.\n"
-    )
-    for module in sorted(homes):
-        directives = "\n\n".join(_directive(module, name) for name in sorted(homes[module]))
-        page += f"\n## {module}\n\n*{_summary(module)}.*\n\n```{{eval-rst}}\n{directives}\n```\n"
-    return page
+def reference_pages() -> dict[str, str]:
+    """The reference: its index, a page per wing, the table of parameters."""
+    homes = public_names()
+    wings = {module.split(".")[0] for module in homes.values()}
+    pages = {}
+    for wing in sorted(wings | set(MODULES)):
+        pages[wing] = f"# {wing}\n\n{_summary(wing)}\n"
+        for module in sorted(m for m in set(homes.values()) if m.split(".")[0] == wing):
+            names = sorted(name for name, home in homes.items() if home == module)
+            pages[wing] += _section(_brief(module), [_directive(module, name) for name in names])
+        for module in MODULES.get(wing, []):
+            known = ", ".join(name for name, home in homes.items() if home == module)
+            lines = f".. automodule:: dolfinx_joints.{module}\n   :members:"
+            pages[wing] += _section(module, [lines + f"\n   :exclude-members: {known}"])
+    rows = "".join(f"- [{name}]({name}.md): {_brief(name)}\n" for name in pages)
+    parameters = importlib.import_module("parameters") if find_spec("parameters") else None
+    pages["parameters"] = "# Parameters\n\n" + (parameters.table() if parameters else "")
+    return {"index": REFERENCE + rows, **pages}
+
+
+def public_names() -> dict[str, str]:
+    """The module of each public class and function, from the stub of the package."""
+    homes = {}
+    for node in ast.parse(_source("", "__init__.pyi")).body:
+        if isinstance(node, ast.ImportFrom):
+            package = PROJECT / "dolfinx_joints" / (node.module or "").replace(".", "/")
+            for alias in node.names:
+                if not (package / f"{alias.name}.py").exists():
+                    homes[alias.name] = str(node.module)
+    return homes
+
+
+def _section(title: str, directives: list[str]) -> str:
+    return f"\n## {title}\n\n```{{eval-rst}}\n" + "\n\n".join(directives) + "\n```\n"
 
 
 def _directive(module: str, name: str) -> str:
-    tree = ast.parse(_source(module))
-    kinds = {n.name: n for n in tree.body if isinstance(n, ast.ClassDef | ast.FunctionDef)}
-    kind = kinds.get(name)
-    if isinstance(kind, ast.FunctionDef):
+    kinds = {n.name: n for n in ast.parse(_source(module)).body if hasattr(n, "name")}
+    if isinstance(kinds.get(name), ast.FunctionDef):
         return f".. autofunction:: dolfinx_joints.{name}"
     return f".. autoclass:: dolfinx_joints.{name}\n   :members:"
 
 
-def modules_page() -> str:
-    """Modules for results, records, pictures and studies."""
-    page = (
-        "# Modules\n\nWhat is made for results, records, pictures and studies is imported from its "
-        "module, as in `from dolfinx_joints import plots`.\n"
-    )
-    for module in MODULES:
-        known = ", ".join(name for name, home in _HOME.items() if home == module)
-        page += (
-            f"\n## {module}\n\n```{{eval-rst}}\n.. automodule:: dolfinx_joints.{module}\n"
-            f"   :members:\n   :exclude-members: {known}\n```\n"
-        )
-    return page
-
-
-def _source(module: str) -> str:
-    spec = find_spec(f"dolfinx_joints.{module}")
-    assert spec is not None
-    assert spec.origin is not None
-    return Path(spec.origin).read_text("utf-8")
+def _source(module: str, file: str = "__init__.py") -> str:
+    package = PROJECT / "dolfinx_joints" / module.replace(".", "/")
+    return (package / file if package.is_dir() else package.with_suffix(".py")).read_text("utf-8")
 
 
 def _summary(module: str) -> str:
-    """The first sentence of a module, without its full stop."""
-    text = ast.get_docstring(ast.parse(_source(module))) or module
-    return text.split("\n")[0].rstrip(".")
+    """The docstring of a module."""
+    return (ast.get_docstring(ast.parse(_source(module))) or module).replace("``", "`")
+
+
+def _brief(module: str) -> str:
+    """The first sentence of a module."""
+    return _summary(module).split("\n")[0].rstrip(".")
 
 
 def _menu() -> str:
@@ -193,9 +209,13 @@ def _menu() -> str:
         for name in names:
             found = demos() if name == "demos" else [PROJECT / name]
             pages += [os.path.relpath(file.with_suffix(""), PROJECT) for file in found]
-        text += "\n```{toctree}\n:hidden:\n:caption: " + caption + "\n\n"
-        text += "\n".join(pages) + "\n```\n"
+        text += _toctree(caption, pages)
     return text
+
+
+def _toctree(caption: str, pages: list[str]) -> str:
+    words = f":caption: {caption}\n" if caption else ""
+    return "\n```{toctree}\n:hidden:\n" + words + "\n" + "\n".join(pages) + "\n```\n"
 
 
 def _write(path: Path, text: str) -> None:

@@ -224,7 +224,7 @@ class DruckerPrager:
         )
 
     def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """Return mapping at the middle of a step, which balances energy (docs/theory.md).
+        """Return mapping at the middle of a step, which balances energy (docs/theory).
 
         The stress of the step is admissible; that at its end, twice it less the one at the start,
         is returned to the cone as well, and what this releases is dissipated.

@@ -19,7 +19,7 @@ from dolfinx_joints.solvers.multigrid import options_set
 Floats = NDArray[np.float64]
 
 # Columns that `DirectSolver.solve_block` is best given at once: fewer read the factor more often
-# per column, more gain nothing (measurements in docs/design.md).
+# per column, more gain nothing (measurements in docs/decisions).
 BLOCK = 64
 
 # MUMPS' option for the per cent by which its workspace exceeds the estimate.

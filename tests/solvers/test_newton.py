@@ -131,7 +131,7 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
 )
 def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
     # A column costs a seventh of a back-substitution, and a static solve takes 250 products: what
-    # is kept pays from m / 1750 solves on (docs/design.md, "Two paths for a step").
+    # is kept pays from m / 1750 solves on (docs/decisions/two_solvers.md).
     law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=1.0, friction_angle_deg=30.0)
     gap = np.zeros((3 * points, 1))
     gap[0] = 1.0

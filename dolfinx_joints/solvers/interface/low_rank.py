@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Points per smallest cluster; 48 take as much and somewhat longer (measured in docs/design.md).
+# Points per smallest cluster; 48 take as much and somewhat longer (measured in docs/decisions).
 LEAF = 96
 
 # A block of low rank is tried where the smaller cluster's diameter is at most this many times the

@@ -52,7 +52,7 @@ INNER_TOLERANCE = 0.03
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
 # takes the time of two iterations and saves one: it is for steps too long for the last to tell of
-# the next. With fewer colours it does less (measured in docs/design.md).
+# the next. With fewer colours it does less (measured in docs/decisions).
 HARD, EASY = 7, 4
 POOR, COLOURS = 0.03, 32
 

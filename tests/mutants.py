@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Small faults put into the heart of the package, one at a time: which do the tests notice?
 
-``make mutants`` runs it; docs/decisions/mutants.md says what came of it. The faults are those of cosmic-ray.
+``make mutants`` runs it; docs/decisions/mutants.md has its results. The faults are cosmic-ray's.
 A mutated module is never written: the interpreter that runs the tests loads it from memory. Which
 tests reach a line is measured first and kept in ``build/mutants`` until package or tests change.
 Kernels of a mutated module are compiled anew; those of the others come from numba's cache.

@@ -3,6 +3,7 @@
 # The public names and where they live; __init__.py reads them from here.
 
 from . import exact as exact
+from . import report as report
 from . import study as study
 from .body.damping import Rayleigh as Rayleigh
 from .body.damping import mass_proportional as mass_proportional

@@ -95,7 +95,7 @@ def _csv(file: Path, out: Path, *, force: bool) -> None:
 
 
 def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:
-    from dolfinx_joints.report import report
+    from dolfinx_joints import report
 
     path = report.write(results, out, with_3d=with_3d)
     print(f"{path}, {path.stat().st_size / 1e6:.1f} MB, pictures in {report.picture_folder(path)}")

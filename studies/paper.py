@@ -19,11 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_joints import JointsError, Results
+from dolfinx_joints import JointsError, Results, report
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import Case, Which, parameters, study_row
 from studies.figures import paper_figures
+from studies.paper_statements import add_statements
 from studies.tables import print_statements, print_tables
 
 FINER = np.sqrt(0.5)
@@ -105,11 +106,8 @@ def main(arguments: list[str] | None = None) -> None:
         print_statements(linear, joints)
         figures = paper_figures(linear, joints, options.out)
     print(f"\n{len(figures)} figures in {options.out}")
-    from dolfinx_joints.report import report
-
-    written = report.write(
-        [result(study, name) for name in study.cases], options.out / "report.html"
-    )
+    files = [result(study, name) for name in study.cases]
+    written = report.write(files, options.out / "report.html", add=add_statements)
     print(f"report: {written}\n{clock.perf_counter() - began:.0f} s in all")
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.report.paper_statements import count, judged
-from dolfinx_joints.report.runs import Pair, Run
+from dolfinx_joints.report import Run
+from studies.paper_statements import Pair, count, judged
 
 POINT = "mid-crest"
 

@@ -17,19 +17,18 @@ from dolfinx_joints.motions.spectra import (
     response_spectrum,
 )
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.report import figures as report_figures
 from dolfinx_joints.report.page import (
     Html,
     Section,
     details,
     figure,
     heading,
+    panels,
     paragraph,
     plain,
     table,
 )
-from dolfinx_joints.report.run_sections import Content, nothing
-from dolfinx_joints.report.runs import Run, components
+from dolfinx_joints.report.runs import Content, Run, components, nothing
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)
@@ -96,12 +95,12 @@ def response_spectra(content: Content) -> Section:
         spectra = {run.label: _point_spectrum(run, name) for run in having}
         spectra["ground"] = ground
         names = components(having)
-        panels = [
+        curves = [
             [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
             for column in range(len(names))
         ]
-        spec = report_figures.panels(
-            panels,
+        spec = panels(
+            curves,
             [f"{component} [m/s²]" for component in names],
             "period [s]",
             logarithmic=True,
@@ -280,7 +279,7 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
         curves.append(panel)
     titles = [f"{component} [mm]" for component in components(runs)]
     caption = f"Displacement of {name} from the static state over time."
-    return report_figures.panels(curves, titles, "time [s]"), caption
+    return panels(curves, titles, "time [s]"), caption
 
 
 def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
@@ -296,7 +295,7 @@ def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
         curves.append(panel)
     titles = [f"{component} [mm s]" for component in components(runs)]
     caption = f"Fourier amplitude of the displacement of {name}, up to {FREQUENCIES:g} Hz."
-    return report_figures.panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
+    return panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
 
 
 def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]:

@@ -5,25 +5,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 from dolfinx_joints import __version__
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.report import figures as report_figures
-from dolfinx_joints.report.page import (
-    Drawings,
-    Section,
-    bullets,
-    paragraph,
-    plain,
-    table,
-)
-from dolfinx_joints.report.runs import Pair, Run
+from dolfinx_joints.report.page import Curve, Section, bullets, panels, paragraph, plain, table
+from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 _PARAMETERS = {
@@ -42,8 +31,8 @@ _PARAMETERS = {
 _MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
 _COUNTS = {
     "steps": "time steps",
-    "accepted": "pieces that the steps were solved in",
-    "failed": "tries that failed",
+    "accepted": "substeps that the steps were solved in",
+    "failed": "rejected attempts",
     "iterations": "iterations in all",
     "solver": "solver",
     "peak_mb": "peak memory [MB]",
@@ -53,36 +42,6 @@ _ERRORS = {
     "imbalance": "energy error / sum of all lines",
     "local_error": "largest error of one step / largest displacement",
 }
-
-
-@dataclass(frozen=True)
-class Content:
-    """What sections are made from.
-
-    Attributes:
-        runs: in the order given.
-        drawings: what the scripts draw; sections add to it.
-        pair: the linear and the jointed run that are compared, if there are such.
-    """
-
-    runs: Sequence[Run]
-    drawings: Drawings
-    pair: Pair | None
-
-    @property
-    def main(self) -> Run:
-        """The run that pictures show: that of the pair with joints, or the first."""
-        return self.pair.joints if self.pair else self.runs[0]
-
-    @property
-    def reference(self) -> Run | None:
-        """What pictures draw behind it."""
-        return self.pair.linear if self.pair else None
-
-    def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
-        """Write a picture beside the report."""
-        self.drawings.folder.mkdir(parents=True, exist_ok=True)
-        return plots.save(drawn.figure, self.drawings.folder / f"{name}.png", dpi=dpi)
 
 
 def parameters(content: Content) -> Section:
@@ -115,7 +74,7 @@ def cost(content: Content) -> Section:
         s["iterations"] / s["accepted"] if s.get("accepted") and "iterations" in s else None
         for s in summaries
     ]
-    rows.append(["iterations per piece", *each])
+    rows.append(["iterations per substep", *each])
     stages = [s["seconds"] if isinstance(s.get("seconds"), dict) else {} for s in summaries]
     names = dict.fromkeys(name for stage in stages for name in stage)
     rows += [[f"seconds: {name}", *(stage.get(name) for stage in stages)] for name in names]
@@ -151,9 +110,7 @@ def energies(content: Content) -> Section:
         values = {term: run.results.series("energy", term) for term in ENERGY_TERMS}
         curves = [[(term, time, 1e-3 * v) for term, v in values.items() if term != "error"]]
         curves.append([("error", time, values["error"])])
-        spec = report_figures.panels(
-            curves, ["energy [kJ]", "error [J]"], "time [s]", shown=len(ENERGY_TERMS)
-        )
+        spec = panels(curves, ["energy [kJ]", "error [J]"], "time [s]", shown=len(ENERGY_TERMS))
         picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
         caption = f"Energies of {run.label} over time, and their error."
         pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
@@ -166,17 +123,15 @@ def convergence(content: Content) -> Section:
     runs = [run for run in content.runs if run.has("histories", "iterations", *names)]
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
-    panels: list[list[report_figures.Curve]] = [[] for _ in range(4)]
+    curves: list[list[Curve]] = [[] for _ in range(4)]
     for run in runs:
         time = run.results.time("histories")
-        panels[0].append((run.label, time, run.results.series("histories", "iterations")))
-        for panel, name in zip(panels[1:], names, strict=True):
-            if not run.results.joints:
-                continue
+        curves[0].append((run.label, time, run.results.series("histories", "iterations")))
+        for panel, name in zip(curves[1:], names if run.results.joints else (), strict=False):
             panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
     titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
-    drawn = [(panel, title) for panel, title in zip(panels, titles, strict=True) if panel]
-    spec = report_figures.panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
+    drawn = [(panel, title) for panel, title in zip(curves, titles, strict=True) if panel]
+    spec = panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
     pictures = []
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
@@ -262,11 +217,6 @@ def ending(run: Run) -> str:
     }
     reason = run.results.summary.get("error")
     return f"{run.label} {words[run.results.status]}{f' ({reason})' if reason else ''}."
-
-
-def nothing(name: str, title: str, what: str) -> Section:
-    """A section on what the files do not hold."""
-    return Section(name, title, [paragraph(f"The files hold no {what}.")])
 
 
 def _head(first: str, content: Content) -> list[str]:

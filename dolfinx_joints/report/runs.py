@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The runs of a report: their names, what their files hold, and which of them belong together."""
+"""The runs of a report, their names, and what its sections are made from."""
 
 from __future__ import annotations
 
@@ -10,25 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.parameters import check_path
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import Component
 
-# What a run computes on, not what it computes: runs that differ only in these estimate the error.
-_DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")
 _ENDINGS = (".h5", ".hdf5")
-# Facts of the machine and the files, and consequences of the discretisation.
-_NEITHER = {
-    *("run", "steps", "stage", "point_names", "dofs", "cells", "joint_points", "ranks", "units"),
-    *("solver", "out", "every", "workers", "envelopes", "manifest"),
-}
 
 
 @dataclass(frozen=True)
 class Run:
-    """A results file and what the report calls it."""
+    """A results file and its name in the report."""
 
     results: Results
     label: str
@@ -73,23 +67,50 @@ class Run:
         return "mesh/surface" in statics and self.results.static("mesh/surface").shape[1] == 2
 
 
+@dataclass(frozen=True, kw_only=True)
+class Addition:
+    """Sections that a study adds to a report, and the runs that it compares.
+
+    Attributes:
+        first: Sections above those of every report.
+        last: Sections below them.
+        note: Sentence at the end of the summary.
+        reference: Run that pictures draw behind the one that they show, and that stands first.
+        main: Run that pictures show; the first one unless given.
+    """
+
+    first: Sequence[Section] = ()
+    last: Sequence[Section] = ()
+    note: str = ""
+    reference: Run | None = None
+    main: Run | None = None
+
+
 @dataclass(frozen=True)
-class Pair:
-    """The same case without and with joints, on one mesh and in the same steps."""
+class Content:
+    """What sections are made from.
 
-    linear: Run
-    joints: Run
+    Attributes:
+        runs: Those that are compared, then the others in the order given.
+        drawings: What the scripts draw; sections add to it.
+        main: The run that pictures show.
+        reference: The run that pictures draw behind it.
+    """
 
-    def __iter__(self) -> Iterator[Run]:
-        """First the linear run."""
-        return iter((self.linear, self.joints))
+    runs: Sequence[Run]
+    drawings: Drawings
+    main: Run
+    reference: Run | None
 
     @property
-    def discretisation(self) -> str:
-        """Mesh and step in words."""
-        facts = self.joints.results.metadata
-        words = [f"{key.replace('_', ' ')} {facts[key]}" for key in _DISCRETISATION if key in facts]
-        return ", ".join(words)
+    def compared(self) -> list[Run]:
+        """The reference and the main run, all runs where there is no reference."""
+        return [self.reference, self.main] if self.reference else list(self.runs)
+
+    def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
+        """Write a picture beside the report."""
+        self.drawings.folder.mkdir(parents=True, exist_ok=True)
+        return plots.save(drawn.figure, self.drawings.folder / f"{name}.png", dpi=dpi)
 
 
 def components(runs: Iterable[Run]) -> list[Component]:
@@ -105,10 +126,10 @@ def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
         paths: the files; each is called by the shortest end of its path that no other has.
 
     Raises:
-        ResultsError: no file, one file twice, or one that cannot be read.
+        ResultsError: One file was given twice, or one cannot be read.
     """
-    if not paths:
-        raise ResultsError("A report needs at least one results file, got none.")
+    for path in paths:
+        check_path("A results file", path)
     resolved = [Path(path).resolve() for path in paths]
     twice = next((path for path in resolved if resolved.count(path) > 1), None)
     if twice is not None:
@@ -119,41 +140,9 @@ def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
         yield [Run(file, name) for file, name in zip(files, names, strict=True)]
 
 
-def pairs(runs: Sequence[Run], case: str) -> list[Pair]:
-    """Pairs of a linear and a jointed run, those of the first pair's physics and duration.
-
-    Args:
-        runs: in the order given; the first linear and jointed runs that fit make the first pair.
-        case: the case that their metadata name.
-    """
-    chosen = [run for run in runs if run.results.metadata.get("case") == case]
-    linear = [run for run in chosen if run.results.metadata.get("run") == "linear"]
-    joints = [run for run in chosen if run.results.metadata.get("run") == "joints"]
-    found: list[Pair] = []
-    for one in joints:
-        partner = next((other for other in linear if _alike(one, other, same_mesh=True)), None)
-        if partner is not None and all(
-            _alike(one, other.joints, same_mesh=False) for other in found[:1]
-        ):
-            found.append(Pair(partner, one))
-    return found
-
-
-def _alike(one: Run, other: Run, *, same_mesh: bool) -> bool:
-    """Whether two runs differ in nothing but joints, or mesh and step, and last equally long."""
-    first, second = one.results.metadata, other.results.metadata
-    left_out = _NEITHER if same_mesh else {*_NEITHER, *_DISCRETISATION}
-    keys = (set(first) | set(second)) - left_out
-    step = max((_step(run) for run in (one, other)), default=0.0)
-    return all(first.get(key) == second.get(key) for key in keys) and bool(
-        abs(one.end - other.end) <= 1.5 * step
-    )
-
-
-def _step(run: Run) -> float:
-    if not run.has("histories") or run.results.rows("histories") < 2:
-        return 0.0
-    return float(np.diff(run.results.time("histories")[:2])[0])
+def nothing(name: str, title: str, what: str) -> Section:
+    """A section on what the files do not hold."""
+    return Section(name, title, [paragraph(f"The files hold no {what}.")])
 
 
 def _without_endings(paths: Sequence[Path]) -> list[Path]:
@@ -163,21 +152,16 @@ def _without_endings(paths: Sequence[Path]) -> list[Path]:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """The shortest end of each path that tells it from the others."""
+    """The shortest end of each path that no other has."""
 
     def end(path: Path, parts: int) -> str:
         return "/".join(path.parts[-parts:])
 
     names = []
     for path in paths:
-        others: list[Any] = [other for other in paths if other != path]
-        parts = next(
-            (
-                n
-                for n in range(1, len(path.parts))
-                if end(path, n) not in {end(o, n) for o in others}
-            ),
-            len(path.parts),
+        others = [other for other in paths if other != path]
+        lengths = range(1, len(path.parts) + 1)
+        names.append(
+            next(end(path, n) for n in lengths if end(path, n) not in [end(o, n) for o in others])
         )
-        names.append(end(path, parts))
     return names

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the paper states of the Ambiesta dam, and whether a pair of runs agrees.
+"""Statements of the paper on the Ambiesta dam, and whether a pair of runs agrees.
 
 Bolognini, Masarati, Dusi and Galimberti (1992), sections 4 and 5. Each statement is a number of
 the runs that must lie within bounds; where the paper says "about", "a bit" or "almost", the
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ import numpy as np
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report.page import Html, Section, bullets, paragraph, plain, table
 from dolfinx_joints.report.response_sections import strong_until
-from dolfinx_joints.report.runs import Pair, Run
+from dolfinx_joints.report.runs import Addition, Run
 
 CASE = "ambiesta"
 POINT = "mid-crest"
@@ -28,6 +28,14 @@ SHORTEST = 10.0  # of the paper's 11.165 s [s]
 BIN = 1.0 / (2288 * 0.00488)  # distance of two frequencies of the paper's spectra [Hz]
 BELOW = 5.0 - BIN  # "lower than 5.0 Hz", and not the peak there [Hz]
 CREST = 0.9  # share of the height above which a node belongs to the crest arch
+
+# What a run computes on, not what it computes: runs that differ only in these estimate the error.
+_DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")
+# Facts of the machine and the files, and consequences of the discretisation.
+_NEITHER = {
+    *("run", "steps", "stage", "point_names", "dofs", "cells", "joint_points", "ranks", "units"),
+    *("solver", "out", "every", "workers", "envelopes", "manifest"),
+}
 
 # Of the metadata of a run: what makes another dam, other joints or another motion.
 _PAPER = {
@@ -40,6 +48,25 @@ _PAPER = {
 }
 
 Verdict = Literal["agrees", "does not agree", "not comparable"]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The same case without and with joints, on one mesh and in the same steps."""
+
+    linear: Run
+    joints: Run
+
+    def __iter__(self) -> Iterator[Run]:
+        """First the linear run."""
+        return iter((self.linear, self.joints))
+
+    @property
+    def discretisation(self) -> str:
+        """Mesh and step in words."""
+        facts = self.joints.results.metadata
+        words = [f"{key.replace('_', ' ')} {facts[key]}" for key in _DISCRETISATION if key in facts]
+        return ", ".join(words)
 
 
 @dataclass(frozen=True)
@@ -80,6 +107,57 @@ class Judgement:
     value: float
     verdict: Verdict
     reason: str = ""
+
+
+def add_statements(runs: Sequence[Run]) -> Addition:
+    """Sections of a report on the statements; further pairs of runs estimate the error."""
+    found = pairs(runs)
+    if not found:
+        return Addition()
+    judgements = [judged(pair) for pair in found]
+    return Addition(
+        first=[section(found, judgements)],
+        last=[departures()],
+        note=count(judgements[0]),
+        reference=found[0].linear,
+        main=found[0].joints,
+    )
+
+
+def pairs(runs: Sequence[Run]) -> list[Pair]:
+    """Pairs of a linear and a jointed run, those of the first pair's physics and duration.
+
+    Args:
+        runs: in the order given; the first linear and jointed runs that fit make the first pair.
+    """
+    chosen = [run for run in runs if run.results.metadata.get("case") == CASE]
+    linear = [run for run in chosen if run.results.metadata.get("run") == "linear"]
+    joints = [run for run in chosen if run.results.metadata.get("run") == "joints"]
+    found: list[Pair] = []
+    for one in joints:
+        partner = next((other for other in linear if _alike(one, other, same_mesh=True)), None)
+        if partner is not None and all(
+            _alike(one, other.joints, same_mesh=False) for other in found[:1]
+        ):
+            found.append(Pair(partner, one))
+    return found
+
+
+def _alike(one: Run, other: Run, *, same_mesh: bool) -> bool:
+    """Whether two runs differ in nothing but joints, or mesh and step, and last equally long."""
+    first, second = one.results.metadata, other.results.metadata
+    left_out = _NEITHER if same_mesh else {*_NEITHER, *_DISCRETISATION}
+    keys = (set(first) | set(second)) - left_out
+    step = max((_step(run) for run in (one, other)), default=0.0)
+    return all(first.get(key) == second.get(key) for key in keys) and bool(
+        abs(one.end - other.end) <= 1.5 * step
+    )
+
+
+def _step(run: Run) -> float:
+    if not run.has("histories") or run.results.rows("histories") < 2:
+        return 0.0
+    return float(np.diff(run.results.time("histories")[:2])[0])
 
 
 def judged(pair: Pair) -> list[Judgement]:

@@ -1,0 +1,120 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files of runs that were never made, with known motions, gaps and stresses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.writer import ResultsWriter
+
+STEP = 0.01
+AMPLITUDE = {"linear": (1.0, 1.0, 1.0), "joints": (1.3, 0.4, 1.3)}  # as the paper's largest peaks
+
+# Two cubes of 2 m with a joint between them in the plane y = 0.
+CUBE = np.array([[x, y, z] for z in (0.0, 2.0) for y in (0.0, 2.0) for x in (0.0, 2.0)])
+FACES = np.array(
+    [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]]
+)
+NODES = np.concatenate([CUBE - [0.0, 2.0, 0.0], CUBE])
+SURFACE = np.concatenate([FACES, FACES + 8])
+POINTS = np.array([[0.5, 0.0, 0.5], [1.5, 0.0, 0.5], [0.5, 0.0, 1.5], [1.5, 0.0, 1.5]])
+FRAME = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+JOINT = {
+    "points": POINTS,
+    "frames": np.tile(FRAME, (4, 1, 1)),
+    "areas": np.ones(4),
+    "facet": np.zeros(4, dtype=int),
+}
+
+
+def write_run(
+    path: Path,
+    name: str = "joints",
+    *,
+    seconds: float = 1.0,
+    facts: dict[str, Any] | None = None,
+    summary: dict[str, Any] | None = None,
+    status: str = "complete",
+) -> Path:
+    """Write a run whose point mid-crest moves in sines of 5.22, 5.0 and 5.22 Hz.
+
+    The joint opens by 3 mm at its two upper points at the end.
+    """
+    rows = round(seconds / STEP) + 1
+    metadata = {"point_names": ["mid-crest"], "run": name, "dofs": 48, "steps": rows - 1}
+    closing = {"steps": rows - 1, "energy_error": 1.25e-14, "seconds": {"time steps": 2.5}}
+    with ResultsWriter(path, metadata | (facts or {})) as writer:
+        declare_histories(writer, [[1.0, 0.0, 2.0]], accelerations=True)
+        declare_energy(writer)
+        declare_states(writer, NODES, SURFACE, {"joint_1": JOINT} if name == "joints" else {})
+        writer.start()
+        for row in range(rows):
+            time = row * STEP
+            wave = 1e-3 * np.sin(2 * np.pi * np.array([5.22, 5.0, 5.22]) * time)
+            ground = np.array([np.sin(9.0 * time), 0.0, 0.0]) * (time < 0.6 * seconds)
+            shares = {"joint_open": 0.5, "joint_stick": 0.5, "joint_slip": 0.0, "iterations": 2}
+            record = {
+                "displacement": [wave * AMPLITUDE[name]],
+                "acceleration": [-1e3 * wave],
+                "ground_acceleration": ground,
+            }
+            writer.append("histories", time, record | shares)
+            writer.append("energy", time, dict.fromkeys(ENERGY_TERMS, 1e3 * time))
+        for share in (0.0, 0.5, 1.0):
+            moved = np.where(NODES[:, 2:] > 0.0, share * 2e-3, 0.0) * [1.0, 0.0, 0.0]
+            state: dict[str, Any] = {"displacement": moved}
+            if name == "joints":
+                gap = np.where(POINTS[:, 2:] > 1.0, 3e-3 * share, -1e-6) * [1.0, 0.0, 0.0]
+                state["joints/joint_1/gap"] = gap
+                state["joints/joint_1/traction"] = np.where(gap > 0.0, 0.0, 1e11 * gap)
+            writer.append("states", share * seconds, state)
+        if status != "running":
+            writer.finish(status, closing | (summary or {}))
+    return path
+
+
+def paper_pair(folder: Path, *, seconds: float = 11.0, **facts: Any) -> list[Path]:
+    """A linear and a jointed run that say they are the paper's case."""
+    folder.mkdir(exist_ok=True)
+    case = {"case": "ambiesta", "record": "TMZ", "size": 8.0, "active_height": 0.75, **facts}
+    return [
+        write_run(folder / f"{name}.h5", name, seconds=seconds, facts=case)
+        for name in ("linear", "joints")
+    ]
+
+
+def write_tip(path: Path, rows: int, *, plane: bool = False, **facts: Any) -> Path:
+    """Write a failed run of one point, with accelerations, of a plane model or one in space."""
+    surface = [[0, 1], [1, 2], [2, 0]] if plane else [[0, 1, 2]]
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    with ResultsWriter(path, {"point_names": ["tip"], **facts}) as writer:
+        declare_histories(writer, nodes[2:], accelerations=True)
+        declare_states(writer, nodes, surface, {})
+        writer.start()
+        for row in range(rows):
+            record = {"displacement": [[0.0, 1e-3 * row, 0.0]], "iterations": 1}
+            record |= {"acceleration": np.ones((1, 3)), "ground_acceleration": np.ones(3)}
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            writer.append("histories", 0.1 * row, record | shares)
+        writer.finish("failed", {})
+    return path
+
+
+def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
+    """Write a run of one state and envelopes of stresses, NaN where no value is known."""
+    missing = np.full((len(NODES), 3), np.nan)
+    with ResultsWriter(path, {"point_names": [], **facts}) as writer:
+        declare_states(writer, NODES, SURFACE, {})
+        declare_envelopes(writer, np.arange(len(NODES)), missing, missing)
+        writer.start()
+        writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
+        writer.append("envelopes", 0.0, dict.fromkeys(ENVELOPE_NAMES, missing[:, 0]) | known)
+        writer.finish("complete", {})
+    return path

@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.exact import CoulombOscillator, ImpactOscillator, SlidingBlock
+from dolfinx_joints.geometry.jointed_wall import jointed_wall
+from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import JointState, Law, Response
 from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.model.mass_redistribution import redistribute
@@ -29,8 +31,6 @@ from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import Stepper
-from geometry.jointed_wall import jointed_wall
-from geometry.two_blocks import two_blocks
 
 Floats = NDArray[np.float64]
 

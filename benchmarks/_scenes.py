@@ -17,10 +17,10 @@ from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.geometry.ambiesta import ambiesta
+from dolfinx_joints.geometry.arch import mid_crest
+from dolfinx_joints.geometry.jointed_wall import jointed_wall
 from dolfinx_joints.laws.law import Law
-from geometry.ambiesta import ambiesta
-from geometry.arch import mid_crest
-from geometry.jointed_wall import jointed_wall
 
 Acceleration = Callable[[float], np.ndarray]
 

@@ -47,12 +47,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the geometry
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import abort_on_error, on_root
+from dolfinx_joints.geometry.gravity_dam import KOYNA, gravity_dam
 from dolfinx_joints.postprocessing.measures import (
     displacement_history,
     joint_history,
     joint_measures,
 )
-from geometry.gravity_dam import KOYNA, gravity_dam
 
 comm = MPI.COMM_WORLD
 abort_on_error(comm)

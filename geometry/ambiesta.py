@@ -4,7 +4,7 @@
 
 python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --out dam.msh
 
-The formulas of the shape are in ``geometry.arch``; another dam is made by other numbers.
+The formulas of the shape are in ``arch``; other numbers make another dam.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from geometry import _base
-from geometry._arch_elevation import fitted_level, half_elevation
-from geometry._checks import (
+from dolfinx_joints.geometry.arch import ArchDam, Sector, chosen, mid_crest
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arch_elevation import fitted_level, half_elevation
+from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
     MAX_LAYERS,
     check_elements,
@@ -31,8 +32,13 @@ from geometry._checks import (
     share,
     whole,
 )
-from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude, mirror
-from geometry.arch import ArchDam, Sector, chosen, mid_crest
+from dolfinx_joints.geometry.meshing.extrusion import (
+    BoolArray,
+    FloatArray,
+    PlaneMesh,
+    extrude,
+    mirror,
+)
 
 __all__ = ["ArchDam", "ambiesta", "main", "mid_crest"]
 
@@ -83,7 +89,7 @@ def ambiesta(
         RuntimeError: if the shape is so extreme that cells are turned inside out.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     size = positive("size", size)
     joints = whole("joints", joints, 0, MAX_JOINTS)
@@ -110,7 +116,7 @@ def ambiesta(
             )
         return dam.point(s, ta, zeta)
 
-    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
 
 
 def _elevation(sector: Sector, size: float, cell: str, joints: int, active: float) -> PlaneMesh:
@@ -139,7 +145,7 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("An arch dam with contraction joints.", "ambiesta.msh", 5.5)
+    parser = gmsh_model.argument_parser("An arch dam with contraction joints.", "ambiesta.msh", 5.5)
     parser.set_defaults(order=2)
     parser.add_argument("--joints", type=int, default=11, help="number of joints")
     parser.add_argument(
@@ -161,7 +167,7 @@ def main(argv: list[str] | None = None) -> None:
         dam = ArchDam(**{name: options.pop(name) for name in shape})  # type: ignore[arg-type]
         return ambiesta(out, parameters=dam, **options)  # type: ignore[arg-type]
 
-    _base.run_script(parser, model, argv)
+    gmsh_model.run_script(parser, model, argv)
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_joints.common.parameters import shown
-from geometry._checks import finite, positive
-from geometry._extrude import FloatArray
+from dolfinx_joints.geometry.meshing.arguments import finite, positive
+from dolfinx_joints.geometry.meshing.extrusion import FloatArray
 
 
 class CircularArches(ABC):

@@ -22,8 +22,8 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import shown
-from geometry import _base
-from geometry._checks import (
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
     check_elements,
     check_fine,
     input_path,
@@ -31,8 +31,8 @@ from geometry._checks import (
     mesh_path,
     positive,
 )
-from geometry._step_file import check_step_file
-from geometry._step_options import (
+from dolfinx_joints.geometry.meshing.step_file import check_step_file
+from dolfinx_joints.geometry.meshing.step_options import (
     UNNAMED_SURFACE,
     Plane,
     check_pairs,
@@ -92,7 +92,7 @@ def from_step(
             the solids.
     """
     path = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, "tet")
     size = positive("size", size)
     joint_size = None if joint_size is None else positive("joint_size", joint_size)
@@ -103,7 +103,7 @@ def from_step(
     check_pairs(joints, tied)
     step = input_path("step", step)
     described = check_step_file(step)
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
         # Open CASCADE keeps the unit of the last reading for all that is written later in the
@@ -119,7 +119,7 @@ def from_step(
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
-            _base.save(path, gui)
+            gmsh_model.save(path, gui)
         finally:
             gmsh.option.setString("Geometry.OCCTargetUnit", unit)
             for name, value in numbers.items():
@@ -221,9 +221,9 @@ def _joints(
     group = {tag: name for name, tags in volumes.items() for tag in tags}
     touching: dict[frozenset[str], list[int]] = {}
     for _, face in gmsh.model.getEntities(2):
-        pair = frozenset(group[tag] for tag in _sides(face))
-        if len(pair) == 2:
-            touching.setdefault(pair, []).append(face)
+        names_of = frozenset(group[tag] for tag in _sides(face))
+        if len(names_of) == 2:
+            touching.setdefault(names_of, []).append(face)
     names = {
         frozenset(pair): "_".join(pair)
         for pair in combinations(volumes, 2)
@@ -249,7 +249,7 @@ def _joints(
         del names[frozenset(pair)]
     if len(set(names.values())) < len(names):
         raise ValueError(f"Two joints have one name: {', '.join(sorted(names.values()))}.")
-    return {f"joint_{name}": touching[pair] for pair, name in names.items()}
+    return {f"joint_{name}": touching[sides] for sides, name in names.items()}
 
 
 def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> dict[str, list[int]]:
@@ -314,12 +314,12 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
         gmsh.model.mesh.setSize(corners, min(size, joint_size))
     try:
         gmsh.model.mesh.generate(3)
-        _base.raise_order(order)
+        gmsh_model.raise_order(order)
     except Exception as error:
         raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
     kind = 11 if order == 2 else 4
     worst = float(
-        np.min([_base.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
+        np.min([gmsh_model.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
     )
     if not worst > 0:
         raise RuntimeError(
@@ -345,7 +345,7 @@ def main(argv: list[str] | None = None) -> None:
     ):
         parser.add_argument(
             f"--{flag}",
-            type=kind,  # type: ignore[arg-type]
+            type=kind,
             action="append",
             default=[],
             metavar=form,
@@ -361,7 +361,7 @@ def main(argv: list[str] | None = None) -> None:
                 raise ValueError(f"two of the {what} have one name, but each needs its own.")
         return from_step(out, **options)  # type: ignore[arg-type]
 
-    _base.run_script(parser, model, argv)
+    gmsh_model.run_script(parser, model, argv)
 
 
 if __name__ == "__main__":

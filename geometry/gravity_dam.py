@@ -23,8 +23,8 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from dolfinx_joints.common.parameters import real, shown
-from geometry import _base
-from geometry._checks import (
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
     LONGEST,
     MAX_JOINTS,
     cells_along,
@@ -35,8 +35,15 @@ from geometry._checks import (
     mesh_path,
     positive,
 )
-from geometry._extrude import FloatArray, IntArray, PlaneMesh, edges_between, extrude, grid
-from geometry._plane import write_plane
+from dolfinx_joints.geometry.meshing.extrusion import (
+    FloatArray,
+    IntArray,
+    PlaneMesh,
+    edges_between,
+    extrude,
+    grid,
+)
+from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -219,7 +226,7 @@ def gravity_dam(
         ValueError: if an argument is not allowed.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     size = positive("size", size)
     width = None if width is None else positive("width", width)
@@ -242,7 +249,7 @@ def gravity_dam(
 
     layers = np.linspace(0, width, cells_along(width, size) + 1)
     solid = extrude(plane, layers, ("back", "front"))
-    return _base.write_mesh(out, solid, order, place=place_solid, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place_solid, gui=gui)
 
 
 def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
@@ -310,7 +317,7 @@ def _joint(text: str) -> tuple[str, float]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("A monolith of a gravity dam.", "gravity_dam.msh", 4.0)
+    parser = gmsh_model.argument_parser("A monolith of a gravity dam.", "gravity_dam.msh", 4.0)
     parser.set_defaults(order=2)
     parser.add_argument("--section", choices=SECTIONS, default="koyna", help="cross-section")
     parser.add_argument(
@@ -331,7 +338,7 @@ def main(argv: list[str] | None = None) -> None:
         path = gravity_dam(options.pop("out"), **options)
     except (ValueError, RuntimeError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["width"] is None else f"{path}: {_base.describe(path)}")
+    print(path if options["width"] is None else f"{path}: {gmsh_model.describe(path)}")
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from geometry import _base
-from geometry._checks import (
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
     CELLS,
     cells_along,
     check_elements,
@@ -29,8 +29,14 @@ from geometry._checks import (
     mesh_path,
     positive,
 )
-from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
-from geometry._plane import write_plane
+from dolfinx_joints.geometry.meshing.extrusion import (
+    FloatArray,
+    PlaneMesh,
+    edges_between,
+    extrude,
+    grid,
+)
+from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 PLANE_CELLS = ("quad", "tri")
 
@@ -77,7 +83,7 @@ def inclined_crack(
         ValueError: if an argument is not allowed.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell, (*PLANE_CELLS, *CELLS))
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
     half_length, size = positive("half_length", half_length), positive("size", size)
@@ -94,7 +100,7 @@ def inclined_crack(
         return write_plane(out, plane, order, gui=gui)
     thickness = 2.0 * half_length / _cells_along(half_length, size)
     solid = extrude(plane, np.array([0.0, thickness]), ("faces", "faces"))
-    return _base.write_mesh(out, solid, order, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, gui=gui)
 
 
 def _cells_along(half_length: float, size: float) -> int:
@@ -155,7 +161,7 @@ def crack_axes(angle: float) -> tuple[FloatArray, FloatArray]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("A crack in a large body.", "inclined_crack.msh", 0.1)
+    parser = gmsh_model.argument_parser("A crack in a large body.", "inclined_crack.msh", 0.1)
     for flag, default, text in (
         ("half-length", 1.0, "half the length of the crack [m]"),
         ("angle", 45.0, "between crack and y axis [degrees]"),
@@ -169,7 +175,7 @@ def main(argv: list[str] | None = None) -> None:
         path = inclined_crack(options.pop("out"), **options)
     except (ValueError, RuntimeError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["cell"] in PLANE_CELLS else f"{path}: {_base.describe(path)}")
+    print(path if options["cell"] in PLANE_CELLS else f"{path}: {gmsh_model.describe(path)}")
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from geometry import _base
-from geometry._checks import (
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
     cells_along,
     check_elements,
@@ -29,7 +29,7 @@ from geometry._checks import (
     triple,
     whole,
 )
-from geometry._extrude import PlaneMesh, edges_between, extrude, grid
+from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
 
 
 def jointed_wall(
@@ -70,7 +70,7 @@ def jointed_wall(
         ValueError: if an argument is not allowed.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     length, thickness, height = (
         positive(what, value)
@@ -97,19 +97,19 @@ def jointed_wall(
     plane = PlaneMesh(points, {"concrete": cells}, edges)
     solid = extrude(plane, np.linspace(0, height, n_z + 1), ("base", "crest"))
     solid = replace(solid, points=solid.points * [length / n_x, 1.0, 1.0])
-    return _base.write_mesh(out, solid, order, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, gui=gui)
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("A wall with vertical joints.", "jointed_wall.msh", None)
+    parser = gmsh_model.argument_parser("A wall with vertical joints.", "jointed_wall.msh", None)
     for flag, default in (("length", 20.0), ("thickness", 4.0), ("height", 20.0)):
         parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
     parser.add_argument("--joints", type=int, default=3, help="number of joints")
     parser.add_argument(
         "--divisions", type=int, nargs=3, default=(20, 4, 20), help="cells along x, y, z"
     )
-    _base.run_script(parser, jointed_wall, argv)
+    gmsh_model.run_script(parser, jointed_wall, argv)
 
 
 if __name__ == "__main__":

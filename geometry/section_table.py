@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from dolfinx_joints.common.parameters import check_file, shown
-from geometry._checks import LONGEST, SHORTEST, input_path
-from geometry._extrude import BoolArray, FloatArray
-from geometry.arch import CircularArches, Sector
+from dolfinx_joints.geometry.arch import CircularArches, Sector
+from dolfinx_joints.geometry.meshing.arguments import LONGEST, SHORTEST, input_path
+from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray
 
 _REQUIRED = ("elevation", "extrados_radius", "left_angle", "right_angle")
 _OPTIONAL = ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness", "centre_x")

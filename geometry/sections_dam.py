@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,15 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from dolfinx_joints.common.parameters import real, shown
-from geometry import _base
-from geometry._arch_elevation import fitted_level, half_elevation
-from geometry._arch_foundation import Block, ground_ring, solid_with_foundation
-from geometry._checks import (
+from dolfinx_joints.geometry.arch import Sector
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arch_elevation import fitted_level, half_elevation
+from dolfinx_joints.geometry.meshing.arch_foundation import (
+    Block,
+    ground_ring,
+    solid_with_foundation,
+)
+from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
     MAX_LAYERS,
     check_elements,
@@ -32,9 +38,8 @@ from geometry._checks import (
     share,
     whole,
 )
-from geometry._extrude import BoolArray, FloatArray, PlaneMesh, extrude
-from geometry.arch import Sector
-from geometry.section_table import SectionTable, read_sections
+from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, PlaneMesh, extrude
+from dolfinx_joints.geometry.section_table import SectionTable, read_sections
 
 _SIDES = (1, -1)
 _CLOSEST = 1e-6  # of the angle of the crest, between two joints
@@ -91,7 +96,7 @@ def sections_dam(
         RuntimeError: if the shape is so extreme that cells are turned inside out.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     size = positive("size", size)
     layers = whole("layers", layers, 1, MAX_LAYERS)
@@ -129,14 +134,14 @@ def sections_dam(
             xyz[here] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
-    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
 
 
 def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
     """Return the coordinate a of each joint by name [m]."""
     left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
-    if isinstance(joints, Sequence | np.ndarray) and not isinstance(joints, str | bytes):
-        given = joints.tolist() if isinstance(joints, np.ndarray) else list(joints)
+    if np.ndim(joints) == 1:
+        given: Any = np.asarray(joints).tolist()
         good = isinstance(given, list) and len(given) <= MAX_JOINTS
         given = list(map(real, given)) if good else given
         apart = _CLOSEST * (left + right)
@@ -198,7 +203,7 @@ def _dam(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("An arch dam from a table of sections.", "dam.msh", 5.0)
+    parser = gmsh_model.argument_parser("An arch dam from a table of sections.", "dam.msh", 5.0)
     parser.set_defaults(order=2)
     parser.add_argument("table", type=Path, help="CSV file of the sections")
     parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
@@ -217,7 +222,7 @@ def main(argv: list[str] | None = None) -> None:
             options["joints"] = angles
         return sections_dam(out, **options)  # type: ignore[arg-type]
 
-    _base.run_script(parser, model, argv)
+    gmsh_model.run_script(parser, model, argv)
 
 
 if __name__ == "__main__":

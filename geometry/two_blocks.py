@@ -17,9 +17,15 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from geometry import _base
-from geometry._checks import cells_along, check_elements, finite, mesh_path, positive
-from geometry._extrude import PlaneMesh, edges_between, extrude, grid
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
+    cells_along,
+    check_elements,
+    finite,
+    mesh_path,
+    positive,
+)
+from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
 
 
 def two_blocks(
@@ -60,7 +66,7 @@ def two_blocks(
         ValueError: if an argument is not allowed, or the joint would leave through base or top.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     size = positive("size", size)
     length, width, lower_height, upper_height = (
@@ -102,18 +108,20 @@ def two_blocks(
     joint = lower_height + (x - length / 2) * np.tan(np.radians(angle))
     above = joint + (p - 1) * (lower_height + upper_height - joint)
     xyz = np.column_stack([x, y, np.where(p <= 1, p * joint, above)])
-    return _base.write_mesh(out, replace(solid, points=xyz), order, gui=gui)
+    return gmsh_model.write_mesh(out, replace(solid, points=xyz), order, gui=gui)
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("Two blocks with a joint between them.", "two_blocks.msh", 0.25)
+    parser = gmsh_model.argument_parser(
+        "Two blocks with a joint between them.", "two_blocks.msh", 0.25
+    )
     for flag, default in (("length", 1.0), ("width", 1.0)):
         parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
     for flag in ("lower-height", "upper-height"):
         parser.add_argument(f"--{flag}", type=float, default=1.0, help="height of the block [m]")
     parser.add_argument("--angle", type=float, default=0.0, help="inclination [degrees]")
-    _base.run_script(parser, two_blocks, argv)
+    gmsh_model.run_script(parser, two_blocks, argv)
 
 
 if __name__ == "__main__":

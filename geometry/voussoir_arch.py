@@ -18,8 +18,8 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from geometry import _base
-from geometry._checks import (
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
     cells_along,
     check_elements,
@@ -29,8 +29,14 @@ from geometry._checks import (
     triple,
     whole,
 )
-from geometry._extrude import FloatArray, PlaneMesh, edges_between, extrude, grid
-from geometry._plane import write_plane
+from dolfinx_joints.geometry.meshing.extrusion import (
+    FloatArray,
+    PlaneMesh,
+    edges_between,
+    extrude,
+    grid,
+)
+from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 
 def voussoir_arch(
@@ -77,7 +83,7 @@ def voussoir_arch(
         ValueError: if an argument is not allowed, or a cell spans more than 45 degrees.
     """
     out = mesh_path(out)
-    _base.check_window(gui)
+    gmsh_model.check_window(gui)
     check_elements(order, cell)
     radius, thickness = positive("radius", radius), positive("thickness", thickness)
     if thickness >= 2 * radius:
@@ -118,7 +124,7 @@ def voussoir_arch(
         return np.column_stack([x, width - reference[:, 2], z])
 
     solid = extrude(plane, np.linspace(0, width, n_across + 1), ("back", "front"))
-    return _base.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
 
 
 def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> PlaneMesh:
@@ -138,7 +144,7 @@ def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> Plane
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = _base.argument_parser("An arch of voussoirs.", "voussoir_arch.msh", None)
+    parser = gmsh_model.argument_parser("An arch of voussoirs.", "voussoir_arch.msh", None)
     for flag, default, what in (
         ("radius", 10.0, "of the centre line [m]"),
         ("thickness", 1.2, "of the arch [m]"),
@@ -159,7 +165,7 @@ def main(argv: list[str] | None = None) -> None:
         path = voussoir_arch(options.pop("out"), **options)
     except (ValueError, RuntimeError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["width"] is None else f"{path}: {_base.describe(path)}")
+    print(path if options["width"] is None else f"{path}: {gmsh_model.describe(path)}")
 
 
 if __name__ == "__main__":

@@ -21,11 +21,17 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_number
+from dolfinx_joints.geometry.ambiesta import ambiesta
+from dolfinx_joints.geometry.arch import ArchDam
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.simulation.records import Outcome
+<<<<<<< HEAD
 from dolfinx_joints.time_integration.scheme import Scheme
-from geometry.ambiesta import ambiesta
-from geometry.arch import ArchDam
+from dolfinx_joints.geometry.ambiesta import ambiesta
+from dolfinx_joints.geometry.arch import ArchDam
+=======
+from dolfinx_joints.time_integration.states import Scheme
+>>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 
 Which = Literal["linear", "joints"]
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.mpi import abort_on_error, on_root
-from geometry.gravity_dam import (
+from dolfinx_joints.geometry.gravity_dam import (
     FOOT,
     KOYNA,
     PINE_FLAT,

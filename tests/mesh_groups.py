@@ -5,7 +5,7 @@
 import gmsh
 import numpy as np
 
-from geometry import _base
+from dolfinx_joints.geometry.meshing import gmsh_model
 
 ELEMENTS = [("hex", 1, "hex8"), ("hex", 2, "hex27"), ("tet", 1, "tet4"), ("tet", 2, "tet10")]
 
@@ -19,7 +19,7 @@ class Groups:
     """The content of a mesh file: nodes by group, vertices of cells and facets."""
 
     def __init__(self, path):
-        with _base.gmsh_session():
+        with gmsh_model.gmsh_session():
             gmsh.merge(str(path))
             tags, points, _ = gmsh.model.mesh.getNodes()
             number = np.zeros(int(tags.max()) + 1, dtype=int)

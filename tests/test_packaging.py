@@ -81,7 +81,7 @@ def source_archive(tmp_path_factory):
     copy = tmp_path_factory.mktemp("project")
     for name in tracked():
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(PROJECT / name, copy / name)
+        shutil.copy2(PROJECT / name, copy / name, follow_symlinks=False)
     return build("sdist", copy, tmp_path_factory.mktemp("sdist"))
 
 

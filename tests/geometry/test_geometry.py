@@ -14,11 +14,9 @@ from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
 from mpi4py import MPI
 
 from dolfinx_joints import MeshError, read_msh
-from dolfinx_joints.mesh import gmsh_file as msh
-from geometry import _base, _extrude
-from geometry.ambiesta import ArchDam, ambiesta, mid_crest
-from geometry.arch import Sector
-from geometry.gravity_dam import (
+from dolfinx_joints.geometry.ambiesta import ArchDam, ambiesta, mid_crest
+from dolfinx_joints.geometry.arch import Sector
+from dolfinx_joints.geometry.gravity_dam import (
     FOOT,
     KOYNA,
     PINE_FLAT,
@@ -26,10 +24,17 @@ from geometry.gravity_dam import (
     battered_section,
     gravity_dam,
 )
-from geometry.jointed_wall import jointed_wall
-from geometry.two_blocks import two_blocks
-from geometry.voussoir_arch import voussoir_arch
+from dolfinx_joints.geometry.jointed_wall import jointed_wall
+from dolfinx_joints.geometry.meshing import extrusion, gmsh_model
+from dolfinx_joints.geometry.two_blocks import two_blocks
+from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
+from dolfinx_joints.mesh import gmsh_file as msh
 
+<<<<<<< HEAD
+=======
+PROJECT = Path(__file__).resolve().parents[2]
+ELEMENTS = [("hex", 1, "hex8"), ("hex", 2, "hex27"), ("tet", 1, "tet4"), ("tet", 2, "tet10")]
+>>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 CORNERS = {5: 8, 12: 8, 4: 4, 11: 4}  # by Gmsh's element type
 
 # The crest of the default dam by hand: half-chord 63.47 m, half-angle 50 degrees, overhang
@@ -38,11 +43,85 @@ CREST_RADIUS = 63.47 / np.sin(np.radians(50))
 CREST_CENTRE = CREST_RADIUS - 0.36 * 57 * 0.38
 
 
+<<<<<<< HEAD
+=======
+class Groups:
+    """The content of a mesh file: nodes by group, vertices of cells and facets."""
+
+    def __init__(self, path):
+        with gmsh_model.gmsh_session():
+            gmsh.merge(str(path))
+            tags, points, _ = gmsh.model.mesh.getNodes()
+            number = np.zeros(int(tags.max()) + 1, dtype=int)
+            number[tags] = np.arange(tags.size)
+            self.points = points.reshape(-1, 3)
+            self.nodes, self.facets, self.cells = {}, {}, {}
+            for dim, physical in gmsh.model.getPhysicalGroups():
+                name = gmsh.model.getPhysicalName(dim, physical)
+                (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
+                (kind,), _, (flat,) = gmsh.model.mesh.getElements(dim, entity)
+                size, corners = gmsh.model.mesh.getElementProperties(kind)[3::2][:2]
+                nodes = number[flat.reshape(-1, size)]
+                self.nodes[name] = np.unique(nodes)
+                (self.cells if dim == 3 else self.facets)[name] = nodes[:, :corners]
+
+    def at(self, name):
+        return self.points[self.nodes[name]]
+
+
+def check_groups(groups):
+    """Check that outer facets are in one group each, and joint facets lie between two cells."""
+    cells = np.concatenate(list(groups.cells.values()))
+    faces = np.sort(cells[:, FACES[cells.shape[1]]].reshape(-1, len(FACES[cells.shape[1]][0])))
+    faces, count = np.unique(faces, axis=0, return_counts=True)
+    assert set(count) <= {1, 2}  # the mesh is conforming
+    inner = {tuple(f) for f in faces[count == 2]}
+    named = [
+        tuple(sorted(f))
+        for name, facets in groups.facets.items()
+        if not name.startswith("joint")
+        for f in facets
+    ]
+    assert len(named) == len(set(named))
+    assert set(named) == {tuple(f) for f in faces[count == 1]}
+    joint = [
+        tuple(sorted(f))
+        for name, facets in groups.facets.items()
+        if name.startswith("joint")
+        for f in facets
+    ]
+    assert len(joint) == len(set(joint))
+    assert set(joint) <= inner
+
+
+def area(groups, name):
+    """Return the area of a surface of plane facets [m^2]."""
+    x = groups.points[groups.facets[name]]
+    normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    if x.shape[1] == 4:
+        normal = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+    return 0.5 * np.linalg.norm(normal, axis=1).sum()
+
+
+def dam_volume(dam, top=1.0):
+    """Integrate the volume of an arch dam from its formulas [m^3].
+
+    At each level the section is the integral over s of (R^2 - (R - t)^2)/2 phi; zeta = u^5 makes
+    the integrand smooth at the base, where the chord grows as zeta^0.6 = u^3.
+    """
+    u, weights = np.polynomial.legendre.leggauss(40)
+    s, zeta = u[None, :], (((u + 1) / 2) ** 5 * top)[:, None]
+    r, t = dam.radius(zeta), dam.thickness(zeta, s)
+    section = (r * t - 0.5 * t**2) @ weights * dam.half_angle(zeta[:, 0])
+    return dam.height * top * (section * 2.5 * ((u + 1) / 2) ** 4) @ weights
+
+
+>>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
 @pytest.mark.parametrize("angle", [0.0, -30.0])
 def test_two_blocks(tmp_path, cell, order, element, angle):
     path = two_blocks(tmp_path / "b.msh", size=0.5, angle=angle, order=order, cell=cell)
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     # The joint turns about the blocks' common centre line, so both keep 1 x 1 x 1 m^3.
     assert report.volume == pytest.approx({"lower": 1.0, "upper": 1.0}, rel=1e-12)
@@ -68,7 +147,7 @@ def test_a_reading_that_failed_leaves_no_trace_in_later_meshes(tmp_path, monkeyp
     with pytest.raises(MeshError, match="Gmsh cannot read"):
         read_msh(bad, MPI.COMM_SELF)
     path = two_blocks(tmp_path / "b.msh", size=0.5, order=2)
-    assert _base.describe(path).element == "hex27"
+    assert gmsh_model.describe(path).element == "hex27"
 
 
 def test_a_locked_gmsh_of_the_caller_is_told(tmp_path):
@@ -86,13 +165,13 @@ def test_a_locked_gmsh_of_the_caller_is_told(tmp_path):
     finally:
         gmsh.clear()
         gmsh.finalize()
-    assert _base.describe(path).element == "hex27"
+    assert gmsh_model.describe(path).element == "hex27"
 
 
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
 def test_jointed_wall(tmp_path, cell, order, element):
     path = jointed_wall(tmp_path / "w.msh", divisions=(8, 1, 4), order=order, cell=cell)
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     assert report.volume == pytest.approx({"concrete": 20 * 4 * 20})
     groups = Groups(path)
@@ -114,7 +193,7 @@ def test_voussoir_arch(tmp_path, cell, order, element):
     path = voussoir_arch(
         tmp_path / "a.msh", **shape, divisions=(2, 2, 1), half_angle=75.0, order=order, cell=cell
     )
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     # Half of (5.5^2 - 4.5^2) times the angle and the width, 13.09 m^2 x 2 m; ten cells of 15
     # degrees take sin(15) for it if they have chords, and miss arcs by less than 1e-4.
@@ -142,7 +221,7 @@ def test_plane_voussoir_arch(tmp_path, cell, order, vertices):
     path = voussoir_arch(
         tmp_path / "a.msh", radius=5.0, thickness=1.0, voussoirs=7, size=0.5, order=order, cell=cell
     )
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.merge(str(path))
         found = {}
         for dim, physical in gmsh.model.getPhysicalGroups():
@@ -165,7 +244,7 @@ def test_plane_voussoir_arch(tmp_path, cell, order, vertices):
 
 
 def test_jointed_wall_of_the_benchmark(tmp_path):
-    report = _base.describe(jointed_wall(tmp_path / "w.msh"))
+    report = gmsh_model.describe(jointed_wall(tmp_path / "w.msh"))
     assert (report.num_cells, report.num_nodes) == (20 * 4 * 20, 21 * 5 * 21)
     assert report.min_scaled_jacobian == pytest.approx(1.0)
     # Joint facets: 4 across the thickness, 20 up; node pairs above the base 3 x 5 x 20 = 300.
@@ -173,7 +252,7 @@ def test_jointed_wall_of_the_benchmark(tmp_path):
 
 
 def test_jointed_wall_by_size(tmp_path):
-    report = _base.describe(jointed_wall(tmp_path / "w.msh", size=2.6, joints=1))
+    report = gmsh_model.describe(jointed_wall(tmp_path / "w.msh", size=2.6, joints=1))
     assert report.num_cells == 2 * 4 * 2 * 8  # round(10/2.6), round(4/2.6), round(20/2.6)
 
 
@@ -184,7 +263,7 @@ def dam(tmp_path_factory):
 
 
 def test_dam_size_and_quality(dam):
-    report = _base.describe(dam)
+    report = gmsh_model.describe(dam)
     assert report.element == "hex27"
     assert 6000 <= 3 * report.num_nodes <= 8000
     joints = sum(n for name, n in report.num_facets.items() if name.startswith("joint"))
@@ -266,7 +345,7 @@ def test_coarse_dams(tmp_path, cell, order, element, joints, layers):
     path = ambiesta(
         tmp_path / "d.msh", size=12, order=order, cell=cell, joints=joints, layers=layers
     )
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     assert report.min_scaled_jacobian > 0.02
     assert report.volume["concrete"] == pytest.approx(dam_volume(ArchDam()), rel=0.02)
@@ -283,7 +362,7 @@ def test_active_height(tmp_path, active_height, crest_arch):
     check_groups(groups)
     top = 1.0 if crest_arch else active_height
     assert groups.points[:, 2].max() == pytest.approx(57 * top, rel=1e-14)
-    volume = _base.describe(path).volume["concrete"]
+    volume = gmsh_model.describe(path).volume["concrete"]
     # Chords of the curved foundation add about 0.1 % to the lowest dam, three cells high.
     assert volume == pytest.approx(dam_volume(ArchDam(), top), rel=2e-3)
     names = [name for name in groups.facets if name.startswith("joint")]
@@ -307,7 +386,7 @@ def test_active_height(tmp_path, active_height, crest_arch):
 )
 def test_other_dams(tmp_path, shape):
     path = ambiesta(tmp_path / "d.msh", size=shape.height / 8, parameters=shape, joints=9)
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     check_groups(Groups(path))
     assert report.min_scaled_jacobian > 0.1
     assert report.volume["concrete"] == pytest.approx(dam_volume(shape), rel=2e-3)
@@ -335,7 +414,7 @@ def test_gravity_dam(tmp_path, cell, order, element, section, expected):
         order=order,
         cell=cell,
     )
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     base = section.thickness(0.0)
     volume = {"concrete": 15 * expected, "foundation": 15 * 9 * base}
@@ -363,7 +442,7 @@ def test_gravity_dam(tmp_path, cell, order, element, section, expected):
 )
 def test_plane_gravity_dam(tmp_path, cell, order, corners):
     path = gravity_dam(tmp_path / "g.msh", joints={"neck": 66.5}, size=7, order=order, cell=cell)
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.merge(str(path))
         total, names = 0.0, set()
         for dim, physical in gmsh.model.getPhysicalGroups():
@@ -374,7 +453,7 @@ def test_plane_gravity_dam(tmp_path, cell, order, corners):
             assert size[1:3] == (dim, order)
             if dim == 2:
                 assert size[5] == corners
-                total += _base._volume(kind, entity)
+                total += gmsh_model._volume(kind, entity)
             else:
                 points = [gmsh.model.mesh.getNode(n)[0] for n in np.unique(flat)]
                 if gmsh.model.getPhysicalName(1, physical) == "joint_neck":
@@ -493,22 +572,24 @@ def test_bad_file(tmp_path):
 
 
 def test_cells_turned_inside_out_are_refused(tmp_path):
-    points, cells = _extrude.grid(np.arange(3.0), np.arange(2.0), "hex")
-    plane = _extrude.PlaneMesh(points, {"body": cells}, {})
-    solid = _extrude.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
+    points, cells = extrusion.grid(np.arange(3.0), np.arange(2.0), "hex")
+    plane = extrusion.PlaneMesh(points, {"body": cells}, {})
+    solid = extrusion.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
     with pytest.raises(RuntimeError, match="smallest scaled Jacobian of the mesh is -1"):
-        _base.write_mesh(tmp_path / "m.msh", solid, 2, place=lambda x, _: x * [1, 1, -1])
+        gmsh_model.write_mesh(tmp_path / "m.msh", solid, 2, place=lambda x, _: x * [1, 1, -1])
     assert not gmsh.isInitialized()
     assert not (tmp_path / "m.msh").exists()
 
 
 def test_cells_without_volume_are_refused(tmp_path):
     """Their scaled Jacobian is 0/0, in the second group read, beside good cells."""
-    points, cells = _extrude.grid(np.arange(3.0), np.arange(2.0), "hex")
-    plane = _extrude.PlaneMesh(points, {"good": cells[:1], "flat": cells[1:]}, {})
-    solid = _extrude.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
+    points, cells = extrusion.grid(np.arange(3.0), np.arange(2.0), "hex")
+    plane = extrusion.PlaneMesh(points, {"good": cells[:1], "flat": cells[1:]}, {})
+    solid = extrusion.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
     with pytest.raises(RuntimeError, match="smallest scaled Jacobian of the mesh is nan"):
-        _base.write_mesh(tmp_path / "m.msh", solid, 1, place=lambda x, _: np.minimum(x, [1, 9, 9]))
+        gmsh_model.write_mesh(
+            tmp_path / "m.msh", solid, 1, place=lambda x, _: np.minimum(x, [1, 9, 9])
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -530,17 +611,20 @@ def test_a_session_of_the_caller_is_left_alone(tmp_path):
 
 
 def test_script_runs_directly(tmp_path):
-    script = Path(_base.__file__).with_name("ambiesta.py")
     flags = ["--size", "12", "--order", "1", "--height", "50", "--out", str(tmp_path / "d.msh")]
     done = subprocess.run(
-        [sys.executable, str(script), *flags], capture_output=True, text=True, env={}, check=True
+        [sys.executable, PROJECT / "geometry" / "ambiesta.py", *flags],
+        capture_output=True,
+        text=True,
+        env={},
+        check=True,
     )
     assert "hex8 cells" in done.stdout
     assert Groups(tmp_path / "d.msh").points[:, 2].max() == 50
 
 
 def test_script_refuses_in_one_sentence(tmp_path, capsys):
-    from geometry import jointed_wall as script
+    from dolfinx_joints.geometry import jointed_wall as script
 
     with pytest.raises(SystemExit) as stop:
         script.main(["--cell", "prism", "--out", str(tmp_path / "w.msh")])
@@ -553,5 +637,5 @@ def test_a_file_that_is_no_mesh_is_not_run(tmp_path):
     ran, script = tmp_path / "ran", tmp_path / "script.msh"
     script.write_text(f'SystemCall "touch {ran}";\n')
     with pytest.raises(MeshError, match="is no Gmsh mesh file: it does not begin with"):
-        _base.describe(script)
+        gmsh_model.describe(script)
     assert not ran.exists()

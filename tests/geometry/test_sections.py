@@ -11,11 +11,11 @@ from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from geometry import _base
-from geometry import sections_dam as script
-from geometry.arch import ArchDam, Sector
-from geometry.section_table import SectionTable, read_sections
-from geometry.sections_dam import sections_dam
+from dolfinx_joints.geometry import sections_dam as script
+from dolfinx_joints.geometry.arch import ArchDam, Sector
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.section_table import SectionTable, read_sections
+from dolfinx_joints.geometry.sections_dam import sections_dam
 
 # A cylinder: radii 50 and 46 m, 40 degrees to the left and 60 to the right, 30 m high.
 CYLINDER = """# a cylinder
@@ -59,7 +59,7 @@ def test_volume_and_joints_of_a_cylinder(tmp_path, cell, order, element):
     path = sections_dam(
         tmp_path / "d.msh", write(tmp_path, CYLINDER), size=6, order=order, cell=cell, joints=4
     )
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.element == element
     groups = Groups(path)
     check_groups(groups)
@@ -105,7 +105,7 @@ def test_the_dam_like_ambiesta_comes_back_from_its_sections(tmp_path):
     path = sections_dam(
         tmp_path / "d.msh", ambiesta_table(), size=5.5, joints=11, active_height=0.75
     )
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     # As far from the exact volume as the mesh of the formulas themselves may be.
     assert report.volume["concrete"] == pytest.approx(dam_volume(ArchDam()), rel=5e-4)
     assert report.min_scaled_jacobian > 0.4
@@ -128,7 +128,7 @@ def test_faces_with_different_centres(tmp_path, cell):
     check_groups(groups)
     # Chords of the curved ground take or add a little.
     volume = table_volume(table)
-    assert _base.describe(path).volume["concrete"] == pytest.approx(volume, rel=2e-3)
+    assert gmsh_model.describe(path).volume["concrete"] == pytest.approx(volume, rel=2e-3)
     axis = 74.0  # of the crest's arch
     for k, angle in enumerate((-30, 0, 12.5), start=1):
         x, y, _ = groups.at(f"joint_{k}").T
@@ -152,11 +152,11 @@ def test_faces_with_different_centres(tmp_path, cell):
 @pytest.mark.parametrize("text", [CYLINDER, ECCENTRIC], ids=["cylinder", "eccentric"])
 def test_foundation(tmp_path, text, spread, cell, order, element):
     file, options = write(tmp_path, text), {"size": 10, "order": order, "cell": cell, "joints": 3}
-    alone = _base.describe(sections_dam(tmp_path / "a.msh", file, **options))
+    alone = gmsh_model.describe(sections_dam(tmp_path / "a.msh", file, **options))
     path = sections_dam(
         tmp_path / "d.msh", file, **options, foundation=20.0, spread=spread, perimetral=True
     )
-    report, groups = _base.describe(path), Groups(path)
+    report, groups = gmsh_model.describe(path), Groups(path)
     check_groups(groups)
     assert report.element == element
     assert report.volume["concrete"] == pytest.approx(alone.volume["concrete"], rel=1e-9)
@@ -177,7 +177,7 @@ def test_volume_of_the_foundation_of_a_cylinder(tmp_path):
     # (60^2 - 36^2)/2 times the angles and the heights, less the valley.
     arcs = np.radians(100)
     exact = (60**2 - 36**2) / 2 * (1.5 * arcs * 45 - arcs * 30)
-    report = _base.describe(path)
+    report = gmsh_model.describe(path)
     assert report.volume["foundation"] == pytest.approx(exact, rel=1e-5)
     assert "contact" in report.num_facets
     assert not any("perimetral" in name for name in report.num_facets)

@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.geometry import from_step as script
+from dolfinx_joints.geometry.from_step import from_step
+from dolfinx_joints.geometry.meshing import gmsh_model, step_file
 from dolfinx_joints.mesh.compat import geometry_nodes
-from geometry import _base, _step_file
-from geometry import from_step as script
-from geometry.from_step import from_step
 
 # A pier of 2 x 2 x 5 m on a rock of 4 x 2 x 3 m, and a second block of rock beside it, in mm:
 # x, y, z and extents.
@@ -28,7 +28,7 @@ BOXES = {
 
 def write_step(path, boxes, dim=3):
     """Write boxes to a STEP file in millimetres, each called by its name."""
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         for box in boxes.values():
             if dim == 3:
                 gmsh.model.occ.addBox(*box)
@@ -50,7 +50,7 @@ def step(tmp_path_factory):
 
 def facet_area(path, name):
     """Return the area of a surface group of plane triangles [m^2]."""
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.merge(str(path))
         for dim, physical in gmsh.model.getPhysicalGroups(2):
             if gmsh.model.getPhysicalName(dim, physical) == name:
@@ -75,7 +75,7 @@ def test_solids_become_volumes_and_common_faces_joints(tmp_path, step, order):
         order=order,
         surfaces={"base": ("z", "min"), "top": ("z", 8.0)},
     )
-    report = _base.describe(out)
+    report = gmsh_model.describe(out)
     assert report.element == f"tet{4 if order == 1 else 10}"
     # Millimetres in the file, metres here: the boxes' own volumes and faces.
     assert report.volume == pytest.approx({"rock": 24.0, "pier": 20.0, "side": 6.0}, rel=1e-9)
@@ -113,37 +113,39 @@ def test_names_by_position_pairs_and_tied_solids(tmp_path, step):
     flags = ["--size", "2", "--order", "1", "--out", str(out)]
     flags += ["--solid", "tower=2,1,5", "--joint", "lift=tower,rock", "--tied", "rock,side"]
     script.main([str(step), *flags, "--surface", "base:z=min"])
-    report = _base.describe(out)
+    report = gmsh_model.describe(out)
     assert set(report.volume) == {"rock", "tower", "side"}
     assert set(report.num_facets) == {"joint_lift", "base", "outside"}
 
 
 def test_solids_of_one_name_are_one_volume(tmp_path, step):
     points = {"rock": (4.5, 1, 1)}
-    report = _base.describe(from_step(tmp_path / "p.msh", step, size=2, order=1, solids=points))
+    report = gmsh_model.describe(
+        from_step(tmp_path / "p.msh", step, size=2, order=1, solids=points)
+    )
     assert report.volume == pytest.approx({"rock": 30.0, "pier": 20.0}, rel=1e-9)
     assert {name for name in report.num_facets if "joint" in name} == {"joint_rock_pier"}
 
 
 def test_solids_without_names_are_numbered(tmp_path):
     plain = tmp_path / "plain.step"
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.model.occ.addBox(0, 0, 0, 1000, 1000, 1000)
         gmsh.model.occ.addBox(0, 0, 1000, 1000, 1000, 1000)
         gmsh.model.occ.synchronize()
         gmsh.write(str(plain))
-    report = _base.describe(from_step(tmp_path / "p.msh", plain, size=1))
+    report = gmsh_model.describe(from_step(tmp_path / "p.msh", plain, size=1))
     assert report.volume == pytest.approx({"solid_1": 1.0, "solid_2": 1.0}, rel=1e-9)
     assert "joint_solid_1_solid_2" in report.num_facets
 
 
 def test_nodes_of_order_two_lie_on_curved_faces(tmp_path):
     round_step = tmp_path / "round.step"
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.model.occ.addCylinder(0, 0, 0, 0, 0, 2000, 1000)
         gmsh.model.occ.synchronize()
         gmsh.write(str(round_step))
-    report = _base.describe(from_step(tmp_path / "p.msh", round_step, size=0.5))
+    report = gmsh_model.describe(from_step(tmp_path / "p.msh", round_step, size=0.5))
     # Parabolas miss the circle by about a**4/80 of its area with arcs of a = 0.5.
     assert sum(report.volume.values()) == pytest.approx(2 * np.pi, rel=2e-3)
 
@@ -224,7 +226,7 @@ def test_where_open_cascade_crashes_this_process_does_not(tmp_path, step, monkey
         ),
         ("import nowhere", RuntimeError, r"could not be tried .*: .*No module named 'nowhere'"),
     ):
-        monkeypatch.setattr(_step_file, "_TRIAL", trial)
+        monkeypatch.setattr(step_file, "_TRIAL", trial)
         with pytest.raises(error, match=rf"bad\.step .*{sentence}\.$"):
             from_step(tmp_path / "p.msh", path, size=5)
 

@@ -10,9 +10,9 @@ import pytest
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.mesh.gmsh_file import load_msh
-from geometry import _base
-from geometry.two_blocks import two_blocks
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def old_version(path, lines, binary):
     """The mesh of these lines as a file of version 2.2."""
     source = path.with_name("source.msh")
     source.write_text("\n".join(lines))
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         gmsh.merge(str(source))
         gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
         gmsh.option.setNumber("Mesh.Binary", binary)

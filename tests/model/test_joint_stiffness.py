@@ -278,7 +278,7 @@ def test_shift_of_a_jointed_wall(frequencies, wall_file, held):
 @pytest.mark.mpi
 def test_shift_of_a_dam(frequencies, mesh_file):
     # Joints 12 m apart, up to three quarters of the height.
-    from geometry.ambiesta import ambiesta
+    from dolfinx_joints.geometry.ambiesta import ambiesta
 
     path = mesh_file(ambiesta, size=8.0, order=1)
     check_shift(frequencies, path, ["base", "abutments"], 12.0)

@@ -17,7 +17,7 @@ pytest.importorskip("gmsh")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from geometry.gravity_dam import GravitySection
+from dolfinx_joints.geometry.gravity_dam import GravitySection
 from studies import gravity_dams
 from studies.gravity_dams import (
     ABAQUS_KOYNA,

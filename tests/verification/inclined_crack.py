@@ -27,7 +27,7 @@ from dolfinx_joints import (
     read_msh,
 )
 from dolfinx_joints.common.mpi import on_root
-from geometry.inclined_crack import crack_axes, inclined_crack
+from dolfinx_joints.geometry.inclined_crack import crack_axes, inclined_crack
 
 Floats = NDArray[np.float64]
 

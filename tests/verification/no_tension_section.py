@@ -26,7 +26,7 @@ from dolfinx_joints import (
     read_msh,
 )
 from dolfinx_joints.common.mpi import on_root
-from geometry.two_blocks import two_blocks
+from dolfinx_joints.geometry.two_blocks import two_blocks
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks._scenes import wall
 from benchmarks.jointed_wall import measure
-from geometry.ambiesta import ambiesta
+from dolfinx_joints.geometry.ambiesta import ambiesta
 
 pytestmark = pytest.mark.slow
 

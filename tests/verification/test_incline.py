@@ -51,7 +51,7 @@ from dolfinx_joints import (
     read_msh,
 )
 from dolfinx_joints.common.mpi import on_root
-from geometry.two_blocks import two_blocks
+from dolfinx_joints.geometry.two_blocks import two_blocks
 
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH = 2.0, 1.0  # of the pad [m]

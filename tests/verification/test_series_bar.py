@@ -58,7 +58,7 @@ from dolfinx_joints import (
     split_mesh,
 )
 from dolfinx_joints.common.mpi import on_root
-from geometry.two_blocks import two_blocks
+from dolfinx_joints.geometry.two_blocks import two_blocks
 
 COMM = MPI.COMM_WORLD
 LENGTH, SIDE, YOUNG = 2.0, 0.5, 30e9  # m, m, Pa

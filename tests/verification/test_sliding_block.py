@@ -34,7 +34,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.exact import SlidingBlock
-from geometry.two_blocks import two_blocks
+from dolfinx_joints.geometry.two_blocks import two_blocks
 
 # Slips of half a metre are those of the problem; that they are not small is said on purpose.
 pytestmark = [

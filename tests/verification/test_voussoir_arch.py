@@ -41,7 +41,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
-from geometry.voussoir_arch import voussoir_arch
+from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 
 COMM = MPI.COMM_WORLD
 RADIUS, DENSITY, GRAVITY = 10.0, 2400.0, 9.80665  # m, kg/m^3, m/s^2

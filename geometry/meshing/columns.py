@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry._checks import check_fine
-from geometry._extrude import FloatArray, IntArray
+from dolfinx_joints.geometry.meshing.arguments import check_fine
+from dolfinx_joints.geometry.meshing.extrusion import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Elevation:
         check_fine(high * max(len(self.lines), float(self.lines[-1]) / self.size))
         lines = _refined(self.lines, 2 * self.size)
         rows = self._rows(lines)
-        hanging = [self._hang(a, n) for a, n in zip(lines, rows, strict=True)]
+        hanging = [self._hang(float(a), n) for a, n in zip(lines, rows, strict=True)]
         patches = []
         for left, right in pairwise(hanging):
             patches += self._block(left, right)

@@ -117,7 +117,7 @@ def mapping(what: str, value: Any) -> Mapping[str, Any]:
 
 def check_elements(order: Any, cell: Any, cells: Sequence[str] = CELLS) -> None:
     """Raise ValueError unless the element order and the cell shape are among those offered."""
-    if not isinstance(order, Integral) or isinstance(order, bool) or order not in ORDERS:
+    if isinstance(order, bool) or not isinstance(order, Integral) or order not in ORDERS:
         raise ValueError(f"order is {shown(order)}, but it must be 1 or 2.")
     if not isinstance(cell, str) or cell not in cells:
         names = ", ".join(map(repr, cells[:-1])) + f" or {cells[-1]!r}"

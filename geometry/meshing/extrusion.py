@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry._checks import check_fine
+from dolfinx_joints.geometry.meshing.arguments import check_fine
 
 BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,8 @@ def edges_between(cells: IntArray, selected: BoolArray) -> IntArray:
         The edges, each once, shape (num_edges, 2).
     """
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2)
-    pairs = pairs[selected[pairs].all(axis=1)]
-    return np.unique(np.sort(pairs, axis=1), axis=0)
+    inside = selected[pairs].all(axis=1)
+    return np.unique(np.sort(pairs[inside], axis=1), axis=0)
 
 
 def boundary_edges(cells: IntArray) -> IntArray:

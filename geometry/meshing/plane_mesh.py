@@ -11,9 +11,9 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-from geometry import _base
-from geometry._checks import mesh_path
-from geometry._extrude import FloatArray, PlaneMesh
+from dolfinx_joints.geometry.meshing import gmsh_model
+from dolfinx_joints.geometry.meshing.arguments import mesh_path
+from dolfinx_joints.geometry.meshing.extrusion import FloatArray, PlaneMesh
 
 Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -46,15 +46,15 @@ def write_plane(
             cannot be written.
     """
     path = mesh_path(out)
-    with _base.gmsh_session():
+    with gmsh_model.gmsh_session():
         _add_plane(plane)
-        _base.raise_order(order)
+        gmsh_model.raise_order(order)
         if section is not None:
             tags, reference, _ = gmsh.model.mesh.getNodes()
             p, q, _ = reference.reshape(-1, 3).T
-            for tag, xy in zip(tags, np.column_stack(section(p, q)), strict=True):
-                gmsh.model.mesh.setNode(tag, [*xy, 0.0], [])
-        _base.save(path, gui)
+            for tag, (x, y) in zip(tags, np.transpose(section(p, q)), strict=True):
+                gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
+        gmsh_model.save(path, gui)
     return path
 
 

@@ -15,8 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry._checks import LONGEST, finite, positive
-from geometry._extrude import (
+from dolfinx_joints.geometry.arch import Sector
+from dolfinx_joints.geometry.meshing.arguments import LONGEST, finite, positive
+from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
     FloatArray,
     IntArray,
@@ -25,7 +26,6 @@ from geometry._extrude import (
     extrude,
     split_quadrilaterals,
 )
-from geometry.arch import Sector
 
 _GROWTH = 1.5  # from one ring of cells to the next
 _MAX_TURN = 170.0  # [degrees]; the ends of the block must not meet downstream

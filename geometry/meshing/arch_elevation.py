@@ -8,8 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from geometry._columns import Elevation
-from geometry._extrude import (
+from dolfinx_joints.geometry.arch import Sector
+from dolfinx_joints.geometry.meshing.columns import Elevation
+from dolfinx_joints.geometry.meshing.extrusion import (
     FloatArray,
     IntArray,
     PlaneMesh,
@@ -17,7 +18,6 @@ from geometry._extrude import (
     edges_between,
     split_quadrilaterals,
 )
-from geometry.arch import Sector
 
 _MIDDLE = 0.5  # the elevation is drawn on the surface halfway between the faces
 

@@ -13,7 +13,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from dolfinx_joints.common.parameters import check_file, shown
-from geometry._step_options import FARTHEST
+from dolfinx_joints.geometry.meshing.step_options import FARTHEST
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Points of a STEP file and their numbers; the unit that lengths are given in.
@@ -72,9 +72,9 @@ def _try_reading(step: Path) -> None:
     # Nothing in the working folder is imported; under mpirun the other process is no rank.
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
     kept["PYTHONPATH"] = os.pathsep.join(p for p in map(str, sys.path) if p not in ("", os.curdir))
-    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    command = [sys.executable, "-P", "-c", _TRIAL, str(step)]
     try:
-        tried = subprocess.run([sys.executable, "-P", "-c", _TRIAL, str(step)], env=kept, **quiet)
+        tried = subprocess.run(command, env=kept, stdin=subprocess.DEVNULL, capture_output=True)
     except OSError as error:
         raise RuntimeError(f"{step} could not be tried in a process of its own: {error}.") from None
     if tried.returncode in (-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGFPE, -signal.SIGABRT):

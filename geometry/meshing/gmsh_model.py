@@ -17,9 +17,9 @@ import numpy as np
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
+from dolfinx_joints.geometry.meshing.arguments import flag, input_path, mesh_path
+from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
 from dolfinx_joints.mesh.gmsh_file import check_head
-from geometry._checks import flag, input_path, mesh_path
-from geometry._extrude import BoolArray, FloatArray, SolidMesh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
 

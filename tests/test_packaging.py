@@ -100,7 +100,7 @@ def wheel(source_archive, tmp_path_factory):
 
 def test_the_source_distribution_is_the_whole_project(source_archive):
     with tarfile.open(source_archive) as archive:
-        names = [member.name.partition("/")[2] for member in archive if member.isfile()]
+        names = [member.name.partition("/")[2] for member in archive if not member.isdir()]
         modes = {m.name.partition("/")[2]: m.mode for m in archive}
     assert {name for name in names if not name.startswith(ADDED)} == tracked()
     assert modes["with-dolfinx"] & 0o111  # or README's first command fails
@@ -112,10 +112,12 @@ def test_the_wheel_is_the_package_and_its_licence(wheel):
         information = next(name for name in names if name.endswith(".dist-info/METADATA"))
         metadata = message_from_string(archive.read(information).decode())
         scripts = archive.read(information.replace("METADATA", "entry_points.txt")).decode()
-    package = {name for name in tracked() if name.startswith("dolfinx_joints/")}
+    project = {name for name in tracked() if name != "dolfinx_joints/geometry"}
+    package = {name for name in project if name.startswith("dolfinx_joints/")}
+    package |= {f"dolfinx_joints/{name}" for name in project if name.startswith("geometry/")}
     about = {name for name in names if ".dist-info/" in name}
     assert names - about == package
-    assert {"dolfinx_joints/py.typed", "dolfinx_joints/report.js"} <= package
+    assert {"dolfinx_joints/py.typed", "dolfinx_joints/report/report.js"} <= package
     assert {Path(name).name for name in about} >= {"COPYING", "COPYING.LESSER", "RECORD"}
     assert metadata["License-Expression"] == "LGPL-3.0-or-later"
     assert metadata["Version"] == dolfinx_joints.__version__
@@ -129,36 +131,22 @@ def test_one_version_everywhere():
     assert f"version: {dolfinx_joints.__version__}" in citation
 
 
-RUN = """
-import dolfinx, mpi4py.MPI as mpi, numpy as np, dolfinx_joints as dj
-mesh = dolfinx.mesh.create_unit_square(mpi.COMM_WORLD, 2, 2, dolfinx.mesh.CellType.quadrilateral)
-at = [dolfinx.mesh.locate_entities(mesh, 1, lambda x, y=y: np.isclose(x[1], y)) for y in (0, 0.5)]
-tags = dolfinx.mesh.meshtags(mesh, 1, np.concatenate(at), np.repeat([1, 2], [len(f) for f in at])
-    .astype(np.int32))
-jointed = dj.split_mesh(mesh, tags, joints={"joint": 2}, groups={"base": 1})
-law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0)
-model = dj.Model(jointed, material=dj.Elastic(young=25e9, poisson=0.0, density=2400.0), joints=law,
-    supports=[dj.Fixed(group="base")], loads=[dj.Gravity()])
-run = dj.Simulation(model, monitors=[dj.ResultsMonitor("run.h5", points={"top": (0.5, 1.0)})])
-run.statics()
-print(run.report(run.dynamics(dt=1e-3, steps=3)))
-print(dj.__file__)
-"""
-
-
 @pytest.mark.slow
-def test_the_wheel_works_beside_dolfinx_and_without_the_project(wheel, tmp_path):
+def test_the_first_example_runs_from_the_wheel_in_an_empty_folder(wheel, tmp_path):
     pytest.importorskip("dolfinx")
     run(sys.executable, "-m", "venv", "--system-site-packages", "--without-pip", "venv",
         folder=tmp_path)  # fmt: skip
-    binaries = tmp_path / "venv" / "bin"
+    binaries, empty = tmp_path / "venv" / "bin", tmp_path / "empty"
     pip = (sys.executable, "-m", "pip", "--python", binaries / "python")
     # From no index: all that the wheel depends on must be there already.
     run(*pip, "install", "--no-index", "--root-user-action=ignore", wheel, folder=tmp_path)
-    script = tmp_path / "script.py"
-    script.write_text(RUN)
-    said = run(binaries / "python", script, folder=tmp_path)
-    assert said.splitlines()[-1].startswith(str(tmp_path / "venv"))
+    empty.mkdir()
+    python = (binaries / "python", "-c")
+    place = run(*python, "import dolfinx_joints as dj; print(dj.__file__)", folder=empty)
+    assert place.startswith(str(tmp_path / "venv"))
+    example = (PROJECT / "README.md").read_text("utf-8").split("```python\n")[1].split("```")[0]
+    assert "steps" in run(*python, example, folder=empty)
+    assert {path.name for path in empty.iterdir()} == {"dam.msh", "dam.h5", "first_steps.png"}
     for command in ([binaries / "dolfinx-joints"], [binaries / "python", "-m", "dolfinx_joints"]):
-        assert "steps=3" in run(*command, "info", "run.h5", folder=tmp_path)
-        assert dolfinx_joints.__version__ in run(*command, "--version", folder=tmp_path)
+        assert "steps=2000" in run(*command, "info", "dam.h5", folder=empty)
+        assert dolfinx_joints.__version__ in run(*command, "--version", folder=empty)

@@ -52,7 +52,7 @@ def write_plane(
         if section is not None:
             tags, reference, _ = gmsh.model.mesh.getNodes()
             p, q, _ = reference.reshape(-1, 3).T
-            for tag, (x, y) in zip(tags, np.transpose(section(p, q)), strict=True):
+            for tag, x, y in zip(tags, *section(p, q), strict=True):
                 gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
         gmsh_model.save(path, gui)
     return path

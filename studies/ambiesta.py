@@ -25,13 +25,7 @@ from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.geometry.arch import ArchDam
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.simulation.records import Outcome
-<<<<<<< HEAD
 from dolfinx_joints.time_integration.scheme import Scheme
-from dolfinx_joints.geometry.ambiesta import ambiesta
-from dolfinx_joints.geometry.arch import ArchDam
-=======
-from dolfinx_joints.time_integration.states import Scheme
->>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 
 Which = Literal["linear", "joints"]
 

@@ -30,11 +30,7 @@ from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 from dolfinx_joints.mesh import gmsh_file as msh
 
-<<<<<<< HEAD
-=======
 PROJECT = Path(__file__).resolve().parents[2]
-ELEMENTS = [("hex", 1, "hex8"), ("hex", 2, "hex27"), ("tet", 1, "tet4"), ("tet", 2, "tet10")]
->>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 CORNERS = {5: 8, 12: 8, 4: 4, 11: 4}  # by Gmsh's element type
 
 # The crest of the default dam by hand: half-chord 63.47 m, half-angle 50 degrees, overhang
@@ -43,80 +39,6 @@ CREST_RADIUS = 63.47 / np.sin(np.radians(50))
 CREST_CENTRE = CREST_RADIUS - 0.36 * 57 * 0.38
 
 
-<<<<<<< HEAD
-=======
-class Groups:
-    """The content of a mesh file: nodes by group, vertices of cells and facets."""
-
-    def __init__(self, path):
-        with gmsh_model.gmsh_session():
-            gmsh.merge(str(path))
-            tags, points, _ = gmsh.model.mesh.getNodes()
-            number = np.zeros(int(tags.max()) + 1, dtype=int)
-            number[tags] = np.arange(tags.size)
-            self.points = points.reshape(-1, 3)
-            self.nodes, self.facets, self.cells = {}, {}, {}
-            for dim, physical in gmsh.model.getPhysicalGroups():
-                name = gmsh.model.getPhysicalName(dim, physical)
-                (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
-                (kind,), _, (flat,) = gmsh.model.mesh.getElements(dim, entity)
-                size, corners = gmsh.model.mesh.getElementProperties(kind)[3::2][:2]
-                nodes = number[flat.reshape(-1, size)]
-                self.nodes[name] = np.unique(nodes)
-                (self.cells if dim == 3 else self.facets)[name] = nodes[:, :corners]
-
-    def at(self, name):
-        return self.points[self.nodes[name]]
-
-
-def check_groups(groups):
-    """Check that outer facets are in one group each, and joint facets lie between two cells."""
-    cells = np.concatenate(list(groups.cells.values()))
-    faces = np.sort(cells[:, FACES[cells.shape[1]]].reshape(-1, len(FACES[cells.shape[1]][0])))
-    faces, count = np.unique(faces, axis=0, return_counts=True)
-    assert set(count) <= {1, 2}  # the mesh is conforming
-    inner = {tuple(f) for f in faces[count == 2]}
-    named = [
-        tuple(sorted(f))
-        for name, facets in groups.facets.items()
-        if not name.startswith("joint")
-        for f in facets
-    ]
-    assert len(named) == len(set(named))
-    assert set(named) == {tuple(f) for f in faces[count == 1]}
-    joint = [
-        tuple(sorted(f))
-        for name, facets in groups.facets.items()
-        if name.startswith("joint")
-        for f in facets
-    ]
-    assert len(joint) == len(set(joint))
-    assert set(joint) <= inner
-
-
-def area(groups, name):
-    """Return the area of a surface of plane facets [m^2]."""
-    x = groups.points[groups.facets[name]]
-    normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-    if x.shape[1] == 4:
-        normal = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
-    return 0.5 * np.linalg.norm(normal, axis=1).sum()
-
-
-def dam_volume(dam, top=1.0):
-    """Integrate the volume of an arch dam from its formulas [m^3].
-
-    At each level the section is the integral over s of (R^2 - (R - t)^2)/2 phi; zeta = u^5 makes
-    the integrand smooth at the base, where the chord grows as zeta^0.6 = u^3.
-    """
-    u, weights = np.polynomial.legendre.leggauss(40)
-    s, zeta = u[None, :], (((u + 1) / 2) ** 5 * top)[:, None]
-    r, t = dam.radius(zeta), dam.thickness(zeta, s)
-    section = (r * t - 0.5 * t**2) @ weights * dam.half_angle(zeta[:, 0])
-    return dam.height * top * (section * 2.5 * ((u + 1) / 2) ** 4) @ weights
-
-
->>>>>>> adea5d0 (geometry is dolfinx_joints.geometry, from a checkout by a link and in the wheel; its helpers in a folder of their own)
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
 @pytest.mark.parametrize("angle", [0.0, -30.0])
 def test_two_blocks(tmp_path, cell, order, element, angle):

@@ -23,6 +23,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from dolfinx_joints.simulation.monitor import Monitor
+
 # In the order in which a run comes to them; the last four take turns.
 PHASES = (
     "importing",
@@ -101,7 +103,7 @@ class Trace:
         return told
 
 
-class _StepTold:
+class _StepTold(Monitor):
     """A monitor that traces the steps; it comes last, when the others have their record."""
 
     def __init__(self, trace: Trace) -> None:
@@ -114,13 +116,6 @@ class _StepTold:
     def record(self, record: Any) -> None:
         """A step."""
         self._trace.step = record.step
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Nothing to close."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
 
     def resume(self, model: Any, stage: str, steps: int, last: Any, memory: Any) -> None:
         """A run that goes on."""

@@ -26,6 +26,7 @@ import dolfinx_joints as dj
 from benchmarks._scenes import TIME_STEP, Scene
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Law
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Outcome, Record
 
 FACTOR = (
@@ -119,7 +120,7 @@ class Phases:
         self.peaks_mb[name] = peak_mb()
 
 
-class StepWatch:
+class StepWatch(Monitor):
     """Monitor that keeps what each step took, and the crest's displacement.
 
     The clock runs from the end of one call to the beginning of the next: it sees the whole loop

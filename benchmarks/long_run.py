@@ -22,6 +22,7 @@ from typing import Any
 import dolfinx_joints as dj
 from benchmarks._measure import load_average, run_alone
 from benchmarks._scenes import TIME_STEP, wall
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 EVERY = 1000  # steps between two readings of the memory
@@ -36,7 +37,7 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-class MemoryWatch:
+class MemoryWatch(Monitor):
     """Monitor that reads the memory now and then.
 
     Attributes:
@@ -52,9 +53,6 @@ class MemoryWatch:
         self.sliding: list[int] = []
         self._opened = self._sliding = 0
 
-    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
-        """Nothing to prepare."""
-
     def record(self, record: Record) -> None:
         """Count states of the joints, and read the memory where it is time."""
         assert record.solve is not None
@@ -66,16 +64,6 @@ class MemoryWatch:
             self.opened.append(self._opened)
             self.sliding.append(self._sliding)
             self._opened = self._sliding = 0
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Nothing to close."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: the run is not interrupted."""
-        return {}
-
-    def resume(self, model: Any, stage: str, steps: int, last: Any, memory: Any) -> None:
-        """Nothing to take up."""
 
 
 def measure(writing: str, steps: int) -> dict[str, Any]:

@@ -25,6 +25,7 @@ import dolfinx_joints as dj
 from benchmarks._measure import free_memory
 from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 from dolfinx_joints.solvers.choice import KINDS
 
@@ -74,7 +75,7 @@ class Result:
         return not self.failure and self.ledger <= LARGEST_LEDGER
 
 
-class _Extremes:
+class _Extremes(Monitor):
     """Monitor that keeps the most Newton iterations, and the most points open and sliding."""
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
@@ -89,9 +90,6 @@ class _Extremes:
         self.newton = max(self.newton, record.solve.iterations)
         self.open = max(self.open, counts.open / counts.total)
         self.slip = max(self.slip, counts.slip / counts.total)
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Nothing to close."""
 
 
 def run_scene(scene: Scene, options: argparse.Namespace) -> Iterator[Result]:

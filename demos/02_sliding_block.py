@@ -53,6 +53,7 @@ from dolfinx_joints import (
     Gravity,
     JointedMesh,
     Model,
+    Monitor,
     Simulation,
     Spring,
     read_msh,
@@ -168,7 +169,7 @@ LEVEL_GRAVITY = 10.0  # m/s^2, hence mu = 0.2
 DURATION = 1.2  # s
 
 
-class SlipHistory:
+class SlipHistory(Monitor):
     """Records time [s], mean slip (n, 2) [m] and friction work [J]."""
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:

@@ -79,6 +79,7 @@ from .postprocessing import views as views
 from .postprocessing.csv_tables import write_csv as write_csv
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
+from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions
 from .time_integration.midpoint import EnergyConsistent as EnergyConsistent

@@ -16,6 +16,7 @@ from dolfinx_joints import (
     Model,
     stiffness_proportional,
 )
+from dolfinx_joints.simulation.monitor import Monitor
 
 CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
 
@@ -30,27 +31,15 @@ class Killed(BaseException):
     """In the place of a signal: nobody handles it."""
 
 
-class Killer:
+class Killer(Monitor):
     """A monitor that stops the run in a step."""
 
     def __init__(self, step=None):
         self.step = step
 
-    def start(self, model, stage, steps, first):
-        """Nothing to prepare."""
-
     def record(self, record):
         if record.step == self.step:
             raise Killed
-
-    def finish(self, status, summary):
-        """Nothing to close."""
-
-    def state_dict(self):
-        return {}
-
-    def resume(self, model, stage, steps, last, memory):
-        """Nothing to take up."""
 
 
 def shaking(time):

@@ -13,10 +13,11 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_path
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 
-class FieldMonitor:
+class FieldMonitor(Monitor):
     """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
 
     A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
@@ -56,10 +57,6 @@ class FieldMonitor:
         with released(self._lock, at_end=False):
             self._u = model.function(first.displacement)
             self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]

@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 
-class ProgressMonitor:
+class ProgressMonitor(Monitor):
     """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
 
     Args:
@@ -33,16 +33,6 @@ class ProgressMonitor:
             self._bar = tqdm(
                 total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
             )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
-
-    def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
-    ) -> None:
-        """Show the bar from the last step on."""
-        self.start(model, stage, steps, last)
 
     def record(self, record: Record) -> None:
         """Advance the bar."""

@@ -30,12 +30,13 @@ from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, chosen_faces
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 Floats = NDArray[np.floating[Any]]
 
 
-class ResultsMonitor:
+class ResultsMonitor(Monitor):
     """Writes histories, energies and states to an HDF5 file as the run goes.
 
     Every step: displacement and acceleration of the monitor points, acceleration of the ground,

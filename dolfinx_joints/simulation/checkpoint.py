@@ -91,21 +91,14 @@ class Checkpoints:
             raise CheckpointError(f"{self.path} cannot be read: {error.strerror}.") from None
         return True
 
-    def check(self, comm: Any, monitors: list[Any], *, resume: bool) -> None:
+    def check(self, comm: Any, *, resume: bool) -> None:
         """Refuse early what would be lost or could not be taken up again (collective).
 
         From here to `release` no other run may write the checkpoint or go on from it.
 
         Raises:
-            CheckpointError: A monitor cannot be taken up again, a new run finds a checkpoint, or
-                another run writes it.
+            CheckpointError: A new run finds a checkpoint, or another run writes it.
         """
-        for monitor in monitors:
-            if not (hasattr(monitor, "state_dict") and hasattr(monitor, "resume")):
-                raise CheckpointError(
-                    f"The monitor {type(monitor).__name__} has no methods state_dict and resume, "
-                    "which runs with checkpoints need."
-                )
         if not resume and not self._overwrite and on_root(comm, lambda: self.found):
             raise CheckpointError(
                 f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "

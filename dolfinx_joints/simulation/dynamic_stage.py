@@ -19,7 +19,8 @@ from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.records import Monitor, Outcome, Record
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.records import Outcome, Record
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
@@ -63,7 +64,7 @@ class DynamicRun:
         self,
         *,
         model: Model,
-        monitors: Sequence[Any],
+        monitors: Sequence[Monitor],
         watch: SmallDisplacements,
         seconds: Mapping[str, float],
         scheme: Scheme,

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.model.model import Model
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.states import DynamicState
@@ -65,34 +64,6 @@ class Record:
             known = np.asarray(self.motion(self.time), dtype=np.float64)[:3]
             ground[: len(known)] = known
         return ground
-
-
-class Monitor(Protocol):
-    """Watches a run; every method is called on all ranks."""
-
-    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Called before the first step of a stage."""
-
-    def record(self, record: Record) -> None:
-        """Called after each step."""
-
-    def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
-
-
-class LastingMonitor(Monitor, Protocol):
-    """A monitor of runs that write checkpoints: it can be left and taken up again."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """What it needs to go on, asked for at each checkpoint.
-
-        Names to arrays and to what JSON can hold; those of rank 0 are kept.
-        """
-
-    def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
-    ) -> None:
-        """Called in the place of ``start``, with the last step taken and what was kept."""
 
 
 @dataclass(frozen=True, kw_only=True)

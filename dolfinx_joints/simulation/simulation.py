@@ -25,7 +25,6 @@ from dolfinx_joints.common.parameters import (
     check_kind_of,
     finite,
     numbers_of,
-    offers,
 )
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.ground_motion import BaseMotion, check_motion, in_axes
@@ -33,7 +32,8 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options
-from dolfinx_joints.simulation.records import Monitor, Outcome, StaticState
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.records import Outcome, StaticState
 from dolfinx_joints.simulation.static_stage import (
     check_acting,
     check_complete,
@@ -83,8 +83,7 @@ class Simulation:
     ) -> None:
         """Nothing is solved yet."""
         check_kind_of("model", model, isinstance(model, Model), "a Model")
-        methods = ("start", "record", "finish")
-        good = isinstance(monitors, list | tuple) and all(offers(m, *methods) for m in monitors)
+        good = isinstance(monitors, list | tuple) and all(isinstance(m, Monitor) for m in monitors)
         check_kind_of("monitors", monitors, good, "a list of monitors")
         options = isinstance(newton, SolverOptions | None)
         check_kind_of("newton", newton, options, "a SolverOptions")
@@ -286,7 +285,7 @@ class Simulation:
             check_grouted(self.static)
             check_complete(self.static)
         if checkpoint is not None:
-            checkpoint.check(self.model.jointed.mesh.comm, self.monitors, resume=resume)
+            checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             system = self.model.system([*shaking, *loads])
             solver = make_solver(system, self._newton, self._kind, scheme.rule)

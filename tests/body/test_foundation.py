@@ -39,6 +39,7 @@ from dolfinx_joints import (
     synthetic_motion,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -321,27 +322,15 @@ def test_energies_of_a_dam_shaken_by_waves(dam):
     assert outcome.energy.viscous > 0.0
 
 
-class Stop:
+class Stop(Monitor):
     """Ends a run at a step."""
 
     def __init__(self, at):
         self.at = at
 
-    def start(self, model, stage, steps, first):
-        pass
-
-    def resume(self, model, stage, steps, last, memory):
-        pass
-
-    def state_dict(self):
-        return {}
-
     def record(self, record):
         if record.step == self.at:
             raise InterruptedError
-
-    def finish(self, status, summary):
-        pass
 
 
 def test_interrupted_run_goes_on(dam, new_path):

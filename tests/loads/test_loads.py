@@ -27,6 +27,7 @@ from dolfinx_joints import (
     synthetic_motion,
 )
 from dolfinx_joints.loads.ground_motion import in_axes
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -52,15 +53,12 @@ def test_components():
 def test_ground_motion_of_a_plane_model(block):
     """F = -M iota a_g with the vertical component upwards; monitors see what acted."""
 
-    class Seen:
+    class Seen(Monitor):
         def start(self, model, stage, steps, first):
             self.ground = []
 
         def record(self, record):
             self.ground.append(record.ground_acceleration)
-
-        def finish(self, status, summary):
-            pass
 
     model = Model(block, material=SOLID, supports=[Fixed(group="base")])
     patterns = BaseMotion(acceleration=MOTION).patterns(model)

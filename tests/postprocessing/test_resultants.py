@@ -34,6 +34,7 @@ from dolfinx_joints.postprocessing.resultants import (
     joint_resultants,
     resultant_measures,
 )
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -214,19 +215,10 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
     jointed, kept = read(blocks_file(angle=20.0)), new_path("run.ckpt")
     loads = [Uplift(joint="joint_1", pressure=0.2 * WEIGHT)]
 
-    class Stops:
-        def start(self, model, stage, steps, first):
-            pass
-
+    class Stops(Monitor):
         def record(self, record):
             if record.step == 3:
                 raise KeyboardInterrupt
-
-        def finish(self, status, summary):
-            pass
-
-        def state_dict(self):
-            return {}
 
         def resume(self, model, stage, steps, last, memory):
             self.record = lambda record: None
@@ -259,7 +251,7 @@ def shaking(time):
     return 12.0 * np.sin(2 * np.pi * np.array([23.0, 29.0, 31.0]) * time + [0.0, 0.7, 1.9])
 
 
-class Momenta:
+class Momenta(Monitor):
     """Momentum of the nodes above a level in each record."""
 
     def __init__(self, place):
@@ -275,9 +267,6 @@ class Momenta:
         moved = (self.model.mass * record.velocity).getArray().reshape(-1, 3)
         comm = self.model.jointed.mesh.comm
         self.found.append(np.sum(comm.allgather(moved[self.here].sum(axis=0)), axis=0))
-
-    def finish(self, status, summary):
-        pass
 
 
 def test_blocks_are_in_balance_at_every_step(wall_file, read, new_path, comm):

@@ -49,19 +49,6 @@ from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 
-class Plain:
-    """A monitor that cannot be taken up again."""
-
-    def start(self, model, stage, steps, first):
-        """Nothing to prepare."""
-
-    def record(self, record):
-        """Nothing to see."""
-
-    def finish(self, status, summary):
-        """Nothing to close."""
-
-
 def content(path):
     """Everything in a results file but times of day, seconds and the command line."""
     with Results(path) as results:
@@ -319,7 +306,6 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
         comm.barrier()
 
     refused(r"^There is no checkpoint .*run.ckpt\.$", resume=True)
-    refused("^The monitor Plain has no methods state_dict and resume", monitors=[Plain()])
     short(jointed, folder)
     refused("exists; pass resume=True to go on from it, or overwrite=True", monitors=[])
     whole = path.read_bytes()

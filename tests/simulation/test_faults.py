@@ -23,6 +23,7 @@ from dolfinx_joints.common import file_lock
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.monitor import Monitor
 
 WRITER = """
 import sys, time
@@ -482,27 +483,15 @@ def marched(model, folder, *, steps=6, monitors=None, **options):
     return run.dynamics(dt=4e-3, steps=steps, motion=shaking, checkpoint=kept, **options)
 
 
-class Then:
+class Then(Monitor):
     """A monitor that does something in a step."""
 
     def __init__(self, step, work):
         self.step, self.work = step, work
 
-    def start(self, model, stage, steps, first):
-        """Nothing to prepare."""
-
     def record(self, record):
         if record.step == self.step:
             self.work()
-
-    def finish(self, status, summary):
-        """Nothing to close."""
-
-    def state_dict(self):
-        return {}
-
-    def resume(self, model, stage, steps, last, memory):
-        """Nothing to take up."""
 
 
 @pytest.mark.mpi

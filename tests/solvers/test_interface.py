@@ -42,6 +42,7 @@ from dolfinx_joints import (
     stiffness_proportional,
 )
 from dolfinx_joints.model.modes import modes
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.interface import corrections
@@ -84,7 +85,7 @@ def wall(wall_file, read) -> Callable[..., Any]:
     return make
 
 
-class Path:
+class Path(Monitor):
     """Monitor that keeps gaps and tractions of all points, and the counts, of each step."""
 
     def __init__(self) -> None:
@@ -99,9 +100,6 @@ class Path:
         for kept, values in ((self.gaps, joints.state.gap), (self.tractions, joints.traction)):
             kept.append(np.concatenate(comm.allgather(values)))
         self.counts.append(record.solve.counts)
-
-    def finish(self, status: str, summary: Any) -> None:
-        """Nothing to close."""
 
 
 def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: Any) -> Any:

@@ -14,6 +14,7 @@ import ufl
 import dolfinx_joints as dj
 from dolfinx_joints.mesh.gmsh_file import load_msh
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.monitor import Monitor
 
 NAN = float("nan")
 
@@ -110,15 +111,9 @@ def test_memory_does_not_grow_with_the_steps(wall_file, comm):
 
     sizes = []
 
-    class Watch:
-        def start(self, model, stage, steps, first):
-            """Nothing to prepare."""
-
+    class Watch(Monitor):
         def record(self, record):
             sizes.append(resident())
-
-        def finish(self, status, summary):
-            """Nothing to close."""
 
     model = dj.Model(
         dj.read_msh(wall_file(divisions=(12, 4, 10)), comm, joints=[]),

@@ -41,6 +41,7 @@ from dolfinx_joints import (
     ViscousBoundary,
     split_mesh,
 )
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -129,7 +130,7 @@ def rising(axis, dim, length, amplitude=0.1):
     return lambda t: amplitude * shape(t) * np.eye(dim)[axis]
 
 
-class Motions:
+class Motions(Monitor):
     """Velocities of the nodes of a group at all steps."""
 
     def __init__(self, group):
@@ -144,9 +145,6 @@ class Motions:
         self.times.append(record.time)
         v = record.velocity.getArray(readonly=True).reshape(-1, self.dim)
         self.velocities.append(v[self.nodes])
-
-    def finish(self, status, summary):
-        pass
 
 
 def surface_error(comm, model, wave_axis, length, groups):

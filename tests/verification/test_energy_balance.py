@@ -39,6 +39,7 @@ from dolfinx_joints import (
     StepControl,
 )
 from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -362,7 +363,7 @@ def shaking(time):
     return 5.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.6 * np.sin(55.0 * time)])
 
 
-class Lines:
+class Lines(Monitor):
     """Monitor that keeps the rows of the ledger and what the points did."""
 
     def __init__(self):
@@ -375,9 +376,6 @@ class Lines:
         self.rows.append(record.energy)
         counts = record.solve.counts
         self.seen |= {name for name in ("open", "stick", "slip") if getattr(counts, name)}
-
-    def finish(self, status, summary):
-        pass
 
 
 @pytest.mark.mpi

@@ -37,6 +37,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water.joint_water import Wetness
 from dolfinx_joints.loads.water.joint_water_state import JointWaters
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -456,7 +457,7 @@ class KilledError(Exception):
     """Raised in the place of a crash."""
 
 
-class History:
+class History(Monitor):
     """Gap, water pressure and work of the water at each step."""
 
     def __init__(self, water):
@@ -471,9 +472,6 @@ class History:
         self.pressure.append(self.water.at_points(self.model, record.joints))
         self.work.append(record.energy.input_by_load["JointWater_joint"])
         self.halvings += record.halvings
-
-    def finish(self, status, summary):
-        pass
 
 
 def shaken(water, scheme=None, steps=120, solver="auto", **options):
@@ -593,12 +591,6 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
             super().record(record)
             if record.step == kill:
                 raise KilledError
-
-        def state_dict(self):
-            return {}
-
-        def resume(self, model, stage, steps, last, memory):
-            self.start(model, stage, steps, last)
 
     def run(**options):
         water = base_water(in_dynamics=in_dynamics)

@@ -24,6 +24,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.simulation.monitor import Monitor
 
 COMM = MPI.COMM_WORLD
 pytestmark = [
@@ -253,27 +254,15 @@ class Killed(BaseException):
     """In the place of a signal."""
 
 
-class Killer:
+class Killer(Monitor):
     """A monitor that ends the run in its step."""
 
     def __init__(self, step):
         self.step = step
 
-    def start(self, model, stage, steps, first):
-        """Nothing to prepare."""
-
     def record(self, record):
         if record.step == self.step:
             raise Killed
-
-    def finish(self, status, summary):
-        """Nothing to close."""
-
-    def state_dict(self):
-        return {}
-
-    def resume(self, model, stage, steps, last, memory):
-        """Nothing to take up."""
 
 
 @pytest.mark.parametrize("kind", ["plain", "water", "rigid", "bonded"])

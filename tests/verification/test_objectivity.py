@@ -46,6 +46,7 @@ from dolfinx_joints.laws.law import Status
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.gmsh_file import RawMesh
 from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
     pytest.mark.mpi,
@@ -294,7 +295,7 @@ def pushed(case, view, comm, friction=30.0):
 
 
 @dataclass
-class Watch:
+class Watch(Monitor):
     """Takes every step of a dynamic run."""
 
     scene: Scene

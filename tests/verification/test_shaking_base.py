@@ -53,6 +53,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.two_blocks import two_blocks
+from dolfinx_joints.simulation.monitor import Monitor
 
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.02  # of the block [m]; flat, so that it hardly rocks
@@ -280,7 +281,7 @@ def blocks(cell):
         return read_msh(path, COMM)
 
 
-class History:
+class History(Monitor):
     """Collects time [s], mean slip along x and y [m], friction work [J] and sliding points."""
 
     def start(self, model, stage, steps, first):

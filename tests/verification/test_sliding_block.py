@@ -35,6 +35,7 @@ from dolfinx_joints import (
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.geometry.two_blocks import two_blocks
+from dolfinx_joints.simulation.monitor import Monitor
 
 # Slips of half a metre are those of the problem; that they are not small is said on purpose.
 pytestmark = [
@@ -83,7 +84,7 @@ def mean_slip(block, joints):
     return np.array([block.contact.integral(slip[:, axis]) for axis in (0, 1)]) / area
 
 
-class History:
+class History(Monitor):
     """Collects time [s], mean slip [m] and friction work [J]."""
 
     def start(self, model, stage, steps, first):

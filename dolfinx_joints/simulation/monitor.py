@@ -1,0 +1,43 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Interface of the observers of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dolfinx_joints.model.model import Model
+    from dolfinx_joints.simulation.records import Record
+
+
+class Monitor:
+    """Base of the observers of a run, which override what they need.
+
+    Every method is called on all ranks. A monitor that keeps values from step to step overrides
+    `state_dict` and `resume` as well; without them it begins anew where a run goes on from a
+    checkpoint.
+    """
+
+    def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
+        """Called before the first step of a stage."""
+
+    def record(self, record: Record) -> None:
+        """Called after each step."""
+
+    def finish(self, status: str, summary: dict[str, Any]) -> None:
+        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """State to go on from, asked for at each checkpoint.
+
+        Names to arrays and to what JSON can hold; those of rank 0 are kept.
+        """
+        return {}
+
+    def resume(
+        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+    ) -> None:
+        """Called in the place of ``start``, with the last step and the state that was kept."""
+        self.start(model, stage, steps, last)

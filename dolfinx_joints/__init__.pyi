@@ -9,7 +9,6 @@ from .body.damping import Rayleigh as Rayleigh
 from .body.damping import mass_proportional as mass_proportional
 from .body.damping import rayleigh as rayleigh
 from .body.damping import stiffness_proportional as stiffness_proportional
-from .body.elasticity import Elastic as Elastic
 from .body.supports import Constraints as Constraints
 from .body.supports import Fixed as Fixed
 from .body.supports import Prescribed as Prescribed
@@ -23,12 +22,12 @@ from .common.errors import RecordError as RecordError
 from .common.errors import ResultsError as ResultsError
 from .common.errors import TemperatureError as TemperatureError
 from .common.mpi import abort_on_error as abort_on_error
+from .laws.friction import FrictionNoTension as FrictionNoTension
+from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint
-from .laws.keyed import ViscousJoint as ViscousJoint
-from .laws.keyed import frictionless as frictionless
-from .laws.law import FrictionNoTension as FrictionNoTension
 from .laws.mohr_coulomb import MohrCoulombJoint as MohrCoulombJoint
 from .laws.rigid import RigidJoint as RigidJoint
+from .laws.viscous import ViscousJoint as ViscousJoint
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import SupportForces as SupportForces
 from .loads.free_field import incident_wave as incident_wave
@@ -51,6 +50,7 @@ from .loads.water.joint_water import SeepageLine as SeepageLine
 from .loads.water.joint_water import Uplift as Uplift
 from .loads.water.reservoir import ReservoirMass as ReservoirMass
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
+from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
 from .mesh.jointed_mesh import read_msh as read_msh

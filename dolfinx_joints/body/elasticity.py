@@ -1,82 +1,28 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Linear elasticity in UFL: material parameters, stiffness and mass forms, stress recovery."""
+"""Linear elasticity in UFL: stiffness and mass forms, stress recovery."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import basix
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_choice, check_number, hold_floats, offers, shown
+from dolfinx_joints.common.parameters import check_choice, shown
+from dolfinx_joints.materials.bulk_law import Material, elastic_part, is_material, is_plastic
+from dolfinx_joints.materials.elastic import Elastic
+from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-if TYPE_CHECKING:
-    from dolfinx_joints.materials.drucker_prager import BulkLaw
-    from dolfinx_joints.materials.orthotropic import Orthotropic
 
 # Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
 
 PLANES = ("strain", "stress")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Elastic:
-    """Isotropic linear elastic material.
-
-    Attributes:
-        young: Young's modulus E [Pa], positive.
-        poisson: Poisson's ratio nu, above -1 and below 0.5.
-        density: Mass density rho [kg/m^3], not negative.
-
-    Raises:
-        ValueError: A parameter is out of its range.
-    """
-
-    young: float
-    poisson: float
-    density: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_number("young", self.young, lambda v: v > 0, "positive and finite", unit="Pa")
-        check_number("poisson", self.poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
-        check_number(
-            "density", self.density, lambda v: v >= 0, "zero or more and finite", unit="kg/m^3"
-        )
-
-    @property
-    def shear_modulus(self) -> float:
-        """Mu = E / (2 (1 + nu)) [Pa]."""
-        return self.young / (2.0 * (1.0 + self.poisson))
-
-    def first_lame(self, plane: str) -> float:
-        """Lambda [Pa], in plane stress the value that makes the through-thickness stress vanish."""
-        nu = self.poisson
-        if plane == "stress":
-            return self.young * nu / (1.0 - nu**2)
-        return self.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
-
-    def stiffness_matrix(self) -> NDArray[np.float64]:
-        """C with stress = C strain, shape (6, 6), [Pa].
-
-        The order is xx, yy, zz, yz, xz, xy, shear strains are the angles 2 eps_yz, ...
-        """
-        matrix = np.zeros((6, 6))
-        matrix[:3, :3] = self.first_lame("strain")
-        matrix[range(6), range(6)] += self.shear_modulus * np.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
-        return matrix
-
-
-Material: TypeAlias = "Elastic | Orthotropic | BulkLaw"
 
 
 def strain(u: Any) -> Any:
@@ -123,7 +69,7 @@ class ElasticBody:
         by_group = material if isinstance(material, Mapping) else {"": material}
         self.materials = dict(by_group)
         for given in by_group.values():
-            if not _is_material(given):
+            if not is_material(given):
                 raise ValueError(
                     f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a "
                     "plastic material, or one of these per named cell group."
@@ -233,20 +179,6 @@ def _tensor(stress: Any, dimension: int) -> Any:
         return ufl.as_tensor([[stress[0], stress[2]], [stress[2], stress[1]]])
     xx, yy, zz, yz, xz, xy = (stress[i] for i in range(6))
     return ufl.as_tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def is_plastic(material: Material) -> bool:
-    """Whether a material has a law of its own beyond its elastic part."""
-    return offers(material, "backward_euler")
-
-
-def elastic_part(material: Material) -> Elastic | Orthotropic:
-    """The material itself, or what a plastic one is below its limit."""
-    return material.elastic if is_plastic(material) else material  # type: ignore[union-attr, return-value]
-
-
-def _is_material(given: Any) -> bool:
-    return offers(given) and offers(getattr(given, "elastic", given), "stiffness_matrix")
 
 
 def _parameters(given: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:

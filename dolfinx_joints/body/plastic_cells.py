@@ -18,12 +18,11 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact, Rule, StatusCounts
-from dolfinx_joints.joints.internal_forces import JointResistance
+from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.laws.law import JointState, Response
-from dolfinx_joints.materials.drucker_prager import BulkLaw, BulkResponse, BulkState, BulkStatus
+from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Floats = NDArray[np.float64]
@@ -68,9 +67,6 @@ class PlasticBulk:
     Attributes:
         operator: Strain operator of the cells.
         kinds: Kinds of the laws.
-
-    Raises:
-        ValueError: A law has no method ``step``.
     """
 
     def __init__(
@@ -82,14 +78,11 @@ class PlasticBulk:
         contact: Contact | None,
     ) -> None:
         """Build the strain operator (collective)."""
-        for law in laws.values():
-            wanted = "a law with the methods backward_euler and step"
-            check_kind_of("A plastic material", law, hasattr(law, "discrete_gradient"), wanted)
         topology = jointed.mesh.topology
         every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
         groups = {name: jointed.cells(name) if name else every for name in laws}
         self.kinds = tuple(sorted({type(law).__name__ for law in laws.values()}))
-        self._joints = None if contact is None else JointResistance(contact)
+        self._joints = None if contact is None else JointInternalForces(contact)
         self._mesh = jointed.mesh
         self.operator = StrainOperator(jointed, V, np.concatenate(list(groups.values())), stiffness)
         self._laws = [

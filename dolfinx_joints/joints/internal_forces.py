@@ -30,7 +30,7 @@ class TangentMatrix(Protocol):
         """The matrix, [N/m] (collective)."""
 
 
-class Resistance(Protocol):
+class InternalForces(Protocol):
     """Forces that follow from displacements by laws; every method is collective.
 
     States and responses are a `JointState` and a `Response`, or kinds of these that hold more.
@@ -67,7 +67,7 @@ class Resistance(Protocol):
         """What `ConvergenceError` is to say of a solve that did not converge."""
 
 
-class JointResistance:
+class JointInternalForces:
     """The joints.
 
     Args:

@@ -12,15 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import check_number, hold_floats
-from dolfinx_joints.laws.law import (
-    Floats,
-    JointState,
-    Response,
-    Status,
-    check_friction_angle,
-    check_stiffness,
-    contact_fraction,
-)
+from dolfinx_joints.laws.friction import check_friction_angle, check_stiffness, contact_fraction
+from dolfinx_joints.laws.law import Floats, JointState, Response, Status
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,13 +12,8 @@ import numpy as np
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_number, hold_floats
-from dolfinx_joints.laws.law import (
-    Floats,
-    JointState,
-    Response,
-    Status,
-    check_friction_angle,
-)
+from dolfinx_joints.laws.friction import check_friction_angle
+from dolfinx_joints.laws.law import Floats, JointState, Response, Status
 
 
 @dataclass(frozen=True, kw_only=True)

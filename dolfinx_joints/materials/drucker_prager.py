@@ -1,18 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Plastic laws of the bulk and their return mapping: arrays in, arrays out, as joint laws.
-
-Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), tension positive, shear strains being the
-angles 2 eps_yz, ... A trial never changes the state it starts from; whoever accepts a step keeps
-the state that the trial returned.
-"""
+"""Drucker-Prager's law for rock and soil, with its return mapping."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +17,8 @@ from dolfinx_joints.common.parameters import (
     hold_floats,
     offers,
 )
-
-if TYPE_CHECKING:
-    from dolfinx_joints.body.elasticity import Elastic
+from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus
+from dolfinx_joints.materials.elastic import Elastic
 
 Floats = NDArray[np.float64]
 
@@ -37,79 +29,6 @@ _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 # Deviatoric stress of a unit shear modulus over 2 from strains with angles.
 _DEVIATOR = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]) - np.outer(_TRACE, _TRACE) / 3.0
 _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-
-
-class BulkStatus(IntEnum):
-    """What a point of the bulk did in a step."""
-
-    ELASTIC = 0
-    YIELD = 1
-    APEX = 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class BulkState:
-    """Committed state of n points of the bulk.
-
-    Attributes:
-        strain: Total strain at the last accepted step, shape (n, 6).
-        plastic_strain: Its plastic part, shape (n, 6).
-        accumulated: Sum of sqrt(2/3) |d eps_p| over all steps, shape (n,).
-    """
-
-    strain: Floats
-    plastic_strain: Floats
-    accumulated: Floats
-
-    @classmethod
-    def at_rest(cls, strain: Floats) -> BulkState:
-        """State without plastic strain at a given strain, shape (n, 6)."""
-        return cls(
-            strain=strain.copy(),
-            plastic_strain=np.zeros_like(strain),
-            accumulated=np.zeros(len(strain)),
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class BulkResponse:
-    """Answer of a law to a trial strain of n points.
-
-    Attributes:
-        stress: That acts in the step, shape (n, 6), [Pa].
-        plastic_strain: Plastic strain that belongs to this stress, shape (n, 6): that of the end of
-            the step, or the mean of the step where the law was asked for the whole of it.
-        tangent: d stress / d strain, the strain at the end of the step, shape (n, 6, 6), [Pa].
-        state: State to keep if the step is accepted.
-        dissipation: Plastic work of the step per volume, shape (n,), [J/m^3]; at the end point the
-            mean stress times the plastic strain of the step, as for joints.
-        status: `BulkStatus` of each point, shape (n,).
-    """
-
-    stress: Floats
-    plastic_strain: Floats
-    tangent: Floats
-    state: BulkState
-    dissipation: Floats
-    status: NDArray[np.int8]
-
-
-class BulkLaw(Protocol):
-    """A plastic material; implement it to use a law of your own.
-
-    Attributes:
-        elastic: What it is below its limit.
-    """
-
-    @property
-    def elastic(self) -> Elastic:
-        """See above."""
-
-    def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """Stress and consistent tangent at the end of a step, strain of shape (n, 6)."""
-
-    def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """The same for a whole step: stress times change of strain is stored or dissipated."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dolfinx_joints.common.parameters import check_number, hold_floats
-from dolfinx_joints.laws.law import FrictionNoTension
+from dolfinx_joints.laws.friction import FrictionNoTension
 
 if TYPE_CHECKING:
     from petsc4py import PETSc

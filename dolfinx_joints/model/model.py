@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
-from dolfinx_joints.body.elasticity import ElasticBody, Material, is_plastic
+from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
@@ -28,6 +28,7 @@ from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.loads.load import AddedMass, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
+from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.arguments import (
     check_added,

@@ -23,7 +23,7 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
 )
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.joints.internal_forces import JointResistance, Resistance
+from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import Law
 
@@ -140,11 +140,11 @@ class MatrixSystem:
         )
 
     @cached_property
-    def resistance(self) -> Resistance | None:
+    def internal_forces(self) -> InternalForces | None:
         """What resists by laws: joints, plastic cells, or both; None for a linear system."""
         if self.bulk is not None:
             return self.bulk
-        return None if self.contact is None else JointResistance(self.contact)
+        return None if self.contact is None else JointInternalForces(self.contact)
 
     @cached_property
     def massless(self) -> NDArray[np.int64]:

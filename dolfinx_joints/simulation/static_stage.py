@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.joints.internal_forces import Resistance
+from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
@@ -54,12 +54,12 @@ def march(
         ConvergenceError: A load step did not converge.
     """
     system = model.system(only=acting)
-    resistance = system.resistance
+    internal_forces = system.internal_forces
     system = replace(system, contact=None) if inactive else system
     solver = make_solver(system, newton, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
     u.set(0.0)
-    joints = system.resistance.at_rest(u) if system.resistance else None
+    joints = system.internal_forces.at_rest(u) if system.internal_forces else None
     if before is not None:
         before.displacement.copy(u)
         if joints is not None and before.joints:
@@ -71,7 +71,7 @@ def march(
     reports: list[SolveReport] = []
     elastic_force, load, b, x = (u.duplicate() for _ in range(4))
     system.stiffness.mult(u, elastic_force)
-    carried, held_before = _carried(resistance, before, elastic_force), u.getArray()[held]
+    carried, held_before = _carried(internal_forces, before, elastic_force), u.getArray()[held]
     for step, (time, share) in enumerate(path, start=1):
         system.load(time or 0.0, load, scale=share)
         at_supports = system.prescribed(time or 0.0, scale=share)
@@ -111,14 +111,14 @@ def march(
 
 
 def _carried(
-    resistance: Resistance | None, before: StaticState | None, elastic_force: PETSc.Vec
+    internal_forces: InternalForces | None, before: StaticState | None, elastic_force: PETSc.Vec
 ) -> PETSc.Vec | None:
     """Loads that a static state carries, from its balance [N]; None without one."""
     if before is None:
         return None
     force = elastic_force.copy()
-    if resistance is not None and before.joints is not None:
-        force.axpy(1.0, resistance.force(before.joints, force.duplicate()))
+    if internal_forces is not None and before.joints is not None:
+        force.axpy(1.0, internal_forces.force(before.joints, force.duplicate()))
     force.axpy(-1.0, before.reaction)
     return force
 

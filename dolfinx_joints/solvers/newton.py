@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints.contact import Rule
-from dolfinx_joints.joints.internal_forces import Resistance
+from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
@@ -52,13 +52,15 @@ class NewtonSolver:
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
         """Make the work vectors (collective)."""
         self.system = system
-        self._resistance = system.resistance
-        self.name = "linear" if self._resistance is None else "monolithic"
+        self._internal_forces = system.internal_forces
+        self.name = "linear" if self._internal_forces is None else "monolithic"
         self.options = options or SolverOptions()
         self.unconstrained = unconstrained_dofs(system)
         self._correction = self.unconstrained.duplicate()
-        resistance = self._resistance
-        product = None if resistance is None else resistance.tangent_matrix(self.unconstrained)
+        internal_forces = self._internal_forces
+        product = (
+            None if internal_forces is None else internal_forces.tangent_matrix(self.unconstrained)
+        )
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
@@ -91,11 +93,11 @@ class NewtonSolver:
             JointsError: A factorization failed.
         """
         tangent: Tangent = self._tangents(effective)
-        resistance = self._resistance
-        if resistance is None or state is None:
+        internal_forces = self._internal_forces
+        if internal_forces is None or state is None:
             return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
-        balance = _Balance(self, tangent.effective, resistance, b, x, state, rule)
-        return self._iterate(resistance, tangent, balance, x, state)
+        balance = _Balance(self, tangent.effective, internal_forces, b, x, state, rule)
+        return self._iterate(internal_forces, tangent, balance, x, state)
 
     def state_dict(self) -> dict[str, Any]:
         """Nothing: every solve starts from its arguments alone."""
@@ -106,7 +108,7 @@ class NewtonSolver:
 
     def _iterate(
         self,
-        resistance: Resistance,
+        internal_forces: InternalForces,
         tangent: Tangent,
         balance: _Balance,
         x: PETSc.Vec,
@@ -119,13 +121,13 @@ class NewtonSolver:
         while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
-                raise solve_failure(resistance, response, state, iteration, residual, options)
-            factorizations += self._correct(resistance, tangent, response, balance)
+                raise solve_failure(internal_forces, response, state, iteration, residual, options)
+            factorizations += self._correct(internal_forces, tangent, response, balance)
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
         if balance.rule == "discrete_gradient" and norm > 0.0:
-            factorizations += self._correct(resistance, tangent, response, balance)
+            factorizations += self._correct(internal_forces, tangent, response, balance)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
         balance.change.copy(x)
@@ -133,11 +135,15 @@ class NewtonSolver:
             iterations=iteration,
             factorizations=factorizations,
             residual=norm / (balance.scale or 1.0),
-            counts=resistance.counts(response),
+            counts=internal_forces.counts(response),
         )
 
     def _correct(
-        self, resistance: Resistance, tangent: Tangent, response: Response, balance: _Balance
+        self,
+        internal_forces: InternalForces,
+        tangent: Tangent,
+        response: Response,
+        balance: _Balance,
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 
@@ -150,13 +156,13 @@ class NewtonSolver:
             JointsError: The body is not held even so.
         """
         for part in REGULARISATIONS:
-            values = resistance.tangent(response, part)
+            values = internal_forces.tangent(response, part)
             try:
                 return int(tangent.update(values).solve(balance.out_of_balance, self._correction))
             except JointsError as error:
                 tangent.forget()
                 failure = error
-        facts = resistance.failure(response, balance.state)
+        facts = internal_forces.failure(response, balance.state)
         if facts.get("law"):
             raise ConvergenceError(**facts) from failure
         raise failure
@@ -191,13 +197,18 @@ class _Balance:
         self,
         solver: NewtonSolver,
         matrix: EffectiveMatrix,
-        resistance: Resistance,
+        internal_forces: InternalForces,
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState,
         rule: Rule,
     ) -> None:
-        self._matrix, self._resistance, self.state, self.rule = matrix, resistance, state, rule
+        self._matrix, self._internal_forces, self.state, self.rule = (
+            matrix,
+            internal_forces,
+            state,
+            rule,
+        )
         self._unconstrained, self._right = solver.unconstrained, b
         self._relative = solver.options.relative_tolerance
         self._force = b.duplicate()
@@ -208,8 +219,8 @@ class _Balance:
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the unconstrained dofs."""
-        response = self._resistance.respond(change, self.state, self.rule)
-        self._resistance.force(response, self._force)
+        response = self._internal_forces.respond(change, self.state, self.rule)
+        self._internal_forces.force(response, self._force)
         self._matrix.full.mult(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))
         self._trial_scale = max(float(norm) for norm in norms)
@@ -227,7 +238,7 @@ class _Balance:
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
         """What rounding may leave of A x, and of forces that follow from laws."""
         largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
-        laws = self._resistance.rounding(response, largest)
+        laws = self._internal_forces.rounding(response, largest)
         bulk = self._matrix.norm * float(change.norm())
         return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
 

@@ -20,7 +20,7 @@ from dolfinx_joints.common.parameters import (
     hold_floats,
 )
 from dolfinx_joints.joints.contact import Rule, StatusCounts
-from dolfinx_joints.joints.internal_forces import Resistance
+from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
@@ -133,7 +133,7 @@ class StepSolver(Protocol):
 
 
 def solve_failure(
-    resistance: Resistance,
+    internal_forces: InternalForces,
     response: Response,
     state: JointState,
     iteration: int,
@@ -145,5 +145,5 @@ def solve_failure(
         iteration=iteration,
         residual=residual,
         tolerance=options.relative_tolerance,
-        **resistance.failure(response, state),
+        **internal_forces.failure(response, state),
     )

@@ -69,12 +69,12 @@ def initial_state(
     system.mass.mult(moving, work)
     force.axpy(-1.0, work)
     response = None
-    if system.resistance is not None:
+    if system.internal_forces is not None:
         response = joints if isinstance(joints, Response) else None
         if not isinstance(joints, Response):
-            response = system.resistance.trial(u, joints or system.resistance.at_rest(u))
+            response = system.internal_forces.trial(u, joints or system.internal_forces.at_rest(u))
         assert response is not None
-        system.resistance.force_at_end(response, work)
+        system.internal_forces.force_at_end(response, work)
         force.axpy(-1.0, work)
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))

@@ -125,8 +125,8 @@ class _Alpha:
         if old:
             # Of the start, so that what is left at the supports is their force at the end.
             b.axpy(old / share, state.reaction)
-            if system.resistance is not None and state.joints is not None:
-                b.axpy(-old / share, system.resistance.force_at_end(state.joints, work))
+            if system.internal_forces is not None and state.joints is not None:
+                b.axpy(-old / share, system.internal_forces.force_at_end(state.joints, work))
         return b
 
 

@@ -55,8 +55,8 @@ class Products:
             system.dashpots.mult(x, self.reaction)
             residual.axpy(effective.damping, self.reaction)
             self.viscous += effective.damping * float(self.reaction.dot(x))
-        if system.resistance is not None and joints is not None:
-            residual.axpy(1.0, system.resistance.force(joints, self.reaction))
+        if system.internal_forces is not None and joints is not None:
+            residual.axpy(1.0, system.internal_forces.force(joints, self.reaction))
         norm = float(residual.norm())
         if not np.isfinite(norm):
             raise ConvergenceError(iteration=1, residual=norm)

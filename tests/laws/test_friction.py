@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.laws.law import FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.friction import FrictionNoTension
+from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.laws.rigid import RigidJoint
 
 # k_n 1e12, k_s 2e12 Pa/m, mu 0.5: a gap of -1 um carries -1 MPa, and slides beyond 0.5 MPa,

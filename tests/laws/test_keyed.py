@@ -9,9 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from dolfinx_joints.laws.keyed import KeyedJoint, ViscousJoint, frictionless
-from dolfinx_joints.laws.law import FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.friction import FrictionNoTension, frictionless
+from dolfinx_joints.laws.keyed import KeyedJoint
+from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
+from dolfinx_joints.laws.viscous import ViscousJoint
 
 # 1 um of gap carries 1 MPa, 1 um of slip 2 MPa; mu 0.5.
 K_N, K_S = 1e12, 2e12

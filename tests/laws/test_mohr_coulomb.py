@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dolfinx_joints.laws.law import FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.friction import FrictionNoTension
+from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 
 # k_n 1e12, k_s 2e12 Pa/m, mu 0.5, c 0.3 MPa, f_t 0.2 MPa: 1 um of opening carries 1 MPa.

@@ -14,7 +14,8 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from dolfinx_joints import DruckerPrager, Elastic
-from dolfinx_joints.materials.drucker_prager import FITS, BulkState, BulkStatus
+from dolfinx_joints.materials.bulk_law import BulkState, BulkStatus
+from dolfinx_joints.materials.drucker_prager import FITS
 
 ROCK = Elastic(young=1e9, poisson=0.2, density=2600.0)
 C, PHI = 1e5, 30.0

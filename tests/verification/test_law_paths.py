@@ -25,7 +25,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from dolfinx_joints.laws.law import Floats, FrictionNoTension, JointState, Status
+from dolfinx_joints.laws.friction import FrictionNoTension
+from dolfinx_joints.laws.law import Floats, JointState, Status
 
 EXACT = 1e-10  # relative; what rounding makes of some hundred steps is nearer to 1e-13
 K_N, K_S = 1e11, 4e10  # Pa/m

@@ -13,7 +13,6 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.body.elasticity import Elastic
 from dolfinx_joints.common.parameters import (
     check_function,
     check_name,
@@ -23,6 +22,7 @@ from dolfinx_joints.common.parameters import (
     shown,
 )
 from dolfinx_joints.loads.load import Load, TimeFactor, always
+from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 if TYPE_CHECKING:

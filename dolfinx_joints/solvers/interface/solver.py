@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.contact import Contact, Rule
-from dolfinx_joints.joints.internal_forces import JointResistance
+from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
@@ -277,7 +277,7 @@ class InterfaceSolver:
                 # A tangent that is not finite shows in the iterate after the one that has it.
                 tried = (at.response, before.response)
                 told = next((r for r in tried if self._contact.not_finite(r)), at.response)
-                joints = JointResistance(self._contact)
+                joints = JointInternalForces(self._contact)
                 raise solve_failure(joints, told, step.state, iteration, relative, self.options)
             if iteration:
                 inner = min(first, (size / last) ** 2)

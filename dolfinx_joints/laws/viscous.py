@@ -1,0 +1,121 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Dashpots for any joint law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.laws.friction import contact_fraction
+from dolfinx_joints.laws.law import Floats, JointState, Law, Response, Status, check_law
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousJoint:
+    """A joint law with dashpots that act while the joint is closed.
+
+    To the tractions of ``law`` are added, over a step of length dt,
+
+        t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), and no tension in the sum,
+        t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
+
+    where the point is closed at the end of the step; t_s is never larger than the pressure, else it
+    would stop at once where the joint opens. In statics the dashpots are at rest. There is no
+    ``condensed_backward_euler``: models take the monolithic path.
+
+    Attributes:
+        law: The law without dashpots, without dilatancy.
+        normal_viscosity: eta_n [Pa s/m], not negative.
+        shear_viscosity: eta_s [Pa s/m], not negative.
+
+    Raises:
+        ValueError: A parameter is out of its range.
+    """
+
+    law: Law
+    normal_viscosity: float = 0.0
+    shear_viscosity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        hold_floats(self)
+        check_law("law", self.law)
+        if getattr(self.law, "dilatancy_angle_deg", 0.0):
+            raise ValueError(
+                "law has a dilatancy angle; dashpots are for joints that close at a gap of zero."
+            )
+        for name in ("normal_viscosity", "shear_viscosity"):
+            value = getattr(self, name)
+            check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa s/m")
+
+    @property
+    def internal_variables(self) -> tuple[str, ...]:
+        """Those of the law."""
+        return getattr(self.law, "internal_variables", ())
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s of the law, [Pa/m]."""
+        return self.law.closed_stiffness()
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy of the law, shape (n,), [J/m^2]."""
+        return self.law.stored_energy(state)
+
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
+        """The law's answer with the dashpots' tractions; their work counts as dissipation."""
+        return self._with_dashpots(self.law.backward_euler(gap, state), gap, state)
+
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """The same for the law's answer over a whole step, or at its end if it has no other."""
+        answer = getattr(self.law, "discrete_gradient", self.law.backward_euler)(gap, state)
+        return self._with_dashpots(answer, gap, state)
+
+    def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:
+        """Add what the dashpots carry where the point is closed at the end of the step."""
+        closed = answer.status != Status.OPEN
+        eta_n, eta_s = self.normal_viscosity / state.dt, self.shear_viscosity / state.dt
+        before, after = state.gap[:, 0], np.minimum(gap[:, 0], 0.0)
+        pressed = after - np.minimum(before, 0.0)
+        # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
+        most = np.maximum(-answer.traction[:, 0], 0.0)
+        dash_n = np.where(closed, np.minimum(eta_n * pressed, most), 0.0)
+        acts = closed & (dash_n == eta_n * pressed)
+        fraction = contact_fraction(before, after)
+        slip = gap[:, 1:] - state.gap[:, 1:]
+        tangent = answer.tangent.copy()
+        tangent[~acts & closed & (answer.traction[:, 0] <= 0.0), 0] = 0.0
+        tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), eta_n, 0.0)
+        t_n = answer.traction[:, 0] + dash_n
+        rates: Floats = np.zeros((len(gap), 2, 3))
+        landing = closed & (before > 0.0) & (gap[:, 0] <= 0.0)
+        way = np.where(landing, before - after, 1.0)
+        rates[:, :, 0] = np.where(landing, -eta_s * (before / way) / way, 0.0)[:, None] * slip
+        rates[:, 0, 1] = rates[:, 1, 2] = np.where(closed, eta_s * fraction, 0.0)
+        dash_s = np.where(closed, eta_s * fraction, 0.0)[:, None] * slip
+        falling = np.where(t_n[:, None] < 0.0, -tangent[:, 0], 0.0)
+        dash_s, rates = _at_most(dash_s, rates, np.maximum(-t_n, 0.0), falling)
+        tangent[:, 1:] += rates
+        lost = dash_n * pressed + fraction * np.einsum("ij,ij->i", dash_s, slip)
+        return replace(
+            answer,
+            traction=answer.traction + np.column_stack([dash_n, dash_s]),
+            tangent=tangent,
+            dissipation=answer.dissipation + lost,
+        )
+
+
+def _at_most(
+    shear: Floats, rates: Floats, limit: Floats, limit_rates: Floats
+) -> tuple[Floats, Floats]:
+    """Shear tractions (n, 2) shortened to a limit (n,), and their derivatives (n, 2, 3)."""
+    size = np.hypot(shear[:, 0], shear[:, 1])
+    bound = size >= limit
+    safe = np.where(size > 0.0, size, 1.0)
+    direction = shear / safe[:, None]
+    ratio = np.where(bound, limit / safe, 1.0)
+    across = rates - direction[:, :, None] * np.einsum("ni,nij->nj", direction, rates)[:, None]
+    turned = direction[:, :, None] * limit_rates[:, None] + ratio[:, None, None] * across
+    return ratio[:, None] * shear, np.where(bound[:, None, None], turned, rates)

@@ -42,6 +42,8 @@ html_theme = "furo"
 html_title = f"dolfinx_joints {release}"
 html_copy_source = False
 html_show_sphinx = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 
 
 def leave_equations_alone(_: Sphinx, document: nodes.document) -> None:

@@ -159,7 +159,7 @@ def reference_pages() -> dict[str, str]:
         pages[wing] = f"# {wing}\n\n{_summary(wing)}\n"
         for module in sorted(m for m in set(homes.values()) if m.split(".")[0] == wing):
             names = sorted(name for name, home in homes.items() if home == module)
-            pages[wing] += _section(_brief(module), [_directive(module, name) for name in names])
+            pages[wing] += _section(module, [_directive(module, name) for name in names])
         for module in [m for m in MODULES if m.split(".")[0] == wing]:
             known = ", ".join(name for name, home in homes.items() if home == module)
             lines = f".. automodule:: dolfinx_joints.{module}\n   :members:"
@@ -182,8 +182,10 @@ def public_names() -> dict[str, str]:
     return homes
 
 
-def _section(title: str, directives: list[str]) -> str:
-    return f"\n## {title}\n\n```{{eval-rst}}\n" + "\n\n".join(directives) + "\n```\n"
+def _section(module: str, directives: list[str]) -> str:
+    whole = directives[0].startswith(".. automodule")
+    words = "" if whole else f"*{_brief(module)}.*\n\n"
+    return f"\n## {module}\n\n{words}```{{eval-rst}}\n" + "\n\n".join(directives) + "\n```\n"
 
 
 def _directive(module: str, name: str) -> str:

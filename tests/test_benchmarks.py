@@ -8,7 +8,6 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -21,7 +20,6 @@ from benchmarks import (
     agreement,
     compliances,
     jointed_wall,
-    kills,
     large,
     long_run,
     ranks,
@@ -29,7 +27,6 @@ from benchmarks import (
     stiffness_range,
 )
 from benchmarks._parts import PARTS, Clocks
-from benchmarks._same_files import DamagedError, difference, scales
 from benchmarks._scenes import wall
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
@@ -186,33 +183,6 @@ def test_efficiency_of_ranks():
     assert found["jointed"] == pytest.approx(0.75)
     assert found["mesh"] == pytest.approx(0.5)
     assert "compliance" not in found
-
-
-@pytest.mark.slow
-def test_kills(capsys):
-    """No run is lost: a handful of the 200 kills of docs/decisions/robustness.md."""
-    given = ["--kills", "5", "--rank-kills", "2", "--steps", "40", "--json"]
-    assert kills.main(given) == 0
-    found = printed(capsys)
-    assert (found["kills"], found["on_several_ranks"]) == (7, 2)
-    assert found["resumed"] == found["identical"] == 7
-    assert found["looks"] > 7  # one after each kill, and some while the runs live
-    # A checkpoint is written at every second step, before others begin the next.
-    assert all(each["again"] <= 2 for each in found["log"])
-
-
-def test_files_that_differ_are_seen():
-    whole = {"states/u": np.array([1.0, 2.0]), "energy/a": 4.0, "energy/b": 1e-9, "steps": 3}
-    scale = scales(whole)
-    assert difference(whole, whole, scale) == 0.0
-    one_bit = {**whole, "states/u": np.array([1.0, np.nextafter(2.0, 3.0)])}
-    assert difference(one_bit, whole, scale) == 2.0**-52
-    # Energies share a scale, the largest of them.
-    assert difference({**whole, "energy/b": 3e-9}, whole, scale) == pytest.approx(5e-10)
-    assert difference({**whole, "states/u": np.array([1.0, np.nan])}, whole, scale) == np.inf
-    for wrong in ({"steps": 4}, {"states/u": np.zeros(3)}, {"more": 0}):
-        with pytest.raises(DamagedError):
-            difference({**whole, **wrong}, whole, scale)
 
 
 @pytest.mark.slow

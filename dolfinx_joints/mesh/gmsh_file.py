@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh import compat as _compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.gmsh_syntax import Contents
+from dolfinx_joints.mesh.compat import gmsh_permutation
+from dolfinx_joints.mesh.gmsh_syntax import check_msh
 
 # Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
 _CELLS = {
@@ -66,24 +65,18 @@ def load_msh(path: Path) -> RawMesh:
         ) from None
 
     check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
-    check_head(path)
+    check_msh(path)
     started = not gmsh.isInitialized()
     if started:
         gmsh.initialize(interruptible=False)
     terminal, current = gmsh.option.getNumber("General.Terminal"), gmsh.model.getCurrent()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        contents = Contents(path.read_bytes(), repr(str(path)), _nodes_per_cell)
         gmsh.model.add(f"dolfinx_joints reads {path}")
-        with TemporaryDirectory() as folder:
-            checked = path
-            if contents.others:
-                checked = Path(folder) / "checked.msh"
-                checked.write_bytes(b"".join(contents.parts))
-            try:
-                gmsh.merge(str(checked))
-            except Exception as exc:
-                raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
+        try:
+            gmsh.merge(str(path))
+        except Exception as exc:
+            raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
         return _read_model(gmsh.model, str(path))
     finally:
         if started:
@@ -94,35 +87,6 @@ def load_msh(path: Path) -> RawMesh:
                 gmsh.model.remove()
             gmsh.model.setCurrent(current)
             gmsh.option.setNumber("General.Terminal", terminal)
-
-
-def _nodes_per_cell(kind: int) -> int:
-    """Number of nodes of a Gmsh type of cell."""
-    import gmsh
-
-    return int(gmsh.model.mesh.getElementProperties(kind)[3])
-
-
-def check_head(path: Path) -> None:
-    """Refuse what Gmsh would run as a script of its own: all that is not marked as a mesh.
-
-    Gmsh takes a file for a mesh by its first word, a section of comments included.
-
-    Raises:
-        MeshError: The file is not marked as a mesh, or has options beside it.
-    """
-    with path.open("rb") as file:
-        head = file.read(64)
-    if path.suffix != ".msh" or not head.startswith((b"$MeshFormat", b"$Comments")):
-        what = "is empty" if not head else "does not begin with '$MeshFormat'"
-        if path.suffix != ".msh":
-            what = "has a name that does not end in '.msh'"
-        raise MeshError(f"{str(path)!r} is no Gmsh mesh file: it {what}.")
-    options = Path(f"{path}.opt")
-    if options.exists():
-        raise MeshError(
-            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
-        )
 
 
 def _read_model(model: Any, source: str) -> RawMesh:
@@ -219,4 +183,4 @@ def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) ->
 def _permutation(shape: CellShape, num_nodes: int) -> Ints:
     from dolfinx.mesh import CellType
 
-    return _compat.gmsh_permutation(getattr(CellType, shape.name), num_nodes)
+    return gmsh_permutation(getattr(CellType, shape.name), num_nodes)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
-from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh import compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.orientation import facet_normals
@@ -370,7 +370,7 @@ def _distribute(comm: Any, prepare: Any) -> JointedMesh:
     else:
         cells = np.empty((0, shape.element().dim), dtype=np.int64)
         x = np.empty((0, gdim))
-    mesh = _compat.create_mesh(comm, cells, x, element)
+    mesh = compat.create_mesh(comm, cells, x, element)
     mesh.name = "jointed_mesh"
     cell_of = local_cells(mesh, len(cell_values))
     here = np.flatnonzero(cell_of >= 0)

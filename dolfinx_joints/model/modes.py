@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.parameters import check_count
 from dolfinx_joints.joints.operator import JointTangent
-from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh import compat
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
 
@@ -101,7 +101,7 @@ def modes(system: MatrixSystem, count: int) -> Modes:
     try:
         solver.solve()
     except (PETSc.Error, SystemError) as exc:
-        code = _compat.petsc_code(exc)
+        code = compat.petsc_code(exc)
         raise JointsError(
             "The modes could not be computed: the stiffness cannot be factored, or the body has no "
             f"mass; SLEPc's error code is {code}."

@@ -19,7 +19,7 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.geometry.meshing.arguments import flag, input_path, mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
-from dolfinx_joints.mesh.gmsh_file import check_head
+from dolfinx_joints.mesh.gmsh_syntax import check_msh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
 
@@ -252,7 +252,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
     """
     file = input_path("path", path)
     check_file(file, f"There is no mesh file {str(file)!r}.")
-    check_head(file)
+    check_msh(file)
     with gmsh_session():
         try:
             gmsh.merge(str(file))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Malformed and hostile ``.msh`` files: one sentence each, and nothing in them is run."""
+"""``.msh`` files: what is read, one message each for damaged ones, and no script is run."""
 
 import sys
 
@@ -73,7 +73,7 @@ def test_options_beside_a_mesh_are_not_run(tmp_path, lines):
     assert not mark.exists()
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
     path, text = tmp_path / "bad.msh", "\n".join(lines)
     path.write_text(text[: int(share * len(text))])
@@ -83,25 +83,30 @@ def test_a_truncated_mesh_is_refused(tmp_path, lines, share):
 @pytest.mark.parametrize(
     ("section", "offset", "line", "sentence"),
     [
-        ("$MeshFormat", 1, "9.9 0 8", "is of the format '9.9 0 8'; 4.1 and 2.2 are read"),
-        ("$Nodes", 1, "6 999999999999 1 12", "$Nodes announces 999999999999 and holds 12."),
-        ("$Nodes", 1, "6 12 1 1000", "$Nodes announces tags from 1 to 1000 and holds 1 to 12."),
-        ("$Elements", 1, "6 999999999999 1 13", "$Elements announces 999999999999 and holds"),
-        ("$Elements", 1, "6 14 1 13", "$Elements announces 14 and holds"),
-        ("$Elements", 3, "x y z", "$Elements holds something else than numbers."),
-        ("$Elements", 3, "3 1 4 10 99999", "the node 99999, which is none of the file's."),
-        ("$Elements", 2, "2 77 2 2", "names the entity 77 of dimension 2, which is none of the"),
-        ("$Elements", 2, "2 1 999 2", "has cells of Gmsh type 999, which is none."),
-        ("$PhysicalNames", 2, '5 3 "base"', "must have 6 lines of a dimension, a tag and a name."),
-        ("$Entities", 1, "0 0 -4 2", "holds a negative number where a count or a tag is needed."),
+        ("$MeshFormat", 1, "9.9 0 8", "Unknown MSH file version 9.9."),
+        ("$Nodes", 1, "6 999999999999 1 12", "$Nodes announces what it does not hold."),
+        ("$Nodes", 1, "6 4 1 12", "$Nodes announces what it does not hold."),
+        ("$Elements", 1, "6 999999999999 1 13", "$Elements announces what it does not hold."),
+        ("$Elements", 1, "x", "$Elements announces what it does not hold."),
+        ("$Elements", 3, "3 1 4 10 99999", "Unknown node 99999 in element 3."),
+        ("$PhysicalNames", 2, '5 3 "base"', "must hold lines of a dimension, a tag and a name"),
     ],
 )
-def test_wrong_numbers_are_refused(tmp_path, lines, section, offset, line, sentence):
-    # Gmsh itself crashes or never ends at some of them.
+def test_wrong_counts_are_refused(tmp_path, lines, section, offset, line, sentence):
+    # Gmsh itself crashes or takes all memory at most of them.
     path, bad = tmp_path / "bad.msh", list(lines)
     bad[bad.index(section) + offset] = line
     path.write_text("\n".join(bad))
     assert sentence in refusal(path)
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_wrong_counts_of_the_older_version_are_refused(tmp_path, lines, binary):
+    path = tmp_path / "old.msh"
+    old_version(path, lines, binary)
+    head, nodes = path.read_bytes().split(b"$Nodes\n")
+    path.write_bytes(head + b"$Nodes\n999999" + nodes)
+    assert "$Nodes announces what it does not hold." in refusal(path)
 
 
 def old_version(path, lines, binary):
@@ -113,28 +118,6 @@ def old_version(path, lines, binary):
         gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.write(str(path))
-
-
-@pytest.mark.parametrize("binary", [0, 1])
-def test_the_older_version_is_read_too(tmp_path, lines, binary):
-    # As many nodes and cells, in as many groups, as the file has from which it was made.
-    path = tmp_path / "old.msh"
-    old_version(path, lines, binary)
-    old, new = load_msh(path), load_msh(path.with_name("source.msh"))
-    assert old.x.shape == new.x.shape
-    assert old.cells.shape == new.cells.shape
-    assert {k: v.shape for k, v in old.facet_groups.items()} == {
-        k: v.shape for k, v in new.facet_groups.items()
-    }
-
-
-@pytest.mark.parametrize("section", ["Periodic", "NodeData", "Anything"])
-def test_what_is_no_mesh_is_left_out(tmp_path, lines, section):
-    # Gmsh would take its numbers for counts: 10^9 of them.
-    path, plain = tmp_path / "more.msh", tmp_path / "plain.msh"
-    plain.write_text("\n".join(lines))
-    path.write_text("\n".join([*lines, f"${section}\n1000000000\n0 1 1\n$End{section}\n"]))
-    np.testing.assert_array_equal(load_msh(path).cells, load_msh(plain).cells)
 
 
 def test_groups_without_names_are_refused(tmp_path, lines):
@@ -277,25 +260,3 @@ def test_both_formats_hold_the_same(tmp_path, binary):
     assert volume(old) == pytest.approx(volume(new), rel=1e-12)
     assert volume(new) == pytest.approx(1.0, rel=1e-12)
     assert len(old.facet_groups["side"]) == len(new.facet_groups["side"])
-
-
-def test_a_cell_that_is_not_like_those_before_it_is_looked_at(tmp_path):
-    path, _ = old_files(tmp_path, binary=0)
-    head, cells = path.read_text().split("$Elements\n")
-    lines = cells.splitlines()
-    for last, sentence in (
-        (f"{lines[-2].split()[0]} 4 2 1 1 1 2 3 99999", "a cell with the node 99999, which is"),
-        (f"{lines[-2].split()[0]} 4 2 -1 1 1 2 3 4", "has a cell with a negative tag"),
-    ):
-        bad = tmp_path / "bad.msh"
-        bad.write_text(head + "$Elements\n" + "\n".join([*lines[:-2], last, lines[-1]]) + "\n")
-        with pytest.raises(dj.MeshError, match=sentence):
-            load_msh(bad)
-
-
-def test_parameters_of_nodes_are_told(tmp_path):
-    _, path = old_files(tmp_path, binary=0)
-    bad = tmp_path / "bad.msh"
-    bad.write_text(path.read_text().replace("Nodes\n", "ParametricNodes\n"))
-    with pytest.raises(dj.MeshError, match=r"section \$ParametricNodes; write it without"):
-        load_msh(bad)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh import compat
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Floats = NDArray[np.float64]
@@ -118,7 +118,7 @@ class WettedFacets:
         self.nodes: Ints = np.take_along_axis(
             space.dofmap.list[cells].astype(np.int64), self._closure, axis=1
         )
-        nodes = _compat.geometry_nodes(mesh)[cells]
+        nodes = compat.geometry_nodes(mesh)[cells]
         self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
         self.lowest = float("inf")
         self._facet, self._corners = self._pieces()

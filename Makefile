@@ -12,6 +12,8 @@ PYTHON = $(RUN) python3
 # when an error hits only one, and timeout ends what hangs nevertheless.
 MPI_SECONDS ?= 1800
 MPIRUN = $(RUN) timeout --foreground --kill-after=30 $(MPI_SECONDS) mpirun
+# As many tests at once as there are cores.
+PYTEST = $(PYTHON) -m pytest -q -n auto --dist worksteal
 MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and not slow"
 
 DEMO_ARGS ?=
@@ -86,7 +88,7 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.gravity_dams
 
 test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2
-	$(PYTHON) -m pytest -q -m "not slow" tests
+	$(PYTEST) -m "not slow" tests
 	$(MPIRUN) -n 2 $(MPI_PYTEST) tests
 
 test-3: ## Run the tests of any rank count outside of tests/verification on 3 ranks
@@ -94,10 +96,10 @@ test-3: ## Run the tests of any rank count outside of tests/verification on 3 ra
 
 test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
-	$(PYTHON) -m pytest -q -m "not slow" tests
+	$(PYTEST) -m "not slow" tests
 
 verify: test-3 ## Run test-3, the slow tests, verification on 3 ranks, a part on 4, demos on 2
-	$(PYTHON) -m pytest -q -m slow tests
+	$(PYTEST) -m slow tests
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
 		tests/verification/test_objectivity.py tests/verification/test_many_ranks.py
@@ -116,7 +118,7 @@ coverage: ## Lines and branches of the package that the tests but the slow ones 
 	rm -rf build/coverage
 	mkdir -p build/coverage
 	echo 'import coverage; coverage.process_startup()' >build/coverage/sitecustomize.py
-	$(COVERED) $(PYTHON) -m pytest -q -m "not slow" tests
+	$(COVERED) $(PYTEST) -m "not slow" tests
 	$(COVERED) $(MPIRUN) -n 2 $(MPI_PYTEST) tests
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage combine -q build/coverage
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage report --fail-under=95

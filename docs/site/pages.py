@@ -174,11 +174,11 @@ def public_names() -> dict[str, str]:
     """The module of each public class and function, from the stub of the package."""
     homes = {}
     for node in ast.parse(_source("", "__init__.pyi")).body:
-        if isinstance(node, ast.ImportFrom):
-            package = PROJECT / "dolfinx_joints" / (node.module or "").replace(".", "/")
-            for alias in node.names:
-                if not (package / f"{alias.name}.py").exists():
-                    homes[alias.name] = str(node.module)
+        for alias in node.names if isinstance(node, ast.ImportFrom) else ():
+            home = node.module or ""
+            here = PROJECT / "dolfinx_joints" / home.replace(".", "/") / alias.name
+            if not (here.is_dir() or here.with_suffix(".py").exists()):
+                homes[alias.name] = home
     return homes
 
 

@@ -21,8 +21,8 @@ dam = dj.read_msh(ambiesta("dam.msh", size=8.0, order=1, active_height=1.0), MPI
 law = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
 solid = dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0)
 damp = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
-held = [dj.Fixed(group="base"), dj.Fixed(group="abutments")]
-model = dj.Model(dam, material=solid, joints=law, supports=held, loads=[dj.Gravity()], damping=damp)
+rock = [dj.Fixed(group="base"), dj.Fixed(group="abutments")]
+model = dj.Model(dam, material=solid, joints=law, supports=rock, loads=[dj.Gravity()], damping=damp)
 monitor = dj.ResultsMonitor("dam.h5", points={"crest": mid_crest()}, overwrite=True)
 run = dj.Simulation(model, monitors=[monitor])
 run.statics()

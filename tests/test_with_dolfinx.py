@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import dolfinx_joints
+
 PROJECT = Path(__file__).parent.parent
 SCRIPT = PROJECT / "with-dolfinx"
 USAGE_ERROR = 2
@@ -43,23 +45,12 @@ def run_function(
 # ---------------------------------------------------------------- command line
 
 
-def test_help_goes_to_stdout_and_names_the_variables() -> None:
-    result = run(str(SCRIPT), "--help")
-    assert result.returncode == 0
-    assert result.stdout.startswith("Usage: ./with-dolfinx [--dolfinx VERSION] COMMAND")
-    assert "DOLFINX_JOINTS_ENTER" in result.stdout
-    assert "DOLFINX_JOINTS_MIRROR" in result.stdout
-    assert result.stderr == ""
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
         ([], "which command shall be run?"),
         (["--frobnicate"], "unknown option --frobnicate"),
-        (["--dolfinx"], "--dolfinx must be 0.9 or 0.11, not ''"),
         (["--dolfinx", "0.10", "true"], "--dolfinx must be 0.9 or 0.11, not '0.10'"),
-        (["--dolfinx", "0.11"], "which command shall be run?"),
     ],
 )
 def test_wrong_usage_is_one_line_and_status_2(arguments: list[str], text: str) -> None:
@@ -68,12 +59,6 @@ def test_wrong_usage_is_one_line_and_status_2(arguments: list[str], text: str) -
     assert result.stdout == ""
     assert text in result.stderr
     assert result.stderr.count("\n") == 1
-
-
-def test_unknown_way_of_entering_is_refused() -> None:
-    result = run(str(SCRIPT), "true", DOLFINX_JOINTS_ENTER="teleport")
-    assert result.returncode == USAGE_ERROR
-    assert "must be bwrap, chroot or proot, not 'teleport'" in result.stderr
 
 
 def test_folder_for_temporary_files_must_be_there() -> None:
@@ -86,9 +71,21 @@ def test_folder_for_temporary_files_must_be_there() -> None:
 # ---------------------------------------------------------------- what the command sees
 
 
-@pytest.mark.parametrize("status", [0, 7])
-def test_nested_call_passes_the_status_through(status: int) -> None:
-    assert run_nested("sh", "-c", f"exit {status}").returncode == status
+def test_status_and_arguments_pass_through() -> None:
+    assert run_nested("sh", "-c", "exit 7").returncode == 7
+    assert run_nested("no-such-command").returncode == 127
+    arguments = ["a b", "$HOME", "", "*", "-n"]
+    result = run_nested("printf", "[%s]", *arguments)
+    assert result.stdout == "".join(f"[{argument}]" for argument in arguments)
+
+
+def test_command_of_the_package_works_from_a_checkout(tmp_path: Path) -> None:
+    (tmp_path / "random.py").write_text("raise SystemExit('imported from the current folder')")
+    result = run(
+        str(SCRIPT), "dolfinx-joints", "--version", cwd=tmp_path, DOLFINX_JOINTS_INSIDE="0.9"
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout == f"dolfinx_joints {dolfinx_joints.__version__}\n"
 
 
 def test_nested_call_cannot_change_the_version() -> None:
@@ -97,16 +94,6 @@ def test_nested_call_cannot_change_the_version() -> None:
     assert (result.returncode, result.stdout) == (SETUP_FAILED, "")
     assert "inside the private Debian with DOLFINx 0.9 already" in result.stderr
     assert result.stderr.count("\n") == 1
-
-
-def test_missing_command_has_status_127() -> None:
-    assert run_nested("no-such-command").returncode == 127
-
-
-def test_arguments_arrive_unchanged() -> None:
-    arguments = ["a b", "$HOME", "", "*", "-n"]
-    result = run_nested("printf", "[%s]", *arguments)
-    assert result.stdout == "".join(f"[{argument}]" for argument in arguments)
 
 
 def test_one_thread_per_process_unless_the_user_says_otherwise() -> None:
@@ -130,16 +117,6 @@ def test_python_path_of_the_user_is_kept_but_for_another_pythons_packages() -> N
     code = 'set_common_environment; set_private_environment; echo "$PYTHONPATH"'
     result = run_function(code, PYTHONPATH=path)
     assert result.stdout == f"{PROJECT}:/mine:/a b\n"
-
-
-def test_project_path_may_contain_spaces(tmp_path: Path) -> None:
-    copy = tmp_path / "a project" / "with-dolfinx"
-    copy.parent.mkdir()
-    copy.write_bytes(SCRIPT.read_bytes())
-    copy.chmod(0o755)
-    command = (str(copy), "sh", "-c", 'echo "$PYTHONPATH"')
-    result = run(*command, DOLFINX_JOINTS_INSIDE="0.9", PYTHONPATH=None)
-    assert result.stdout == f"{copy.parent}\n"
 
 
 # ---------------------------------------------------------------- DOLFINx on the host
@@ -174,7 +151,7 @@ def test_home_is_asked_for_where_it_is_needed(host_python) -> None:
     nowhere = {"HOME": None, "XDG_CACHE_HOME": None}
     ready = {**nowhere, "PATH": host_python("ready 0.9.0")}
     assert run(str(SCRIPT), "true", **ready).returncode == 0
-    result = run(str(SCRIPT), "true", DOLFINX_JOINTS_ENTER="chroot", **ready)
+    result = run(str(SCRIPT), "true", DOLFINX_JOINTS_PRIVATE="1", **ready)
     assert result.returncode == SETUP_FAILED
     assert result.stderr.startswith("with-dolfinx: HOME is not set; set it, or XDG_CACHE_HOME")
     assert len(result.stderr.splitlines()) == 1
@@ -183,6 +160,7 @@ def test_home_is_asked_for_where_it_is_needed(host_python) -> None:
 # Names the Debian that a call would build, on a system without DOLFINx as Debian packages.
 NAME_ROOT = """
 dolfinx_of_this_debian() { :; }
+choose_unshared() { :; }
 ensure_root() { echo "$1 $suite"; exit 0; }
 main "$@"
 """
@@ -193,12 +171,9 @@ main "$@"
     [
         ([], "absent", "trixie"),
         ([], "ready 0.11.0", None),
-        (["--dolfinx", "0.9"], "absent", "trixie"),
         (["--dolfinx", "0.9"], "ready 0.9.0", None),
         (["--dolfinx", "0.9"], "ready 0.11.0", "trixie"),
-        (["--dolfinx", "0.11"], "absent", "sid"),
         (["--dolfinx", "0.11"], "ready 0.11.0.post0", None),
-        (["--dolfinx", "0.11"], "ready 0.9.0", "sid"),
         (["--dolfinx", "0.11"], "lacks 0.9.0 gmsh", "sid"),
     ],
 )
@@ -218,89 +193,19 @@ def test_the_version_asked_for_is_found_or_built(
         assert folder == versions.stdout.split()[suite == "sid"]
 
 
-# ---------------------------------------------------------------- the Debian mirror
-
-# Names from the domain reserved for examples.
-DEB822 = """\
-Types: deb
-URIs: https://apt.vendor.example/debian
-Suites: bookworm
-Components: main
-Signed-By: /etc/apt/keyrings/vendor.gpg
-
-# the distribution
-Types: deb deb-src
-URIs: http://mirror.example/some/path/
-Suites: bookworm bookworm-updates
-Components: main contrib
-Signed-By:
- /usr/share/keyrings/debian-archive-keyring.gpg
-"""
-ONE_LINE = """\
-# deb http://commented.example/debian bookworm main
-deb [arch=amd64 signed-by=/etc/apt/keyrings/vendor.gpg] https://vendor.example/debian stable main
-deb https://other.example/linux/debian bookworm stable
-deb cdrom:[Debian 12]/ bookworm main
-deb-src http://source.example/debian bookworm main
-deb [arch=amd64] http://mirror.example/debian/ bookworm main non-free # the distribution
-"""
-UBUNTU = """\
-Types: deb
-URIs: http://archive.example/ubuntu/
-Suites: noble noble-updates
-Components: main universe
-Signed-By: /usr/share/keyrings/ubuntu-archive-keyring.gpg
-"""
-DISABLED = DEB822.replace("Types: deb deb-src", "Enabled: no\nTypes: deb deb-src")
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "expected"),
-    [
-        ("debian.sources", DEB822, "http://mirror.example/some/path"),
-        ("sources.list", ONE_LINE, "http://mirror.example/debian"),
-        ("ubuntu.sources", UBUNTU, ""),
-        ("debian.sources", DISABLED, ""),
-        ("sources.list", "", ""),
-    ],
-    ids=["deb822", "one-line", "ubuntu", "disabled", "empty"],
-)
-def test_mirror_is_found_among_other_repositories(
-    tmp_path: Path, name: str, text: str, expected: str
-) -> None:
-    sources = tmp_path / name
-    sources.write_text(text)
-    result = run_function('mirror_in_sources "$1"', str(sources))
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == expected
-
-
-def test_first_file_with_a_mirror_decides(tmp_path: Path) -> None:
-    files = [tmp_path / "a.sources", tmp_path / "b.list", tmp_path / "c.sources"]
-    for path, text in zip(files, [UBUNTU, ONE_LINE, DEB822], strict=True):
-        path.write_text(text)
-    result = run_function('mirror_in_sources "$@"', *map(str, files))
-    assert result.stdout.strip() == "http://mirror.example/debian"
-
-
-def test_mirror_of_the_user_comes_first() -> None:
-    result = run_function("debian_mirror", DOLFINX_JOINTS_MIRROR="http://chosen.example/debian")
-    assert result.stdout.strip() == "http://chosen.example/debian"
-
-
-def test_mirror_of_the_user_may_be_one_of_an_earlier_day() -> None:
-    option = '--aptopt=Acquire::Check-Valid-Until "false"'
-    code = "have() { false; }; apt_options"
-    mirror = "http://chosen.example/debian"
-    assert run_function(code, DOLFINX_JOINTS_MIRROR=mirror).stdout == f"{option}\n"
-    assert run_function(code).stdout == ""
-
-
 # ---------------------------------------------------------------- the private root
+
+
+def test_mirror_of_the_user_comes_first_and_may_be_one_of_an_earlier_day() -> None:
+    code = "debian_mirror; have() { false; }; apt_options; unset DOLFINX_JOINTS_MIRROR; apt_options"
+    result = run_function(code, DOLFINX_JOINTS_MIRROR="http://chosen.example/debian")
+    first, *options = result.stdout.splitlines()
+    assert first == "http://chosen.example/debian"
+    assert options == ['--aptopt=Acquire::Check-Valid-Until "false"']
+
 
 # Replaces the part of a build that needs a network and a minute.
 FAKE_BUILD = """
-build_mode() { echo root; }
 need_build_tools() { :; }
 need_space() { :; }
 build_into() { mkdir -p "$1/etc"; echo built >>"$XDG_CACHE_HOME/count"; %s; }
@@ -321,20 +226,19 @@ def test_root_is_built_once(tmp_path: Path) -> None:
     assert second.stderr == ""
 
 
-def test_failed_build_leaves_nothing_and_shows_its_log(tmp_path: Path) -> None:
-    result = build(tmp_path, "echo 'E: no route to the mirror'; return 1")
+@pytest.mark.parametrize(
+    ("version", "advice"),
+    [("0.9", "DOLFINX_JOINTS_MIRROR"), ("0.11", "https://snapshot.debian.org/archive/debian/")],
+)
+def test_failed_build_leaves_nothing_and_shows_its_log(
+    tmp_path: Path, version: str, advice: str
+) -> None:
+    code = FAKE_BUILD % "echo 'E: no route to the mirror'; return 1"
+    result = run_function(f"choose_debian {version}; {code}", XDG_CACHE_HOME=str(tmp_path))
     assert result.returncode == SETUP_FAILED
     assert "E: no route to the mirror" in result.stderr
-    assert "DOLFINX_JOINTS_MIRROR" in result.stderr
+    assert advice in result.stderr
     assert not list(tmp_path.glob("dolfinx_joints/*root-*"))
-
-
-def test_failed_build_of_unstable_names_a_day_that_had_it(tmp_path: Path) -> None:
-    code = f"choose_debian 0.11; {FAKE_BUILD % 'return 1'}"
-    result = run_function(code, XDG_CACHE_HOME=str(tmp_path))
-    assert result.returncode == SETUP_FAILED
-    assert "if it lacks a package or DOLFINx 0.11 today" in result.stderr
-    assert "https://snapshot.debian.org/archive/debian/" in result.stderr
 
 
 def test_half_built_root_is_not_taken_for_whole(tmp_path: Path) -> None:
@@ -371,33 +275,31 @@ def test_concurrent_call_waits_and_says_so(tmp_path: Path) -> None:
     assert (tmp_path / "count").read_text() == "built\n"
 
 
-def test_root_depends_on_the_packages(tmp_path: Path) -> None:
-    paths = run_function(
-        "root_path; packages+=(one-more); root_path", XDG_CACHE_HOME=str(tmp_path)
-    ).stdout.split()
-    assert len(set(paths)) == 2
-    assert all(path.startswith(f"{tmp_path}/dolfinx_joints/root-") for path in paths)
-
-
-def test_lack_of_space_is_said_before_the_build(tmp_path: Path) -> None:
-    result = run_function('root_megabytes=999999999; need_space "$1"', str(tmp_path))
-    assert result.returncode == SETUP_FAILED
-    assert "make room, or choose another place with XDG_CACHE_HOME" in result.stderr
+def test_names_of_what_is_kept_depend_on_what_it_holds(tmp_path: Path) -> None:
+    (tmp_path / "usr" / "bin").mkdir(parents=True)
+    (tmp_path / "usr" / "bin" / "python3").symlink_to("python3.13")
+    code = 'root_path; wheels_path "$1"; packages+=(a); wheels+=(b); root_path; wheels_path "$1"'
+    result = run_function(code, str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
+    names = [Path(path).name for path in result.stdout.split()]
+    assert len(set(names)) == 4
+    assert [name.rpartition("-")[0] for name in names] == ["root", "wheels-python3.13"] * 2
 
 
 def test_system_directories_are_not_shared(tmp_path: Path) -> None:
     shared = run_function("shared_directories", TMPDIR=str(tmp_path)).stdout.splitlines()
-    assert "/tmp" in shared
-    assert "/var/tmp" in shared
-    assert not {"/usr", "/etc", "/var", "/bin", "/lib", "/proc", "/dev", "/sys"} & set(shared)
+    assert {"/tmp", "/var/tmp"} <= set(shared)
+    assert not {"/", "/usr", "/etc", "/var", "/bin", "/lib", "/proc", "/dev", "/sys"} & set(shared)
 
 
-def test_want_of_tools_is_one_clear_sentence() -> None:
-    code = "can_install() { return 1; }; have() { false; }; need_build_tools unshare"
-    result = run_function(code)
-    assert result.returncode == SETUP_FAILED
-    assert "this system lacks mmdebstrap" in result.stderr
-    assert result.stderr.count("\n") == 1
+def test_lack_of_space_or_tools_is_one_clear_error_before_the_build(tmp_path: Path) -> None:
+    for code, text in (
+        ('root_megabytes=999999999; need_space "$1"', "make room, or choose another place"),
+        ("have() { false; }; need_build_tools", "this system lacks mmdebstrap"),
+    ):
+        result = run_function(code, str(tmp_path))
+        assert result.returncode == SETUP_FAILED
+        assert text in result.stderr
+        assert result.stderr.count("\n") == 1
 
 
 # ---------------------------------------------------------------- packages from PyPI
@@ -426,37 +328,19 @@ def test_packages_are_installed_once_and_found_after_those_of_the_user(tmp_path:
     assert second.stderr == ""
 
 
-def test_pip_out_of_reach_of_pypi_leaves_nothing_and_shows_its_log(tmp_path: Path) -> None:
-    result = install(tmp_path, "echo 'ERROR: No matching distribution found'; return 1")
-    assert result.returncode == SETUP_FAILED
-    assert "ERROR: No matching distribution found" in result.stderr
-    assert "pip could not install numba" in result.stderr
-    assert "within reach?" in result.stderr
-    assert result.stdout == ""
+def test_failed_or_killed_installation_is_not_taken_for_whole(tmp_path: Path) -> None:
+    failed = install(tmp_path, "echo 'ERROR: No matching distribution found'; return 1")
+    assert (failed.returncode, failed.stdout) == (SETUP_FAILED, "")
+    assert "ERROR: No matching distribution found" in failed.stderr
+    assert "pip could not install numba" in failed.stderr
     assert not list(tmp_path.glob("dolfinx_joints/*wheels-*"))
-
-
-def test_half_installed_packages_are_not_taken_for_whole(tmp_path: Path) -> None:
-    killed = install(tmp_path, "kill -9 $$; sleep 0.2")
-    assert killed.returncode < 0
-    (leftover,) = tmp_path.glob("dolfinx_joints/building-wheels-*")
-    assert not list(tmp_path.glob("dolfinx_joints/wheels-*"))
-
+    assert install(tmp_path, "kill -9 $$; sleep 0.2").returncode < 0
+    assert [path.name[:15] for path in tmp_path.glob("dolfinx_joints/*wheels-*")] == [
+        "building-wheels"
+    ]
     again = install(tmp_path)
     assert again.returncode == 0, again.stderr
-    assert not leftover.exists()
-    assert (tmp_path / "count").read_text() == "fetched\n" * 2
-
-
-def test_packages_depend_on_the_python_and_the_versions(tmp_path: Path) -> None:
-    for name in ("3.13", "3.14"):
-        python = tmp_path / name / "usr" / "bin" / "python3"
-        python.parent.mkdir(parents=True)
-        python.symlink_to(f"python{name}")
-    code = 'wheels_path "$1"; wheels_path "$2"; wheels+=(one-more); wheels_path "$2"'
-    arguments = (str(tmp_path / "3.13"), str(tmp_path / "3.14"))
-    paths = run_function(code, *arguments, XDG_CACHE_HOME=str(tmp_path)).stdout.split()
-    assert len(set(paths)) == 3
+    assert not list(tmp_path.glob("dolfinx_joints/building-*"))
 
 
 def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
@@ -469,17 +353,5 @@ def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
     pip = lines[: lines.index("-c")]
     assert "--no-deps" in pip
     assert pip[pip.index("--target") + 1] == str(tmp_path / "new")
-    assert [line.partition("==")[0] for line in pip[pip.index("--target") + 2 :]] == [
-        "numba",
-        "llvmlite",
-        "vtk",
-        "pyvista",
-        "scooby",
-        "plotly",
-        "narwhals",
-    ]
-
-
-@pytest.mark.parametrize("module", ["numba", "pyvista", "plotly"])
-def test_packages_are_importable_in_the_environment(module: str) -> None:
-    assert run("python3", "-c", f"import {module}").returncode == 0
+    names = " ".join(line.partition("==")[0] for line in pip[pip.index("--target") + 2 :])
+    assert names == "numba llvmlite vtk pyvista scooby plotly narwhals"

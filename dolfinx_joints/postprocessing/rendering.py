@@ -193,7 +193,7 @@ def load_pyvista() -> Any:
     except ImportError as error:
         raise JointsError(
             f"Pictures in space need pyvista and VTK 9.5 or later ({error}); install them with "
-            "pip or conda, as DOLFINx was, or set DOLFINX_JOINTS_ENTER=bwrap for ./with-dolfinx."
+            "pip or conda, as DOLFINx was, or set DOLFINX_JOINTS_PRIVATE=1 for ./with-dolfinx."
         ) from error
     if "DISPLAY" in os.environ or "VTK_DEFAULT_OPENGL_WINDOW" in os.environ:
         return pyvista

@@ -74,7 +74,6 @@ from .motions.reading import read_record as read_record
 from .postprocessing import measures as measures
 from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots
-from .postprocessing import response_plots as response_plots
 from .postprocessing import views as views
 from .postprocessing.csv_tables import write_csv as write_csv
 from .results.reader import Results as Results

@@ -35,10 +35,9 @@ MODULES = (
     "postprocessing.measures",
     "postprocessing.motion_plots",
     "postprocessing.plots",
-    "postprocessing.response_plots",
     "postprocessing.resultants",
     "postprocessing.views",
-    "report.report",
+    "report.writing",
     "results.reader",
     "study",
 )

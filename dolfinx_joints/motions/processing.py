@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Signals of ground motions: integrate, resample, filter, take off baselines; functions of arrays.
 
-Signals run along the first axis, shape (n, 3), and are linear between samples. The doors that
-check what a user asks for are the methods of :class:`~dolfinx_joints.motions.motion.Motion`.
+Signals run along the first axis, shape (n, 3), and are linear between samples. Parameters are
+checked by the methods of :class:`~dolfinx_joints.motions.motion.Motion`.
 """
 
 from typing import Any

@@ -3,7 +3,7 @@
 """Ground motions from files: which files belong together, and which axis each component is.
 
 The format of a file is found by what it says, not by its name. Units are converted when a file is
-read; behind this door all is in m/s^2 and in right-handed axes with z up. Azimuths count clockwise
+read: motions are in m/s^2 and in right-handed axes with z up. Azimuths count clockwise
 from north, seen from above.
 """
 
@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.common.parameters import check_kind_of, check_number, check_path, shown
+from dolfinx_joints.common.parameters import check_path, shown
 from dolfinx_joints.motions.columns import Columns, is_columns, read_columns, states_unit
 from dolfinx_joints.motions.cosmos import COSMOS
 from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
-from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
@@ -33,11 +34,12 @@ _HEAD = 20_000  # bytes that hold the header of any format
 _ANGLE = 1e-6  # degrees by which a right angle may be missed
 
 
+@checked
 def read_components(
     path: str | Path,
     *,
     unit: str | None = None,
-    dt: float | None = None,
+    dt: Seconds | None = None,
     columns: Sequence[str | float] | None = None,
 ) -> list[Component]:
     """Read the components in one file, whatever its format.
@@ -51,11 +53,8 @@ def read_components(
             say it.
 
     Raises:
-        RecordError: with file, line and reason, where the file is anything else.
-        ValueError: ``dt`` is no positive number.
+        RecordError: With file, line and reason, where the file is anything else.
     """
-    if dt is not None:
-        check_number("dt", dt, lambda step: step > 0.0, "a positive number of seconds")
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
     if known is None and is_columns(text):
@@ -77,12 +76,13 @@ def read_components(
     return found
 
 
+@checked
 def read_record(
-    source: str | Path | Sequence[str | Path],
+    source: str | Path | Iterable[str | Path],
     *,
     name: str | None = None,
     unit: str | None = None,
-    dt: float | None = None,
+    dt: Seconds | None = None,
     columns: Sequence[str | float] | None = None,
     directions: Sequence[str | float] | None = None,
     stream_azimuth_deg: float | None = None,
@@ -112,10 +112,7 @@ def read_record(
     Raises:
         RecordError: no record, or several, or one that is not two horizontal components at right
             angles and a vertical one, or with different time steps or units.
-        ValueError: ``dt`` is no positive number or the azimuth no finite one.
     """
-    if stream_azimuth_deg is not None:
-        check_number("stream_azimuth_deg", stream_azimuth_deg, lambda _: True, "a finite number")
     files, title = _files(source, name, unit is not None)
     parts = [
         part for path in files for part in read_components(path, unit=unit, dt=dt, columns=columns)
@@ -133,27 +130,23 @@ def record_names(directory: str | Path) -> list[str]:
     """Names of the records whose files are in a directory, subdirectories left out.
 
     Raises:
-        RecordError: there is no such directory.
-        ValueError: it is no path.
+        RecordError: There is no such directory.
     """
     check_path("directory", directory)
     return list(_records_in(Path(directory), False))
 
 
 def _files(
-    source: str | Path | Sequence[str | Path], name: str | None, any_columns: bool
+    source: str | Path | Iterable[str | Path], name: str | None, any_columns: bool
 ) -> tuple[list[Path], str]:
     """Files to read, and the name of their record where it is known already."""
-    check_kind_of("name", name, name is None or isinstance(name, str), "a part of a record's name")
     if not isinstance(source, str | Path):
-        several = isinstance(source, Iterable) and not isinstance(source, bytes)
-        check_kind_of("source", source, several, "a file, a directory or several files")
-        paths = list(source)
-        for path in paths:
+        files = list(source)
+        for path in files:
             check_path("A file of source", path)
-        if not paths:
+        if not files:
             raise RecordError("At least one file is needed, got none.")
-        return [Path(path) for path in paths], ""
+        return [Path(path) for path in files], ""
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""

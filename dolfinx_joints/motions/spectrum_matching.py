@@ -8,21 +8,16 @@ Final velocity and displacement are left as they are.
 """
 
 from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.common.parameters import (
-    LARGEST,
-    SMALLEST,
-    check_count,
-    check_kind_of,
-    check_number,
-    numbers_of,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_kind_of, numbers_of, shown
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.processing import ROUNDING, without_drift
 from dolfinx_joints.motions.spectra import (
@@ -49,7 +44,6 @@ _WEIGHT = 0.5  # of leaving a peak below the target where it is
 _REGULARISATION = 1e-3  # in units of the largest singular value
 _NORM = 4  # of the misfit that decides how much of a correction is added
 _PARTS = (1.0, 0.7, 0.5, 0.35, 0.2)
-_MOST_PERIODS = 2000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,20 +100,21 @@ class SpectrumMatch:
         return "\n".join(lines)
 
     def _misfit(self, motion: Motion) -> Floats:
-        values = motion.acceleration[:, ["xyz".index(each) for each in self.components]]
+        values = motion.acceleration[:, component_numbers(self.components)]
         found = response_spectrum(values, motion.dt, self.periods, self.damping_ratio)
         misfit: Floats = found.pseudo_acceleration / self.target[:, None] - 1.0
         return misfit
 
 
+@checked
 def match_spectrum(
     motion: Motion,
-    target: tuple[ArrayLike, ArrayLike],
+    target: tuple[ArrayLike, ArrayLike] | NDArray[Any],
     *,
     components: str = "xy",
-    damping_ratio: float = 0.05,
-    tolerance: float = 0.1,
-    rounds: int = 40,
+    damping_ratio: Annotated[float, at.Interval(ge=0.005, le=0.3)] = 0.05,
+    tolerance: Annotated[float, at.Interval(ge=0.02, le=0.5)] = 0.1,
+    rounds: Annotated[int, at.Ge(1)] = 40,
 ) -> SpectrumMatch:
     """Change a motion until its response spectrum is a given one.
 
@@ -139,22 +134,14 @@ def match_spectrum(
 
     Raises:
         RecordError: the target is outside of what the motion can hold, or the tolerance is not
-            reached; the sentence names the worst period.
-        ValueError: another argument is no such thing.
+            reached; the message names the worst period.
     """
     check_kind_of("motion", motion, isinstance(motion, Motion), "a Motion, as from read_record()")
-    good = isinstance(components, str) and 0 < len(components) == len(set(components) & set("xyz"))
-    check_kind_of("components", components, good, "different ones of x, y, z, such as 'xy'")
-    valid = "a number from 0.005 to 0.3"
-    check_number("damping_ratio", damping_ratio, lambda ratio: 0.005 <= ratio <= 0.3, valid)
-    valid = "a number from 0.02 to 0.5, a part of the target"
-    check_number("tolerance", tolerance, lambda part: 0.02 <= part <= 0.5, valid)
-    check_count("rounds", rounds, 1, "it must be a whole number of at least 1")
+    columns = component_numbers(components)
     periods, wanted = _filled(*_target(motion, target))
     matcher = _Matcher(len(motion.acceleration), motion.dt, periods, wanted, damping_ratio)
     values, factors, used = motion.acceleration.copy(), [], []
-    for component in components:
-        column = "xyz".index(component)
+    for component, column in zip(components, columns, strict=True):
         if not values[:, column].any():
             raise RecordError(f"Component {component} of {motion.name!r} is zero throughout.")
         matched, factor, count, worst = matcher.match(values[:, column], tolerance, rounds)
@@ -174,11 +161,23 @@ def match_spectrum(
         components=components,
         periods=periods,
         target=wanted,
-        damping_ratio=float(damping_ratio),
-        tolerance=float(tolerance),
+        damping_ratio=damping_ratio,
+        tolerance=tolerance,
         factors=np.array(factors),
         rounds=np.array(used, dtype=np.int64),
     )
+
+
+def component_numbers(components: str) -> list[int]:
+    """Columns of components.
+
+    Raises:
+        ValueError: They are not different ones of x, y, z.
+    """
+    if not components or len(components) != len(set(components) & set("xyz")):
+        got = shown(components)
+        raise ValueError(f"components is {got}; it must be different ones of x, y, z, as 'xy'.")
+    return ["xyz".index(each) for each in components]
 
 
 class _Matcher:
@@ -289,27 +288,17 @@ def _misfit(answers: Floats) -> Floats:
     return misfit
 
 
-def _target(motion: Motion, target: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
+def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:
     """Periods and accelerations of a target that a motion can be matched to."""
-    pair = isinstance(target, tuple | list | np.ndarray) and len(target) == 2
-    periods, wanted = (numbers_of(values) for values in target) if pair else (None, None)
-    if periods is None or wanted is None:
+    pair = numbers_of(target)
+    if pair is None or pair.ndim != 2 or len(pair) != 2 or pair.shape[1] < 2:
         raise RecordError(
-            "target must be a pair, periods [s] and as many pseudo-accelerations [m/s^2], got "
-            f"{shown(target)}."
+            "target must be a pair, 2 or more periods [s] and as many pseudo-accelerations "
+            f"[m/s^2], got {shown(target)}."
         )
-    if periods.ndim != 1 or periods.shape != wanted.shape or not 2 <= len(periods) <= _MOST_PERIODS:
-        raise RecordError(
-            f"target must be periods and as many pseudo-accelerations, 2 to {_MOST_PERIODS} of "
-            f"each, got shapes {periods.shape} and {wanted.shape}."
-        )
-    for name, values in (("Periods", periods), ("Pseudo-accelerations", wanted)):
-        bad = ~((values >= SMALLEST) & (values <= LARGEST))
-        if bad.any():
-            raise RecordError(
-                f"{name} of a target must be positive, got {values[bad][0]} at place "
-                f"{int(np.argmax(bad)) + 1}."
-            )
+    periods, wanted = pair
+    if not ((pair > 0.0) & np.isfinite(pair)).all():
+        raise RecordError(f"A target must be positive and finite, got {pair.min()}.")
     falls = np.diff(periods) <= 0.0
     if falls.any():
         place = int(np.argmax(falls))

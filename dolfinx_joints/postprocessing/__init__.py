@@ -5,5 +5,5 @@
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__, ["measures", "motion_plots", "plots", "response_plots", "views"]
+    __name__, ["measures", "motion_plots", "plots", "views"]
 )

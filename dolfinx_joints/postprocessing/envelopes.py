@@ -8,7 +8,7 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +18,15 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]
 
-_TEXTS = {
-    "principal": "principal stress",
-    "arch": "stress along the arch direction",
-    "cantilever": "stress along the cantilever direction",
-}
-ENVELOPE_NAMES = tuple(f"{name}_{end}" for name in _TEXTS for end in ("max", "min"))
+EnvelopeName = Literal[
+    "principal_max",
+    "principal_min",
+    "arch_max",
+    "arch_min",
+    "cantilever_max",
+    "cantilever_min",
+]
+ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
 _STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # share of the mean normal: faces that meet at more than about 53 degrees are an edge
@@ -148,7 +151,9 @@ def declare_envelopes(
     shape = np.asarray(nodes).shape
     for name in ENVELOPE_NAMES:
         quantity, end = name.split("_")
-        text = f"{'largest' if end == 'max' else 'smallest'} {_TEXTS[quantity]} over the run"
+        along = f"stress along the {quantity} direction"
+        what = "principal stress" if quantity == "principal" else along
+        text = f"{'largest' if end == 'max' else 'smallest'} {what} over the run"
         writer.series("envelopes", name, shape, "Pa", text)
 
 

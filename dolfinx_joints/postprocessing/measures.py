@@ -2,24 +2,25 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements are told from the static state, the first record of a file. What a file does not
-hold is asked for in vain: :class:`ResultsError` names it.
+Displacements are counted from the static state, the first record of a file. :class:`ResultsError`
+names what a file does not hold.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_number
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
     highest_peak,
-    running_frequency,
     significant_duration,
 )
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
@@ -27,14 +28,13 @@ from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import (
     COMPONENTS,
     Component,
-    check_band,
     check_joint,
     check_results,
-    check_seconds,
-    column_of,
 )
 
 Floats = NDArray[np.floating[Any]]
+Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
+NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
 SLIDING = 2  # `laws.Status.SLIP`, as files hold it
 
@@ -73,20 +73,7 @@ class FourierPeaks(NamedTuple):
     amplitude_below: float
 
 
-class EffectivePeriod(NamedTuple):
-    """Period and damping in a window that moves along a history, each of shape (windows,).
-
-    Attributes:
-        times: Middles of the windows [s].
-        periods: Of the largest amplitude, NaN where nothing moves [s].
-        damping_ratios: Apparent, negative where the motion grows, NaN where nothing moves.
-    """
-
-    times: Floats
-    periods: Floats
-    damping_ratios: Floats
-
-
+@checked
 def displacement_history(
     results: Results, point: int | str, component: Component, *, absolute: bool = False
 ) -> tuple[Floats, Floats]:
@@ -103,8 +90,7 @@ def displacement_history(
         Times [s] and displacements [m], both of shape (records,).
     """
     check_results(results)
-    check_flag("absolute", absolute)
-    column, time = column_of(component), results.time("histories")
+    column, time = COMPONENTS.index(component), results.time("histories")
     u = results.series("histories", "displacement")[:, results.point_index(point), column]
     relative = u - u[:1]
     if not absolute:
@@ -116,6 +102,7 @@ def displacement_history(
     return time, relative + np.append(0.0, np.cumsum(moved))
 
 
+@checked
 def acceleration_history(
     results: Results, point: int | str, component: Component, *, absolute: bool = True
 ) -> tuple[Floats, Floats]:
@@ -131,8 +118,7 @@ def acceleration_history(
         Times [s] and accelerations [m/s^2], both of shape (records - 1,).
     """
     check_results(results)
-    check_flag("absolute", absolute)
-    column, time = column_of(component), results.time("histories")
+    column, time = COMPONENTS.index(component), results.time("histories")
     index = results.point_index(point)
     a = results.series("histories", "acceleration", slice(1, None))[:, index, column]
     if absolute:
@@ -141,6 +127,7 @@ def acceleration_history(
     return 0.5 * (time[1:] + time[:-1]), a
 
 
+@checked
 def peaks(
     results: Results, point: int | str, *, strong_until: float
 ) -> dict[str, dict[str, float]]:
@@ -154,7 +141,6 @@ def peaks(
     Returns:
         By component, ``"strong"``, up to that time, and ``"later"``, after it, NaN without records.
     """
-    check_number("strong_until", strong_until, lambda v: True, "a finite number", unit="s")
     found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
         time, u = displacement_history(results, point, component)
@@ -182,8 +168,9 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     return float(time[0]) + significant_duration(ground, dt, lower=0.0, upper=share)[1]
 
 
+@checked
 def fourier_peaks(
-    results: Results, point: int | str, component: Component, *, below: float | None = None
+    results: Results, point: int | str, component: Component, *, below: Hertz | None = None
 ) -> FourierPeaks:
     """Highest peak of the Fourier amplitude of a point's displacement.
 
@@ -196,46 +183,12 @@ def fourier_peaks(
         component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
         below: Look for a second peak at frequencies below this one [Hz].
     """
-    if below is not None:
-        check_number("below", below, lambda v: v > 0.0, "positive", unit="Hz")
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
     frequency, amplitude = fourier_amplitude(values, dt)
     highest = highest_peak(frequency, amplitude)
     second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)
     return FourierPeaks(*highest, float(frequency[1]), *second)
-
-
-def effective_period(
-    results: Results,
-    point: int | str,
-    component: Component,
-    window: float = 2.0,
-    *,
-    band: tuple[float, float] | None = None,
-    hop: float | None = None,
-) -> EffectivePeriod:
-    """Period and damping ratio of a point's displacement in a window that moves along it.
-
-    As `spectra.running_frequency` finds them.
-
-    Args:
-        results: The run.
-        point: Name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        window: Length of the window [s].
-        band: Lowest and highest frequency looked at [Hz]; from two periods in a window up to
-            Nyquist's unless given.
-        hop: Time between windows [s], an eighth of one unless given.
-    """
-    check_seconds("window", window)
-    if hop is not None:
-        check_seconds("hop", hop)
-    check_band(band)
-    time, u = displacement_history(results, point, component)
-    dt, values = equally_spaced(time, u)
-    times, frequency, damping = running_frequency(values, dt, window, band=band, hop=hop)
-    return EffectivePeriod(times + time[0], 1.0 / frequency, damping)
 
 
 def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
@@ -273,7 +226,8 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
     return results.time("states"), opening, slip
 
 
-def joint_measures(results: Results, *, tail: float = 1.0) -> dict[str, dict[str, float]]:
+@checked
+def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, dict[str, float]]:
     """What each joint went through, over the records of the stream ``states``.
 
     Opening and slip are those of :func:`joint_history`. By joint:
@@ -292,7 +246,6 @@ def joint_measures(results: Results, *, tail: float = 1.0) -> dict[str, dict[str
         tail: How long before the end residual values are averaged [s].
     """
     check_results(results)
-    check_number("tail", tail, lambda v: v >= 0.0, "0 s or more", unit="s")
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
 
 

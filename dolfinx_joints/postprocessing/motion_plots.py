@@ -2,39 +2,35 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures of ground motions: histories and response spectra, also beside a target spectrum.
 
-Functions draw as those of `plots` do.
+Functions draw on the axes they are given, or on new ones, and return them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_kind_of,
-    check_number,
-    finite,
-    numbers_of,
-    shown,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import response_spectrum
-from dolfinx_joints.motions.spectrum_matching import SpectrumMatch
-from dolfinx_joints.postprocessing.plots import (
+from dolfinx_joints.motions.spectrum_matching import SpectrumMatch, component_numbers
+from dolfinx_joints.postprocessing.axes import (
     BLUE,
     GREY,
     RED,
-    check_labels,
+    DampingRatio,
+    Periods,
     chosen_axes,
     decorate,
     legend,
+    plain_periods,
 )
-from dolfinx_joints.postprocessing.response_plots import checked_periods, plain_periods
-from dolfinx_joints.results.requests import Component, column_of
+from dolfinx_joints.results.requests import COMPONENTS, Component
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,6 +43,7 @@ _COLOURS = {"x": BLUE, "y": RED, "z": "#238b45"}
 _AXES = {"x": "stream", "y": "cross-valley", "z": "up"}
 
 
+@checked
 def history(
     motion: Motion,
     component: Component,
@@ -68,10 +65,7 @@ def history(
         reference: another motion to draw behind it.
         labels: what to call the motion and the reference.
     """
-    column = column_of(component)
-    check_choice("quantity", quantity, _UNITS)
     _check_motions(motion, reference)
-    check_labels(labels)
     ax = chosen_axes(ax)
     for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
         if each is None:
@@ -81,7 +75,7 @@ def history(
             "acceleration": each.acceleration / STANDARD_GRAVITY,
             "velocity": velocity,
             "displacement": displacement,
-        }[quantity][:, column]
+        }[quantity][:, COMPONENTS.index(component)]
         ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
     decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
     ax.set_title(f"{motion.name}: {quantity} {component}", loc="left")
@@ -91,13 +85,14 @@ def history(
     return ax
 
 
+@checked
 def response_spectra(
     motion: Motion,
     *,
     components: str = "xyz",
-    damping_ratio: float = 0.05,
-    periods: ArrayLike | None = None,
-    target: tuple[ArrayLike, ArrayLike] | None = None,
+    damping_ratio: DampingRatio = 0.05,
+    periods: Periods | None = None,
+    target: tuple[Sequence[float] | Floats, Sequence[float] | Floats] | None = None,
     ax: Axes | None = None,
     reference: Motion | None = None,
     reference_label: str = "as recorded",
@@ -114,29 +109,22 @@ def response_spectra(
         reference: another motion, drawn in dashes behind it.
         reference_label: what to call the reference.
     """
-    good = isinstance(components, str) and set(components) <= set("xyz")
-    if not good or not components or len(set(components)) < len(components):
-        got = shown(components)
-        raise ValueError(f"components must be different ones of x, y, z, got {got}.")
+    columns = component_numbers(components)
     _check_motions(motion, reference)
-    check_kind_of("reference_label", reference_label, isinstance(reference_label, str), "a text")
-    check_number("damping_ratio", damping_ratio, lambda v: 0.0 <= v < 1.0, "from 0 to below 1")
-    natural = np.geomspace(0.03, 3.0, 120) if periods is None else checked_periods(periods)
-    goal = None if target is None else _checked_target(target)
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = chosen_axes(ax, height=3.6)
     for each, line in ((reference, "--"), (motion, "-")):
         if each is None:
             continue
         found = response_spectrum(each.acceleration, each.dt, natural, damping_ratio)
-        for component in components:
+        for component, column in zip(components, columns, strict=True):
             name = f"{component}, {_AXES[component]}"
             label = f"{component}, {reference_label}" if each is reference else name
-            values = found.pseudo_acceleration[:, "xyz".index(component)] / STANDARD_GRAVITY
+            values = found.pseudo_acceleration[:, column] / STANDARD_GRAVITY
             style = {"color": _COLOURS[component], "linestyle": line, "label": label}
             ax.semilogx(natural, values, linewidth=0.9 if each is reference else 1.2, **style)
-    if goal is not None:
-        times, accelerations = goal
-        ax.plot(times, accelerations / STANDARD_GRAVITY, color="black", label="target")
+    if target is not None:
+        ax.plot(target[0], np.asarray(target[1]) / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
     ax.set_title(f"{motion.name}: response spectra, {damping_ratio:.0%} damping", loc="left")
     plain_periods(ax)
@@ -150,7 +138,7 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
     """Response spectra of a motion before and after matching, and the target with its tolerance.
 
     Args:
-        match: what :func:`~dolfinx_joints.motions.spectrum_matching.match_spectrum` has returned.
+        match: from :func:`~dolfinx_joints.motions.spectrum_matching.match_spectrum`.
         ax: where to draw.
     """
     check_kind_of("match", match, isinstance(match, SpectrumMatch), "what match_spectrum gives")
@@ -158,7 +146,7 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
         match.motion,
         components=match.components,
         damping_ratio=match.damping_ratio,
-        periods=match.periods,
+        periods=[float(period) for period in match.periods],
         target=(match.periods, match.target),
         reference=match.record,
         reference_label="as given",
@@ -172,20 +160,7 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
 
 
 def _check_motions(motion: Any, reference: Any) -> None:
-    """Refuse what are no motions."""
+    """Raise a ValueError for anything but motions."""
     check_kind_of("motion", motion, isinstance(motion, Motion), "a Motion")
     if reference is not None:
         check_kind_of("reference", reference, isinstance(reference, Motion), "a Motion, or None")
-
-
-def _checked_target(target: Any) -> tuple[Floats, Floats]:
-    """Periods [s] and pseudo-accelerations [m/s^2] of a spectrum."""
-    pair = isinstance(target, tuple | list) and len(target) == 2
-    check_kind_of("target", target, pair, "periods and as many pseudo-accelerations")
-    periods, accelerations = checked_periods(target[0]), numbers_of(target[1])
-    if accelerations is None or accelerations.shape != periods.shape or not finite(accelerations):
-        got = shown(target[1])
-        raise ValueError(
-            f"target must be {len(periods)} periods and as many pseudo-accelerations, got {got}."
-        )
-    return periods, accelerations

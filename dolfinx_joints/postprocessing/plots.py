@@ -9,27 +9,53 @@ matplotlib's global state. Tractions keep the sign of the files: compression is 
 from __future__ import annotations
 
 import contextlib
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.parameters import check_choice, check_kind_of, check_number, check_path
-from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, highest_peak
-from dolfinx_joints.postprocessing.joint_surface import JointSurface
-from dolfinx_joints.postprocessing.joint_values import (
+from dolfinx_joints.common.parameters import check_choice, check_kind_of
+from dolfinx_joints.motions.spectra import (
+    equally_spaced,
+    fourier_amplitude,
+    highest_peak,
+    response_spectrum,
+)
+from dolfinx_joints.postprocessing.axes import (
+    BLUE,
+    GREY,
+    RED,
+    DampingRatio,
+    Periods,
+    chosen_axes,
+    decorate,
+    legend,
+    plain_periods,
+)
+from dolfinx_joints.postprocessing.axes import new_axes as new_axes
+from dolfinx_joints.postprocessing.joint_surface import (
     LABELS,
+    JointSurface,
     Quantity,
     colour_limits,
     colours,
     traction_value,
     tractions,
 )
-from dolfinx_joints.postprocessing.measures import displacement_history
+from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
-from dolfinx_joints.results.requests import Component, check_results, column_of, record_number
+from dolfinx_joints.results.requests import (
+    COMPONENTS,
+    Component,
+    check_results,
+    record_number,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,59 +63,15 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 
-BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
 
-
-def new_axes(*, width: float = 6.3, height: float = 3.2) -> Axes:
-    """Axes of a new figure of their own.
-
-    Args:
-        width: of the figure [inch].
-        height: of the figure [inch].
-
-    Raises:
-        ValueError: a size is no length of paper.
-    """
-    for name, size in (("width", width), ("height", height)):
-        check_number(name, size, lambda v: 0.5 <= v <= 100.0, "from 0.5 to 100 inch", unit="inch")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="compressed")
-    ax: Axes = figure.add_subplot()
-    return ax
-
-
-def chosen_axes(ax: Any, **size: float) -> Axes:
-    """Axes that were given, or new ones for None.
-
-    Args:
-        ax: what a function was told to draw on.
-        size: of new axes.
-
-    Raises:
-        ValueError: it is something else.
-    """
-    if ax is None:
-        return new_axes(**size)
-    from matplotlib.axes import Axes as Known
-
-    check_kind_of("ax", ax, isinstance(ax, Known), "axes of matplotlib, or None")
-    return cast("Axes", ax)
-
-
-def check_labels(labels: Any) -> None:
-    """Refuse what is not two texts.
-
-    Raises:
-        ValueError: it is something else.
-    """
-    good = isinstance(labels, tuple | list) and len(labels) == 2
-    good = good and all(isinstance(label, str) for label in labels)
-    check_kind_of("labels", labels, good, "two texts, of the run and the reference")
-
-
-def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Path:
-    """Write a figure to a file whose ending says the format, and return its path.
+@checked
+def save(
+    figure: Figure | SubFigure,
+    path: str | PathLike[str],
+    *,
+    dpi: Annotated[float, at.Interval(ge=10, le=2400)] = 200,
+) -> Path:
+    """Write a figure to a file whose ending gives the format, and return its path.
 
     Args:
         figure: for example ``ax.figure``.
@@ -97,12 +79,9 @@ def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Pat
         dpi: dots per inch of pixel formats.
 
     Raises:
-        ValueError: the ending is of no format, or an argument is of another kind.
-        JointsError: the file cannot be written; nothing is left of it then.
+        JointsError: The file cannot be written; nothing is left of it then.
     """
     check_kind_of("figure", figure, hasattr(figure, "figure"), "a figure of matplotlib")
-    check_path("path", path)
-    check_number("dpi", dpi, lambda v: 10 <= v <= 2400, "from 10 to 2400")
     whole, place = figure.figure, Path(path)
     known = sorted(whole.canvas.get_supported_filetypes())
     check_choice("The ending of the figure's name", place.suffix[1:].lower(), known)
@@ -118,6 +97,7 @@ def save(figure: Figure | SubFigure, path: str | Path, *, dpi: int = 200) -> Pat
     return place
 
 
+@checked
 def history(
     results: Results,
     point: int | str,
@@ -138,8 +118,6 @@ def history(
         labels: what to call the run and the reference.
     """
     lines = runs(results, reference, labels)
-    column_of(component)
-    point_name(results, point)
     ax = chosen_axes(ax)
     for run, style in lines:
         time, displacement = _history(run, point, component)
@@ -152,6 +130,7 @@ def history(
     return ax
 
 
+@checked
 def fourier(
     results: Results,
     point: int | str,
@@ -160,7 +139,7 @@ def fourier(
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
-    max_frequency: float = 15.0,
+    max_frequency: Annotated[float, at.Gt(0.0), at.Unit("Hz")] = 15.0,
 ) -> Axes:
     """Fourier amplitude of a monitor point's displacement against frequency [1e-3 m s].
 
@@ -178,8 +157,6 @@ def fourier(
         max_frequency: end of the frequency axis [Hz].
     """
     lines = runs(results, reference, labels)
-    check_number("max_frequency", max_frequency, lambda v: v > 0.0, "positive", unit="Hz")
-    displacement_history(results, point, component)
     ax = chosen_axes(ax)
     for run, style in lines:
         dt, values = equally_spaced(*displacement_history(run, point, component))
@@ -199,6 +176,57 @@ def fourier(
     return ax
 
 
+@checked
+def response_spectra(
+    results: Results,
+    point: int | str,
+    component: Component,
+    *,
+    damping_ratio: DampingRatio = 0.05,
+    periods: Periods | None = None,
+    ax: Axes | None = None,
+    reference: Results | None = None,
+    labels: tuple[str, str] = ("with joints", "linear"),
+) -> Axes:
+    """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
+
+    Args:
+        results: the run.
+        point: name or number of the monitor point; its absolute acceleration counts.
+        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
+        damping_ratio: of the oscillators.
+        periods: of the oscillators [s]; 0.03 to 3 s unless given.
+        ax: where to draw.
+        reference: another run to draw behind it.
+        labels: what to call the run and the reference.
+    """
+    lines = runs(results, reference, labels)
+    natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
+    ax = chosen_axes(ax, height=3.6)
+
+    def draw(time: Floats, acceleration: Floats, style: dict[str, Any]) -> None:
+        dt, values = equally_spaced(time, acceleration)
+        found = response_spectrum(values, dt, natural, damping_ratio).pseudo_acceleration
+        ax.semilogx(natural, found / STANDARD_GRAVITY, **style)
+
+    for run, style in lines:
+        draw(*acceleration_history(run, point, component), style)
+    ground = results.series("histories", "ground_acceleration")[:, COMPONENTS.index(component)]
+    dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--", "label": "ground"}
+    draw(results.time("histories"), ground, dashes)
+    decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
+    name = point_name(results, point)
+    ax.set_title(
+        f"{name}: response spectra in {component}, {damping_ratio:.0%} damping", loc="left"
+    )
+    plain_periods(ax)
+    ax.margins(x=0.0)
+    ax.set_ylim(bottom=0.0)
+    legend(ax)
+    return ax
+
+
+@checked
 def joint_traction(
     results: Results,
     joint: str,
@@ -223,7 +251,6 @@ def joint_traction(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    check_choice("quantity", quantity, LABELS)
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
     ax = chosen_axes(ax, width=4.6, height=5.6)
@@ -247,6 +274,7 @@ def joint_traction(
     return ax
 
 
+@checked
 def traction_profile(
     results: Results,
     joint: str,
@@ -254,7 +282,7 @@ def traction_profile(
     *,
     time: float | None = None,
     index: int = -1,
-    position: float = 0.5,
+    position: Annotated[float, at.Interval(ge=0.0, le=1.0)] = 0.5,
     ax: Axes | None = None,
 ) -> Axes:
     """Tractions along the height of a joint, at a share of its width.
@@ -271,8 +299,6 @@ def traction_profile(
         position: 0 at the upstream (left) edge of the joint, 1 at the other.
         ax: where to draw.
     """
-    check_choice("quantity", quantity, ("tractions", "ratio"))
-    check_number("position", position, lambda v: 0.0 <= v <= 1.0, "from 0 to 1")
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
     ax = chosen_axes(ax, width=4.6, height=4.6)
@@ -344,7 +370,6 @@ def runs(
     check_results(results)
     if reference is not None:
         check_results(reference, "reference")
-    check_labels(labels)
     own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
         return [own]
@@ -353,7 +378,7 @@ def runs(
 
 def _history(results: Results, point: int | str, component: Component) -> tuple[Floats, Floats]:
     """Times [s] and one displacement component [m] of a monitor point."""
-    column = column_of(component)
+    column = COMPONENTS.index(component)
     displacement = results.series("histories", "displacement")
     return results.time("histories"), displacement[:, results.point_index(point), column]
 
@@ -361,32 +386,6 @@ def _history(results: Results, point: int | str, component: Component) -> tuple[
 def point_name(results: Results, point: int | str) -> str:
     """Name of a monitor point given by its name or number."""
     return results.point_names[results.point_index(point)]
-
-
-def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
-    """Label the axes and give them the look of all figures here."""
-    ax.set(xlabel=xlabel, ylabel=ylabel)
-    ax.title.set_fontsize("medium")
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    if grid:
-        ax.grid(color="0.9", linewidth=0.6)
-        ax.set_axisbelow(True)
-
-
-def legend(ax: Axes, where: str = "inside") -> None:
-    """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
-    places: dict[str, dict[str, Any]] = {
-        "inside": {"framealpha": 0.85, "edgecolor": "none"},
-        "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
-        "below": {
-            "frameon": False,
-            "ncols": 2,
-            "loc": "upper left",
-            "bbox_to_anchor": (0.0, -0.14),
-        },
-    }
-    ax.legend(fontsize="small", **places[where])
 
 
 def _open_legend(ax: Axes, share: float) -> None:

@@ -10,22 +10,31 @@ the picture. Tractions keep the sign of the files: compression is negative.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_choice, check_flag, check_kind_of, check_number
-from dolfinx_joints.postprocessing.joint_surface import JointSurface
-from dolfinx_joints.postprocessing.joint_values import (
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.joint_surface import (
     MAP_LABELS,
+    JointSurface,
     MapQuantity,
     colour_limits,
     colours,
     map_value,
 )
-from dolfinx_joints.postprocessing.pictures import colour_bar, draw, legend, round_scale, write
-from dolfinx_joints.postprocessing.rendering import Camera, Scene
+from dolfinx_joints.postprocessing.rendering import (
+    Camera,
+    Scene,
+    colour_bar,
+    draw,
+    legend,
+    round_scale,
+    write,
+)
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import check_joint, check_results, record_number
 
@@ -34,27 +43,21 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
+Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a picture each
+Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _CONCRETE, _JOINT, _LINE = "#d9d5cc", "#b2182b", "#4d4d4d"
 _OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
-_MOST_PICTURES = 8  # side by side
 _UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 _STATES = {"open": "black", "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
-_ENVELOPES = {
-    "principal_max": "largest principal stress",
-    "principal_min": "smallest principal stress",
-    "arch_max": "largest arch stress",
-    "arch_min": "smallest arch stress",
-    "cantilever_max": "largest cantilever stress",
-    "cantilever_min": "smallest cantilever stress",
-}
 
 
+@checked
 def mesh(
     results: Results,
     *,
-    azimuths_deg: Sequence[float] = (_UPSTREAM, _DOWNSTREAM),
-    elevation_deg: float = 24.0,
+    azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
+    elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Finite-element mesh with the outlines of its joints, named by what tells them apart.
 
@@ -64,7 +67,7 @@ def mesh(
         elevation_deg: of the eye above the horizon.
     """
     nodes, surface = _boundary(results)
-    cameras = _cameras(azimuths_deg, elevation_deg)
+    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     scene, names = Scene(), _short_names(results.joints)
     shade: dict[str, Any] = {
         "ambient": 0.45,
@@ -90,6 +93,7 @@ def mesh(
     return figure
 
 
+@checked
 def deformed(
     results: Results,
     *,
@@ -97,7 +101,7 @@ def deformed(
     index: int = -1,
     scale: float | None = None,
     azimuth_deg: float = _DOWNSTREAM,
-    elevation_deg: float = 24.0,
+    elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Deformed surface coloured by the size of its displacement, faces of open joints red.
 
@@ -114,8 +118,6 @@ def deformed(
     """
     number = record_number(results, time, index)
     camera = Camera(azimuth_deg, elevation_deg)
-    if scale is not None:
-        check_number("scale", scale, lambda v: abs(v) <= 1e9, "from -1e9 to 1e9")
     nodes, surface = _boundary(results)
     displacement = results.series("states", "displacement", number)
     size = 1e3 * np.linalg.norm(displacement, axis=1)
@@ -138,6 +140,7 @@ def deformed(
     return figure
 
 
+@checked
 def joint_map(
     results: Results,
     quantity: MapQuantity = "normal",
@@ -147,7 +150,7 @@ def joint_map(
     index: int = -1,
     turned: bool = True,
     azimuth_deg: float = 0.0,
-    elevation_deg: float = 15.0,
+    elevation_deg: Elevation = 15.0,
 ) -> Figure:
     """Values on the joints, a patch for each joint point, inside the outline of the body.
 
@@ -166,8 +169,6 @@ def joint_map(
         azimuth_deg: of the eye, from downstream (x) towards y.
         elevation_deg: of the eye above the horizon.
     """
-    check_choice("quantity", quantity, MAP_LABELS)
-    check_flag("turned", turned)
     camera = Camera(azimuth_deg, elevation_deg)
     number = record_number(results, time, index)
     nodes, surface = _boundary(results)
@@ -202,12 +203,13 @@ def joint_map(
     return figure
 
 
+@checked
 def envelope(
     results: Results,
-    name: str = "principal_max",
+    name: EnvelopeName = "principal_max",
     *,
-    azimuths_deg: Sequence[float] = (_UPSTREAM, _DOWNSTREAM),
-    elevation_deg: float = 24.0,
+    azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
+    elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Envelope of a stress over the run on the boundary, seen from upstream and downstream.
 
@@ -219,8 +221,7 @@ def envelope(
         azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
         elevation_deg: of the eye above the horizon.
     """
-    check_choice("name", name, _ENVELOPES)
-    cameras = _cameras(azimuths_deg, elevation_deg)
+    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     nodes, surface = _boundary(results)
     values = np.full(len(nodes), np.nan)
     values[results.static("envelopes/nodes")] = 1e-6 * results.series("envelopes", name, -1)
@@ -236,17 +237,11 @@ def envelope(
     scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
     figure, axes = draw(scene, cameras)
     colour_bar(figure, axes, cmap, limits, "[MPa], tension > 0")
-    title = f"{_ENVELOPES[name]}: {limits[0]:.2f} to {limits[1]:.2f} MPa"
+    stress, end = name.split("_")
+    what = f"{'largest' if end == 'max' else 'smallest'} {stress} stress"
+    title = f"{what}: {limits[0]:.2f} to {limits[1]:.2f} MPa"
     figure.suptitle(title, fontsize="medium")
     return figure
-
-
-def _cameras(azimuths_deg: Any, elevation_deg: Any) -> list[Camera]:
-    """A camera for each azimuth."""
-    good = isinstance(azimuths_deg, Sequence) and not isinstance(azimuths_deg, str)
-    good = good and 1 <= len(azimuths_deg) <= _MOST_PICTURES
-    check_kind_of("azimuths_deg", azimuths_deg, good, f"a list of 1 to {_MOST_PICTURES} angles")
-    return [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
 
 
 def _boundary(results: Results) -> tuple[Floats, Ints]:

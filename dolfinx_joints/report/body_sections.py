@@ -4,14 +4,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing import measures, views
+from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.joint_surface import JointSurface
-from dolfinx_joints.postprocessing.pictures import round_scale
+from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
     Html,
     Section,
@@ -124,7 +125,9 @@ def envelopes(content: Content) -> Section:
 def _envelope(content: Content, run: Run, name: str) -> Html:
     number = list(content.runs).index(run) + 1
     caption = f"Envelope {name.replace('_', ', ')} of {run.label}, from upstream and downstream."
-    return _picture(content, f"{name}_{number}", views.envelope(run.results, name), caption)
+    return _picture(
+        content, f"{name}_{number}", views.envelope(run.results, cast(EnvelopeName, name)), caption
+    )
 
 
 def scene(run: Run) -> dict[str, Any]:

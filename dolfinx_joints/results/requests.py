@@ -1,20 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What is asked of results files, checked where it enters."""
+"""Requests to results files: components, joints and records, checked in one place."""
 
 from __future__ import annotations
 
-import math
 from typing import Any, Literal, get_args
 
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_kind_of,
-    check_number,
-    numbers_of,
-    real,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.results.reader import Results
 
 Component = Literal["x", "y", "z"]
@@ -22,52 +14,14 @@ COMPONENTS: tuple[Component, ...] = get_args(Component)
 
 
 def check_results(results: Any, name: str = "results") -> None:
-    """Refuse what is no open results file.
-
-    Raises:
-        ValueError: It is none.
-    """
+    """Raise a ValueError for anything but an open results file."""
     check_kind_of(name, results, isinstance(results, Results), "a Results, as Results(path) gives")
 
 
-def column_of(component: Any) -> int:
-    """Number of a component of a vector.
-
-    Raises:
-        ValueError: There is no such component.
-    """
-    check_choice("component", component, COMPONENTS)
-    return COMPONENTS.index(component)
-
-
-def check_joint(results: Results, joint: Any) -> None:
-    """Refuse a joint that a file does not hold.
-
-    Raises:
-        ResultsError: It does not.
-    """
+def check_joint(results: Results, joint: str) -> None:
+    """Raise a ResultsError for a joint that a file does not hold."""
     check_results(results)
     results.check_joint(joint)
-
-
-def check_seconds(name: str, value: Any, allowed: str = "positive", least: float = 0.0) -> None:
-    """Refuse what is no length of time above ``least``.
-
-    Raises:
-        ValueError: It is none.
-    """
-    check_number(name, value, lambda v: v > least, allowed, unit="s")
-
-
-def check_band(band: Any) -> None:
-    """Refuse what is neither None nor a lowest and a highest frequency.
-
-    Raises:
-        ValueError: It is something else.
-    """
-    pair = None if band is None else numbers_of(band)
-    good = band is None or (pair is not None and pair.shape == (2,) and 0 <= pair[0] < pair[1])
-    check_kind_of("band", band, bool(good), "a lowest and a highest frequency [Hz]")
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
@@ -84,10 +38,7 @@ def record_number(results: Results, time: float | None, index: int) -> int:
     check_results(results)
     if time is not None:
         return results.nearest("states", time)
-    rows, number = results.rows("states"), real(index)
-    if number != math.floor(number) if math.isfinite(number) else True:
-        raise ValueError(f"index is {shown(index)}; it must be a whole number.")
-    if not -rows <= number < rows:
-        got = shown(index)
-        raise ValueError(f"index must be that of one of {rows} recorded states, got {got}.")
-    return int(number) % rows
+    rows = results.rows("states")
+    if not -rows <= index < rows:
+        raise ValueError(f"index must be that of one of {rows} recorded states, got {index}.")
+    return index % rows

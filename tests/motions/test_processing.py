@@ -107,7 +107,7 @@ def test_the_filter_does_not_know_which_way_time_runs() -> None:
             None,
             None,
             4,
-            "One corner must be given, or two that rise, below 50 Hz, .* got low=None and high=None",
+            "or two that rise, below 50 Hz, .* got low=None and high=None",
         ),
         (5.0, 1.0, 4, "got low=5.0 and high=1.0"),
         (5.0, 5.0, 4, "two that rise"),

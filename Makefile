@@ -45,7 +45,8 @@ SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mat
 MUTANTS_TOOL := mutants-1
 MUTANTS_NEEDS := --no-deps 'cosmic-ray==8.7.*' 'parso==0.8.*' 'attrs==26.*' 'stevedore==5.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
-MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy
+MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy \
+	--cache-dir "$(TOOLS)/mypy-cache"
 IMPORTS = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(IMPORTS_TOOL)" \
 	python3 "$(TOOLS)/$(IMPORTS_TOOL)/bin/lint-imports" --no-cache
 BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh
@@ -136,6 +137,7 @@ lint: ## Check style, imports between wings, and types
 	@$(PYTHON) -c 'import mypy' 2>/dev/null || $(call install_tool,$(MYPY_TOOL),$(MYPY_NEEDS))
 	$(RUFF) check .
 	$(RUFF) format --check .
+	$(IMPORTS)
 	$(MYPY) dolfinx_joints
 	@if command -v shellcheck >/dev/null; then echo shellcheck; shellcheck -x $(BASH_SCRIPTS); fi
 

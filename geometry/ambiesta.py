@@ -20,8 +20,8 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from dolfinx_joints.geometry.arch import ArchDam, Sector, chosen, mid_crest
+from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arch_elevation import fitted_level, half_elevation
 from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
     MAX_LAYERS,

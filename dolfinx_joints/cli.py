@@ -79,8 +79,7 @@ def _parser() -> Parser:
 
 
 def _info(file: Path, *, whole: bool) -> None:
-    from dolfinx_joints.results.overview import overview
-    from dolfinx_joints.results.reader import describe
+    from dolfinx_joints.results.overview import describe, overview
 
     print(describe(file) if whole else overview(file))
 

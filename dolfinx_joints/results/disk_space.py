@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Room on the disk for a results file, taken before HDF5 writes into it.
+"""Space on the disk for a results file, taken before HDF5 writes into it.
 
 HDF5 cannot go back once a write has failed: its file then counts as truncated, and closing it fails
 as well. So the disk is asked first.
@@ -25,7 +25,7 @@ class Room:
     """
 
     def __init__(self, path: Path, file: h5py.File) -> None:
-        """Nothing is reserved yet."""
+        """Open the file a second time; no space is reserved yet."""
         self._file = file
         self._handle = os.open(path, os.O_RDWR)
 

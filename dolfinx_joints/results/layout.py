@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What results files of simulations hold: streams and arrays by name, declared with a writer."""
+"""Layout of results files: streams and arrays by name, declared with a writer."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a results file holds, on one screen."""
+"""Contents of a results file as text: on one screen, or every array."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WIDTH = 100
 _LABEL = 12
 
 # Facts that have a line of their own, and are not repeated among the others.
-_TOLD = (
+_SHOWN = (
     "stage",
     "steps",
     "point_names",
@@ -35,8 +35,7 @@ _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_e
 def overview(path: str | Path) -> str:
     """One screen of text: the run, how good it is, what is stored.
 
-    Joints share a line: ``joints/*/gap`` stands for the gap of each. `results.describe` tells of
-    every array.
+    Joints share a line: ``joints/*/gap`` stands for the gap of each. `describe` lists every array.
 
     Args:
         path: The results file.
@@ -45,19 +44,19 @@ def overview(path: str | Path) -> str:
         ResultsError: It cannot be read.
     """
     with Results(path) as results, DamageTold(results.path, ResultsError, OTHER):
-        told, summary = results.metadata, results.summary
+        facts, summary = results.metadata, results.summary
         lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += _line("run", _facts(told, ("stage", "steps", "dofs", "joint_points", "ranks")))
+        lines += _line("run", _facts(facts, ("stage", "steps", "dofs", "joint_points", "ranks")))
         lines += _line("solution", _facts(summary, _COSTS[1:-1]))
         seconds = summary.get("seconds", {})
         lines += _line("seconds", [f"{phase}={s:.3g}" for phase, s in seconds.items()])
         lines += _line("error", [str(summary["error"])] if "error" in summary else [])
         others = {k: v for k, v in summary.items() if k not in (*_COSTS, "error")}
         lines += _line("counts", _facts(others, others))
-        settings = {k: v for k, v in told.items() if k not in _TOLD}
+        settings = {k: v for k, v in facts.items() if k not in _SHOWN}
         lines += _line("settings", _facts(settings, settings))
-        lines += _made_by(told.get("manifest"))
-        lines += _line("points", told.get("point_names", []))
+        lines += _made_by(facts.get("manifest"))
+        lines += _line("points", facts.get("point_names", []))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         for stream, names in results.streams.items():
@@ -71,8 +70,40 @@ def overview(path: str | Path) -> str:
     return "\n".join(lines)
 
 
+def describe(path: str | Path) -> str:
+    """A table of every array in a results file."""
+    with Results(path) as results:
+        lines = [f"{results.path}: {results.status}, created {results.created}"]
+        lines += _nested(results.metadata) + _nested(results.summary)
+        rows: list[tuple[str, str, tuple[int, ...], tuple[str, ...]]] = [
+            ("static", name, results.static(name).shape, (name,)) for name in results.statics
+        ]
+        for stream, names in results.streams.items():
+            times = results.time(stream)
+            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
+            lines.append(f"  stream {stream}: {times.size} records{span}")
+            for name in names:
+                shape = results.series(stream, name, slice(0)).shape[1:]
+                rows.append((stream, name, shape, (stream, name)))
+        width = max((len(name) for _, name, _, _ in rows), default=0)
+        for group, name, shape, where in rows:
+            unit, text = results.unit(*where), results.description(*where)
+            lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
+    return "\n".join(lines)
+
+
+def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Lines on facts, those that hold others with these below them."""
+    lines = []
+    for key, value in facts.items():
+        inner = isinstance(value, dict) and len(indent) < 8
+        lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
+        lines += _nested(value, indent + "  ") if inner else []
+    return lines
+
+
 def _made_by(manifest: Any) -> list[str]:
-    """What made the file, a line each; joints of equal laws share one."""
+    """Lines on the programs and laws that made the file; joints of equal laws share one."""
     lines: list[str] = []
     for label, value in manifest.items() if isinstance(manifest, dict) else ():
         if label == "joint_laws" and isinstance(value, dict):
@@ -89,7 +120,7 @@ def _made_by(manifest: Any) -> list[str]:
 
 
 def _by_law(results: Results) -> dict[str, list[str]]:
-    """Names of joints by what is said of their law."""
+    """Names of joints by the text on their law."""
     found: dict[str, list[str]] = {}
     for name in results.joints:
         law, text = results.law(name), ""

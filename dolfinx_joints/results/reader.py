@@ -20,12 +20,11 @@ its ``time`` does, hence a row whose time can be read is a whole row.
 A file whose status is still "running" belongs to a live run or to one that was killed.
 
 A simulation writes the contents named in ``declare_histories``, ``declare_energy`` and
-``declare_states`` of ``results_layout``; any other name may be added.
+``declare_states`` of ``results.layout``; any other name may be added.
 """
 
 import json
-import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -33,9 +32,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import DamageTold, attribute, check_contents, open_growing
-from dolfinx_joints.common.parameters import LARGEST, check_file, check_path, real, shown
+from dolfinx_joints.common.parameters import check_file, check_path, shown
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
@@ -65,8 +65,7 @@ class Results:
         path: the file to read.
 
     Raises:
-        ResultsError: no such file, not HDF5, not a results file, or written by a newer version.
-        ValueError: the path is none.
+        ResultsError: No such file, not HDF5, not a results file, or written by a newer version.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -88,13 +87,13 @@ class Results:
         self._file.close()
 
     def refresh(self) -> None:
-        """Look at the file again, for a run that is still writing."""
+        """Open the file again, for a run that is still writing."""
         self._file.close()
         self._file = _open(self.path)
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What the run was, as its writer said."""
+        """Facts of the run, from its writer."""
         with self._reading():
             return _decode_json(self._file["metadata"])
 
@@ -118,7 +117,8 @@ class Results:
     @property
     def created(self) -> str:
         """When the file was created, ISO 8601, UTC."""
-        return str(attribute(self._file, "created"))
+        with self._reading():
+            return str(attribute(self._file, "created"))
 
     @property
     def statics(self) -> list[str]:
@@ -139,40 +139,21 @@ class Results:
         return sorted(found, key=lambda name: (len(name), name))
 
     def check_joint(self, joint: str) -> None:
-        """Refuse a joint that the file does not hold.
-
-        Raises:
-            ResultsError: It does not.
-        """
-        if not isinstance(joint, str) or joint not in self.joints:
+        """Raise a ResultsError for a joint that the file does not hold."""
+        if joint not in self.joints:
             raise ResultsError(
                 f"No joint {shown(joint)} in {self.path}; it has {listing(self.joints)}."
             )
 
     def law(self, joint: str) -> dict[str, Any]:
-        """What the file tells of a joint's law; empty if nothing, as in older files.
+        """Facts on a joint's law: ``kind``, ``friction_angle_deg`` [degrees], ``cohesion`` [Pa].
 
-        ``kind``, ``friction_angle_deg`` [degrees], None where the law has none, and ``cohesion``
-        [Pa].
-
-        Raises:
-            ResultsError: It tells something else, or has no such joint.
+        The angle is None where the law has none; all are missing in files that do not hold them.
         """
         self.check_joint(joint)
-        laws = self.metadata.get("laws", {})
-        law = laws.get(joint, {}) if isinstance(laws, dict) else laws
-        if law == {}:
-            return {}
-        names = ("kind", "friction_angle_deg", "cohesion")
-        if isinstance(law, dict) and set(names) <= law.keys():
-            kind, angle, cohesion = (law[name] for name in names)
-            numbers = [cohesion] if angle is None else [angle, cohesion]
-            if isinstance(kind, str) and all(type(number) in (int, float) for number in numbers):
-                return law
-        raise ResultsError(
-            f"The metadata 'laws' of {self.path} are {str(law)[:80]!r} for {joint!r}; they must "
-            f"hold {listing(names)}."
-        )
+        with self._reading():
+            law: dict[str, Any] = dict(self.metadata.get("laws", {}).get(joint, {}))
+        return law
 
     @property
     def point_names(self) -> list[str]:
@@ -182,14 +163,14 @@ class Results:
             return [str(name) for name in given]
         return [f"point {i}" for i in range(len(self.static("histories/points")))]
 
+    @checked
     def point_index(self, point: int | str) -> int:
         """Row of a monitor point given by its name or number."""
         names = self.point_names
         if isinstance(point, str) and point in names:
             return names.index(point)
-        number = _whole(point)
-        if number is not None and 0 <= number < len(names):
-            return number
+        if not isinstance(point, str) and 0 <= point < len(names):
+            return point
         raise ResultsError(f"No monitor point {shown(point)}; the file has {listing(names)}.")
 
     def static(self, name: str) -> NDArray[Any]:
@@ -223,6 +204,7 @@ class Results:
                 rows, block = first, 8 * block
         return 0
 
+    @checked
     def series(self, stream: str, name: str, index: Index = slice(None)) -> NDArray[Any]:
         """Values of one quantity of a stream.
 
@@ -236,102 +218,63 @@ class Results:
             Shape (rows, ...), or that of one record if ``index`` is a number.
         """
         dataset, rows = self._series(stream, name), self.rows(stream)
-        if isinstance(index, slice):
-            if not all(n is None or _whole(n) is not None for n in (index.start, index.stop)):
-                raise ResultsError(f"A slice of records goes by whole numbers, got {shown(index)}.")
-            if index.step is not None and (_whole(index.step) or 0) < 1:
-                got = shown(index.step)
-                raise ResultsError(f"A slice of records must go forward, got step {got}.")
+        if not isinstance(index, slice):
+            if not -rows <= index < rows:
+                raise ResultsError(f"The stream {stream!r} has {rows} records, got number {index}.")
+            index %= rows
+        else:
             start, stop, step = index.indices(rows)
-            with self._reading():
-                values: NDArray[Any] = dataset[start : max(start, stop) : step]
-            return values
-        number = _whole(index)
-        if number is None or not -rows <= number < rows:
-            got = shown(index)
-            raise ResultsError(f"The stream {stream!r} has {rows} records, got number {got}.")
+            if step < 1:
+                raise ResultsError(f"A slice of records must go forward, got step {step}.")
+            index = slice(start, max(start, stop), step)
         with self._reading():
-            row: NDArray[Any] = np.asarray(dataset[number % rows])
-        return row
+            return np.asarray(dataset[index])
 
+    @checked
     def nearest(self, stream: str, time: float) -> int:
         """Number of the record whose time is nearest to ``time`` [s]."""
         times = self.time(stream)
-        if not abs(real(time)) <= LARGEST:
-            raise ResultsError(f"time is {shown(time)}; it must be a finite number [s].")
         if not times.size:
             raise ResultsError(f"The stream {stream!r} has no records.")
-        return int(np.argmin(np.abs(times - real(time))))
+        return int(np.argmin(np.abs(times - time)))
 
     def unit(self, *where: str) -> str:
         """Unit of an array given by its name, or of a series given by stream and name."""
-        return str(attribute(self._dataset(*where), "unit"))
+        return self._text("unit", where)
 
     def description(self, *where: str) -> str:
         """Description of an array given by its name, or of a series by stream and name."""
-        return str(attribute(self._dataset(*where), "description"))
+        return self._text("description", where)
 
     def _reading(self) -> DamageTold:
         return DamageTold(self.path, ResultsError)
 
-    def _dataset(self, *where: str) -> h5py.Dataset:
-        if len(where) not in (1, 2):
-            raise ResultsError(
-                f"An array is given by its name, a series by stream and name, got {len(where)} "
-                "names."
-            )
-        return self._static(*where) if len(where) == 1 else self._series(*where)
+    def _text(self, key: str, where: tuple[str, ...]) -> str:
+        dataset = self._static(*where) if len(where) == 1 else self._series(*where)
+        with self._reading():
+            return str(attribute(dataset, key))
 
     def _static(self, name: str) -> h5py.Dataset:
-        if not isinstance(name, str) or name not in self.statics:
+        if name not in self.statics:
             raise ResultsError(
                 f"No array {shown(name)} in {self.path}; it has {listing(self.statics)}."
             )
         return self._file["static"][name]
 
     def _stream(self, stream: str) -> h5py.Group:
-        if not isinstance(stream, str) or stream not in list(self._file["streams"]):
+        if stream not in list(self._file["streams"]):
             known = listing(self._file["streams"])
             raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
         return self._file["streams"][stream]
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
         group = self._stream(stream)
-        if not isinstance(name, str) or name not in _dataset_names(group):
+        if name not in _dataset_names(group):
             raise ResultsError(
                 f"No series {shown(name)} in the stream {stream!r} of {self.path}; "
                 f"it has {listing(self.streams[stream])}."
             )
         return group[name]
-
-
-def describe(path: str | Path) -> str:
-    """Return a table of what a results file holds."""
-    with Results(path) as results:
-        lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += _told(results.metadata) + _told(results.summary)
-        rows = [("static", name, results._static(name)) for name in results.statics]
-        for stream, names in results.streams.items():
-            times = results.time(stream)
-            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
-            lines.append(f"  stream {stream}: {times.size} records{span}")
-            rows += [(stream, name, results._series(stream, name)) for name in names]
-        width = max((len(name) for _, name, _ in rows), default=0)
-        for group, name, dataset in rows:
-            shape = dataset.shape if group == "static" else dataset.shape[1:]
-            unit, text = attribute(dataset, "unit"), attribute(dataset, "description")
-            lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
-    return "\n".join(lines)
-
-
-def _told(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
-    """Lines on facts, those that hold others with these below them."""
-    lines = []
-    for key, value in facts.items():
-        inner = isinstance(value, dict) and len(indent) < 8
-        lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
-        lines += _told(value, indent + "  ") if inner else []
-    return lines
 
 
 def _open(path: Path) -> h5py.File:
@@ -347,7 +290,7 @@ def _open(path: Path) -> h5py.File:
 
 
 def _check(file: h5py.File, path: Path) -> None:
-    """Refuse what is not a results file, or not one that can be read safely."""
+    """Raise an error for anything but a results file that can be read safely."""
     found, version = attribute(file, "format"), attribute(file, "version")
     if found != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
@@ -358,19 +301,8 @@ def _check(file: h5py.File, path: Path) -> None:
     check_contents(file, path, ResultsError)
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
-    _decode_json(file["metadata"])
-    _decode_json(file["summary"])
-    if not isinstance(attribute(file, "created"), str) or file["status"].shape != (1,):
-        raise ValueError("its date or status is not what was written")
-    arrays = [file["static"][name] for name in _dataset_names(file["static"])]
-    for key, stream in file["streams"].items():
-        rows = [stream[name] for name in _dataset_names(stream)]
-        if stream["time"].ndim != 1 or not all(one.ndim for one in rows):
-            raise ValueError(f"the stream {key!r} has no rows")
-        arrays += rows
-    for array in arrays:
-        if not all(isinstance(attribute(array, key), str) for key in ("unit", "description")):
-            raise ValueError(f"{array.name!r} has no unit or no description")
+    if any(stream["time"].ndim != 1 for stream in file["streams"].values()):
+        raise ValueError("a stream has no times")
 
 
 def _dataset_names(group: h5py.Group) -> list[str]:
@@ -389,14 +321,6 @@ def listing(names: Iterable[str]) -> str:
     every = list(names)
     more = f" and {len(every) - _MOST_LISTED} more" if len(every) > _MOST_LISTED else ""
     return (", ".join(every[:_MOST_LISTED]) or "none") + more
-
-
-def _whole(value: Any) -> int | None:
-    """A whole number, None of anything else."""
-    try:
-        return None if isinstance(value, bool | np.ndarray) else operator.index(value)
-    except Exception:  # what a class of the user's own may raise
-        return None
 
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:

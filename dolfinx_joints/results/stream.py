@@ -130,10 +130,7 @@ def create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
     """A new dataset of a group."""
     if name in group:
         raise ResultsError(f"{name!r} is declared already, or is the path of another.")
-    try:
-        return group.create_dataset(name, **options)
-    except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise ResultsError(f"{name!r} cannot be declared: {error}.") from error
+    return group.create_dataset(name, **options)
 
 
 def extendable(
@@ -145,8 +142,6 @@ def extendable(
     fill: float = 0.0,
 ) -> h5py.Dataset:
     """A new dataset without rows that can grow; ``shape`` is that of one row."""
-    if any(length < 0 for length in shape):
-        raise ResultsError(f"The shape of {name!r} must have no negative length, got {shape}.")
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
     empty, unlimited = (0, *shape), (None, *shape)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files written, on one process and from plain arrays; `results` tells their layout."""
+"""Results files written, on one process and from plain arrays; `reader` has their layout."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self
 
 import h5py
 import numpy as np
@@ -40,8 +40,8 @@ class ResultsWriter:
 
     Args:
         path: the file to write.
-        metadata: what the run was; anything JSON can hold, NumPy scalars and arrays included.
-        overwrite: replace an existing file instead of refusing it.
+        metadata: facts of the run; anything JSON can hold, NumPy scalars and arrays included.
+        overwrite: replace an existing file.
         flush_interval: longest time that appended rows stay in memory [s], counted when the
             next row comes.
 
@@ -60,8 +60,6 @@ class ResultsWriter:
     ) -> None:
         """Create the file and write the metadata."""
         self.path = Path(path)
-        if not flush_interval >= 0.0:
-            raise ResultsError(f"flush_interval must be 0 s or more, got {flush_interval} s.")
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
         try:
@@ -162,8 +160,8 @@ class ResultsWriter:
         for stream, names in old.streams.items():
             for name in names:
                 none = old.series(stream, name, slice(0))
-                told = old.unit(stream, name), old.description(stream, name)
-                self.series(stream, name, none.shape[1:], *told, dtype=none.dtype)
+                texts = old.unit(stream, name), old.description(stream, name)
+                self.series(stream, name, none.shape[1:], *texts, dtype=none.dtype)
         self.start()
         for stream, names in old.streams.items():
             times, new = old.time(stream)[: rows[stream]], self._streams[stream]
@@ -236,11 +234,6 @@ class ResultsWriter:
         """
         self._check_declaration(name)
         self._check_declaration(stream)
-        if "/" in stream or name == "time":
-            raise ResultsError(
-                f"A stream's name has no '/' and no series is called 'time', got {stream!r} "
-                f"and {name!r}."
-            )
         if stream not in self._streams:
             self._streams[stream] = Stream(self._file["streams"], stream)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
@@ -295,8 +288,6 @@ class ResultsWriter:
             status: ``"complete"``, ``"stopped"`` or ``"failed"``.
             summary: closing facts of the run; anything JSON can hold.
         """
-        if status not in get_args(Status) or status == "running":
-            raise ResultsError(f"status must be 'complete', 'stopped' or 'failed', got {status!r}.")
         encoded = _encode_json(summary, "summary")
         if encoded.size > _SUMMARY_BYTES:
             raise ResultsError(
@@ -355,12 +346,7 @@ def _counted(rows: Mapping[str, int]) -> str:
 
 
 def check_storable(name: str, value: Any) -> None:
-    """Refuse what a file cannot hold as facts of a run.
-
-    Raises:
-        ValueError: It is no mapping.
-        ResultsError: JSON cannot hold it.
-    """
+    """Raise an error for facts of a run that JSON cannot hold."""
     check_kind_of(name, value, isinstance(value, Mapping), "values by name")
     _encode_json(value, name)
 

@@ -16,7 +16,8 @@ import pytest
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError, ResultsError
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
-from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results, describe
+from dolfinx_joints.results.overview import describe
+from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 
@@ -254,8 +255,6 @@ def test_the_order_of_calls_is_kept(tmp_path: Path) -> None:
         for time in (1.0, 0.5, np.nan, np.inf):
             with pytest.raises(ResultsError, match="finite and increase"):
                 writer.append("run", time, row)
-        with pytest.raises(ResultsError, match="'complete', 'stopped' or 'failed'"):
-            writer.finish("running", {})
         with pytest.raises(ResultsError, match="65536 bytes"):
             writer.finish("complete", {"text": "x" * 70000})
         writer.finish("complete", {})
@@ -265,18 +264,12 @@ def test_the_order_of_calls_is_kept(tmp_path: Path) -> None:
             writer.finish("failed", {})
 
 
-def test_a_wrong_declaration_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ResultsError, match=r"flush_interval must be 0 s or more, got -1\.0 s"):
-        ResultsWriter(tmp_path / "r.h5", {}, flush_interval=-1.0)
-    assert list(tmp_path.iterdir()) == []
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        with pytest.raises(ResultsError, match="'z' must hold real numbers, got complex128"):
-            writer.series("run", "z", (), "-", "impedance", dtype=complex)
-        with pytest.raises(ResultsError, match=r"'u' must have no negative length, got \(-1, 3\)"):
-            writer.series("run", "u", (-1, 3), "m", "displacement")
-        writer.static("mesh", [1.0], "-", "an array, not a group")
-        with pytest.raises(ResultsError, match="'mesh/nodes' cannot be declared: "):
-            writer.static("mesh/nodes", [1.0], "m", "nodes")
+def test_a_series_holds_real_numbers(tmp_path: Path) -> None:
+    with (
+        ResultsWriter(tmp_path / "r.h5", {}) as writer,
+        pytest.raises(ResultsError, match="'z' must hold real numbers, got complex128"),
+    ):
+        writer.series("run", "z", (), "-", "impedance", dtype=complex)
 
 
 def test_a_folder_in_the_place_of_the_file_is_kept(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ MODULES = (
     "postprocessing.plots",
     "postprocessing.resultants",
     "postprocessing.views",
-    "report.writing",
+    "report",
     "results.reader",
     "study",
 )

@@ -4,69 +4,61 @@
 
 A folder holds everything::
 
-    rows/CASE.json   the row of a finished or failed case, written by the case itself
+    table.json       a row per finished or failed case; `read_table` reads it
     cases/CASE/      what the case wrote, and log.txt with what it printed
-    table.h5         the rows gathered, in the order of the cases; `read_table` reads it
-    lock             held while a runner or one of its cases is alive
 
-Killing the runner at any moment, also by signal 9, ends its cases and loses only those that were
-under way; the next run does the rest.
+The table is replaced as a whole after each case. Killing the runner at any moment, also by signal
+9, ends its cases and loses only those that were under way; the next run does the rest.
 """
 
 from __future__ import annotations
 
-import fcntl
-import inspect
+import csv
+import io
 import json
+import multiprocessing as mp
 import os
+import pickle
 import re
 import shutil
-import signal
-import subprocess
-import sys
+import threading
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
+from inspect import signature
+from multiprocessing.connection import Connection
+from numbers import Real
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.parameters import (
-    check_count,
-    check_flag,
-    check_kind_of,
-    check_path,
-    shown,
-)
-from dolfinx_joints.study_table import (
-    OWN_COLUMNS,
-    TABLE,
-    Row,
-    Table,
-    gather,
-    plain_text,
-    read_row,
-    read_table,
-    write_csv,
-    write_row,
-    write_table,
-)
+from dolfinx_joints.common.memory_use import peak_mb
 
-__all__ = ["Study", "Tally", "read_table", "write_csv"]
+__all__ = ["Study", "Table", "Tally", "read_table", "write_csv"]
 
 Function = Callable[..., Mapping[str, Any]]
+Row = dict[str, Any]
+Table = dict[str, NDArray[Any]]
 
-LOCK_SECONDS = 5.0  # for cases of a killed runner to end
-_POLL_SECONDS = 0.05
-_LOG_TAIL = 65536  # bytes at the end of a log that are looked at for its last line
-_RANK_COUNTS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
-_OF_MPI = ("OMPI_COMM_WORLD_", "OMPI_UNIVERSE_", "PMIX_", "PMI_", "MPI_LOCAL")
+OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
+LOCK_SECONDS = 5.0  # for another runner to end
+_TABLE = "table.json"
+_LONGEST_REASON = 2000  # characters
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
-    """What a call of `Study.run` did.
+    """Names of cases after a call of `Study.run`.
 
     Attributes:
         done: Cases that ran to their end.
@@ -89,14 +81,15 @@ class Study:
     """One function, many named cases, one row per case.
 
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
-    a mapping of names to numbers or texts. It must be at the top level of a module, since every
-    case runs in a fresh interpreter that imports it: nothing is shared, least of all MPI.
+    a mapping of names to numbers or texts. Every case runs in a new interpreter that imports the
+    function from its module: cases share nothing, least of all MPI.
 
-    A case is known by its name and parameters; that the function itself has changed goes unnoticed.
+    A case is known by its name and parameters; a change of the function goes unnoticed.
 
     Args:
         path: Folder of the study, made where missing.
-        function: What to run; writes files into the folder that it is given, which is empty.
+        function: Function at the top level of a module; writes files into the folder that it is
+            given, which is empty.
         cases: Parameters by name of the case, anything JSON can hold. The table has their order.
 
     Raises:
@@ -107,25 +100,23 @@ class Study:
     def __init__(
         self, path: str | Path, function: Function, cases: Mapping[str, Mapping[str, Any]]
     ) -> None:
-        """Nothing is written yet."""
-        check_path("path", path)
-        check_kind_of("cases", cases, isinstance(cases, Mapping), "parameters by name of a case")
+        """Check the cases; nothing is written yet."""
+        try:
+            pickle.dumps(function)
+        except (pickle.PicklingError, AttributeError):
+            raise ValueError(
+                f"Study: {function!r} is not at the top level of a module; other processes import "
+                "it from there."
+            ) from None
         self.path = Path(path)
-        self._module, self._function = _address(function)
-        self.cases: dict[str, dict[str, Any]] = {}
-        for name, parameters in cases.items():
-            if not isinstance(name, str) or not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
-                raise ValueError(
-                    f"The case {shown(name)} must have a name of letters, digits and any of "
-                    "_ . = + -, 100 at most."
-                )
-            _check_parameters(function, name, parameters)
-            self.cases[name] = json.loads(json.dumps(dict(parameters)))
+        self.cases = {n: _checked_case(function, n, given) for n, given in cases.items()}
+        self._function = function
 
+    @checked
     def run(
         self,
         *,
-        workers: int = 1,
+        workers: Annotated[int, at.Ge(1)] = 1,
         only: Sequence[str] | None = None,
         retry_failed: bool = False,
         rerun_changed: bool = False,
@@ -137,230 +128,242 @@ class Study:
             workers: Cases at once.
             only: Names of the cases to run, all unless given.
             retry_failed: Run failed cases again.
-            rerun_changed: Run cases again whose parameters differ from those of their rows; they
-                are refused otherwise.
+            rerun_changed: Run cases again whose parameters differ from those of their rows; an
+                error otherwise.
             progress: Show a bar.
 
         Raises:
-            ValueError: ``workers`` is not positive, or ``only`` names an unknown case.
-            StudyError: Another runner is at work here, several MPI ranks called, parameters of
-                a case have changed, or a row or the table cannot be written.
+            ValueError: ``only`` names an unknown case.
+            StudyError: Another runner is at work here, mpirun started this process, parameters of
+                a case have changed, or the table cannot be written.
         """
-        check_count("workers", workers, 1, "one or more cases may run at once")
-        flags = {"retry_failed": retry_failed, "rerun_changed": rerun_changed, "progress": progress}
-        for name, flag in flags.items():
-            check_flag(name, flag)
-        chosen = self._chosen(only)
-        if any(int(os.environ.get(name, "1")) > 1 for name in _RANK_COUNTS):
+        if unknown := set(only or ()) - self.cases.keys():
+            raise ValueError(
+                f"There is no case {min(unknown)!r}; there are {', '.join(self.cases)}."
+            )
+        if {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
             raise StudyError("A study starts processes of its own: run it without mpirun.")
-        with self._locked() as lock:
-            waiting = self._waiting(chosen, retry_failed, rerun_changed)
-            self._write_table()
-            done = self._work(list(waiting), workers, lock, progress)
-        rows = {name: read_row(self._row(name)) for name in done}
-        failed = {n: row["reason"] for n, row in rows.items() if row and row["status"] == "failed"}
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with FileLock(self.path / "lock", timeout=LOCK_SECONDS):
+                rows = self._rows()
+                chosen = [name for name in self.cases if only is None or name in only]
+                waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
+                self._work(rows, waiting, workers, progress)
+        except Timeout:
+            raise StudyError(f"Another runner is at work in {self.path}.") from None
+        except OSError as error:
+            raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
+        failed = {n: rows[n]["reason"] for n in waiting if rows[n]["status"] == "failed"}
         return Tally(
-            done=[name for name in done if name not in failed],
+            done=[name for name in waiting if name not in failed],
             failed=failed,
             skipped=[name for name in chosen if name not in waiting],
         )
 
     def folder(self, name: str) -> Path:
-        """Where a case writes its files."""
+        """Folder to which a case writes its files."""
         return self.path / "cases" / name
 
     def table(self) -> Table:
-        """The rows that there are, gathered; see `read_table`."""
-        rows = (read_row(self._row(name)) for name in self.cases)
-        return gather([row for row in rows if row is not None])
+        """The rows that there are, in the order of the cases; see `read_table`."""
+        rows = self._rows()
+        return _columns([rows[name] for name in self.cases if name in rows])
 
-    def _row(self, name: str) -> Path:
-        return self.path / "rows" / f"{name}.json"
+    def _rows(self) -> dict[str, Row]:
+        path = self.path / _TABLE
+        return {row["case"]: row for row in _read_rows(path)} if path.exists() else {}
 
-    def _chosen(self, only: Sequence[str] | None) -> list[str]:
-        if only is None:
-            return list(self.cases)
-        check_kind_of("only", only, isinstance(only, list | tuple), "a list of names of cases")
-        for name in only:
-            if not isinstance(name, str) or name not in self.cases:
-                known = ", ".join(self.cases) or "none"
-                raise ValueError(f"There is no case {shown(name)}; there are {known}.")
-        return [name for name in self.cases if name in only]
-
-    def _waiting(self, chosen: list[str], retry: bool, rerun: bool) -> list[str]:
+    def _waiting(
+        self, rows: Mapping[str, Row], chosen: list[str], retry: bool, rerun: bool
+    ) -> list[str]:
         """Cases to run now."""
         waiting = []
         for name in chosen:
-            row = read_row(self._row(name))
-            changed = "" if row is None else _difference(row["parameters"], self.cases[name])
-            if changed and not rerun:
+            row = rows.get(name)
+            changed = row is not None and row["parameters"] != self.cases[name]
+            if row is not None and changed and not rerun:
                 raise StudyError(
-                    f"The case {name!r} in {self.path} was run with other parameters ({changed}): "
-                    "give it another name, or ask for changed cases to be run again."
+                    f"The case {name!r} in {self.path} was run with other parameters: "
+                    f"{row['parameters']}, now {self.cases[name]}; give it another name, or ask "
+                    "for changed cases to be run again."
                 )
             if row is None or changed or (retry and row["status"] == "failed"):
                 waiting.append(name)
         return waiting
 
-    def _write_table(self) -> None:
-        write_table(self.path / TABLE, self.table())
-
-    def _work(self, waiting: list[str], workers: int, lock: int, progress: bool) -> list[str]:
-        """Run cases until none is left; their names in the order of the cases."""
+    def _work(self, rows: dict[str, Row], waiting: list[str], workers: int, progress: bool) -> None:
+        """Run cases; put each row into the table when its case ends."""
         from tqdm import tqdm
 
-        total, running = list(waiting), dict[str, subprocess.Popen[bytes]]()
-        bar = tqdm(total=len(total), desc=self.path.name, unit="case", disable=not progress)
+        running: list[mp.process.BaseProcess] = []
+        bar = tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=not progress)
+        with bar, ThreadPoolExecutor(workers) as pool:
+            futures = [pool.submit(self._run_case, name, running) for name in waiting]
+            try:
+                for future in as_completed(futures):
+                    row = future.result()
+                    rows[row["case"]] = row
+                    ordered = [rows[name] for name in self.cases if name in rows]
+                    _replace(self.path / _TABLE, json.dumps(ordered, indent=1))
+                    bar.update()
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for process in running:
+                    process.kill()
+
+    def _run_case(self, name: str, running: list[mp.process.BaseProcess]) -> Row:
+        """Run a case in an empty folder and a new interpreter; its row."""
+        folder = self.folder(name).resolve()
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        context = mp.get_context("spawn")
+        receiver, sender = context.Pipe(duplex=False)
+        began = clock.perf_counter()
+        work = (sender, self._function, folder, self.cases[name])
+        process = context.Process(target=_case, args=work, daemon=True)
+        process.start()
+        running.append(process)
+        sender.close()
         try:
-            while waiting or running:
-                while waiting and len(running) < workers:
-                    name = waiting.pop(0)
-                    running[name] = self._start(name, lock)
-                    bar.set_postfix_str(", ".join(running), refresh=False)
-                ended = [name for name, process in running.items() if process.poll() is not None]
-                for name in ended:
-                    self._finish(name, running.pop(name))
-                    bar.update(1)
-                if ended:
-                    self._write_table()
-                else:
-                    clock.sleep(_POLL_SECONDS)
-        finally:
-            for process in running.values():
-                process.kill()
-                process.wait()
-            bar.close()
-        return total
-
-    def _start(self, name: str, lock: int) -> subprocess.Popen[bytes]:
-        """Start a case in an empty folder."""
-        folder, row = self.folder(name), self._row(name)
-        job = {
-            "case": name,
-            "module": self._module,
-            "function": self._function,
-            "parameters": self.cases[name],
-            "folder": str(folder.resolve()),
-            "row": str(row.resolve()),
-            "sys_path": sys.path,
-        }
-        environment = {k: v for k, v in os.environ.items() if not k.startswith(_OF_MPI)}
-        try:
-            row.unlink(missing_ok=True)  # first: a row without its files would be taken for whole
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            with (folder / "log.txt").open("wb") as log:
-                process = subprocess.Popen(
-                    [sys.executable, "-m", "dolfinx_joints.study_case"],
-                    bufsize=0,
-                    stdin=subprocess.PIPE,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=environment,
-                    pass_fds=(lock,),
-                )
-        except OSError as error:
-            raise StudyError(f"The case {name!r} cannot be started: {error}.") from error
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # it has ended already, which `_finish` tells
-            process.stdin.write(json.dumps(job).encode() + b"\n")
-        return process
-
-    def _finish(self, name: str, process: subprocess.Popen[bytes]) -> None:
-        """See to it that an ended case has a row."""
-        assert process.stdin is not None
-        process.stdin.close()
-        if self._row(name).exists():
-            return
-        code = process.returncode
-        end = f"exit code {code}" if code >= 0 else f"signal {-code}"
-        if -code in set(signal.Signals):
-            end += f" ({signal.Signals(-code).name})"
-        reason = plain_text(": ".join([f"ended by {end}", *_last_line(self.folder(name))]))
-        row: Row = {"case": name, "status": "failed", "wall_s": float("nan")}
-        row |= {"reason": reason, "peak_mb": float("nan")}
-        write_row(self._row(name), {**row, "parameters": self.cases[name], "values": {}})
-
-    @contextmanager
-    def _locked(self) -> Iterator[int]:
-        """Hold the folder, together with the cases that are started."""
-        try:
-            (self.path / "rows").mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT)
-        except OSError as error:
-            raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
-        try:
-            ends = clock.monotonic() + LOCK_SECONDS
-            while not _lock(descriptor):
-                if clock.monotonic() > ends:
-                    raise StudyError(
-                        f"Another runner is at work in {self.path}: wait until it is done."
-                    )
-                clock.sleep(_POLL_SECONDS)
-            yield descriptor
-        finally:
-            os.close(descriptor)
+            reason, values, peak = receiver.recv()
+        except EOFError:
+            process.join()
+            code = process.exitcode or 0
+            end = f"exit code {code}" if code >= 0 else f"signal {-code}"
+            reason, values, peak = f"ended by {end}; see {folder / 'log.txt'}", {}, float("nan")
+        row = {"case": name, "status": "failed" if reason else "complete", "reason": reason}
+        row |= {"wall_s": clock.perf_counter() - began, "peak_mb": peak}
+        return row | {"parameters": self.cases[name], "values": values}
 
 
-def _last_line(folder: Path) -> list[str]:
-    """The last line that a case printed, none if it printed nothing or took the file away."""
-    with suppress(OSError), (folder / "log.txt").open("rb") as log:
-        size = log.seek(0, os.SEEK_END)
-        log.seek(max(0, size - _LOG_TAIL))
-        return log.read().decode(errors="replace").strip().splitlines()[-1:]
-    return []
-
-
-def _lock(descriptor: int) -> bool:
-    """Whether the lock could be taken."""
+def _case(
+    sender: Connection, function: Function, folder: Path, parameters: Mapping[str, Any]
+) -> None:
+    """Run a case here, output to log.txt; send why it failed or "", its values, its peak memory."""
+    threading.Thread(target=_end_with_the_runner, daemon=True).start()
+    with (folder / "log.txt").open("wb") as log:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        values = _plain_values(function(folder, **parameters), parameters)
+        sender.send(("", values, peak_mb()))
+    except Exception as error:
+        traceback.print_exc()
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON]
+        sender.send((reason, {}, peak_mb()))
 
 
-def _address(function: Function) -> tuple[str, str]:
-    """Module and name by which another process finds a function."""
-    check_kind_of("function", function, inspect.isfunction(function), "a function")
-    module, name = function.__module__, function.__qualname__
-    if module == "__main__":
-        spec = getattr(sys.modules["__main__"], "__spec__", None)
-        module = "" if spec is None else spec.name
-    if not module or "." in name or name == "<lambda>":
+def _end_with_the_runner() -> None:
+    """Wait for the end of the process that started this one, then end as well."""
+    runner = mp.parent_process()
+    assert runner is not None
+    runner.join()
+    os._exit(1)
+
+
+def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a case as a file gives them back."""
+    if not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
         raise ValueError(
-            f"The function {shown(name)} of a study must be at the top level of a module that can "
-            "be imported: other processes run it."
+            f"The case {name!r} must have a name of letters, digits and any of _ . = + -, 100 at "
+            "most."
         )
-    return module, name
-
-
-def _check_parameters(function: Function, case: str, parameters: Mapping[str, Any]) -> None:
-    """Refuse what the function does not take or a file cannot hold."""
-    named = isinstance(parameters, Mapping) and all(isinstance(name, str) for name in parameters)
-    what = f"What the case {case!r} is run with"
-    check_kind_of(what, parameters, named, "parameters by name")
-    taken = next((name for name in parameters if name in OWN_COLUMNS), None)
-    if taken is not None:
-        raise ValueError(
-            f"The parameter {taken!r} of the case {case!r} has the name of a column of the study: "
-            f"{', '.join(OWN_COLUMNS)}."
-        )
+    if taken := parameters.keys() & set(OWN_COLUMNS):
+        raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the study.")
     try:
-        inspect.signature(function).bind(Path(), **parameters)
-    except TypeError as error:
-        raise ValueError(
-            f"The parameters of the case {case!r} do not fit: {shown(error, str)}."
-        ) from None
+        signature(function).bind(Path(), **parameters)
+        kept: dict[str, Any] = json.loads(json.dumps(dict(parameters), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"The parameters of the case {name!r} do not fit: {error}.") from None
+    return kept
+
+
+def _plain_values(values: Any, parameters: Mapping[str, Any]) -> dict[str, float | str]:
+    """Values that a case returned as numbers and texts."""
+    if not isinstance(values, Mapping):
+        raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
+    if taken := values.keys() & {*OWN_COLUMNS, *parameters}:
+        raise StudyError(f"The value {min(taken)!r} has the name of a parameter or of the study.")
+    for name, value in values.items():
+        if not isinstance(value, Real | str | np.bool_):
+            raise StudyError(f"The value {name!r} must be a number or a text, not {value!r:.80}.")
+    return {str(n): v if isinstance(v, str) else float(v) for n, v in values.items()}
+
+
+@checked
+def read_table(path: str | PathLike[str]) -> Table:
+    """The table of a study, one row per finished or failed case, in the order of the cases.
+
+    Args:
+        path: Folder of the study.
+
+    Returns:
+        Arrays of shape (rows,) by column: ``case``, ``status`` ("complete" or "failed"),
+        ``reason`` of a failure, ``wall_s`` [s], ``peak_mb`` [MiB], the parameters, the values.
+
+    Raises:
+        StudyError: There is no such table.
+    """
+    place = Path(path) / _TABLE
+    if not place.is_file():
+        raise StudyError(f"There is no table {place}; run the study first.")
+    return _columns(_read_rows(place))
+
+
+def _read_rows(path: Path) -> list[Row]:
     try:
-        json.dumps(dict(parameters), allow_nan=False)
-    except (TypeError, ValueError, RecursionError) as error:
-        said = shown(error, str)
-        raise ValueError(f"A parameter of the case {case!r} cannot be kept: {said}.") from None
+        rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))
+        _columns(rows)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise StudyError(f"{path} is no table of a study, or a damaged one: {error!r}.") from None
+    return rows
 
 
-def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """What has changed between two sets of parameters, empty for nothing."""
-    names = [n for n in {**before, **now} if before.get(n, "unset") != now.get(n, "unset")]
-    parts = (f"{n}: {before.get(n, 'unset')!r}, now {now.get(n, 'unset')!r}" for n in names)
-    return "; ".join(parts)
+def _columns(rows: Sequence[Row]) -> Table:
+    """Columns of rows: own ones, parameters, values, in the order in which they first appear.
+
+    A column whose entries are all numbers is of floats, NaN where a row has none; any other is of
+    texts, empty where a row has none.
+    """
+    flat = [{k: row[k] for k in OWN_COLUMNS} | row["parameters"] | row["values"] for row in rows]
+    names = dict.fromkeys(OWN_COLUMNS)
+    for part in ("parameters", "values"):
+        for row in rows:
+            names |= dict.fromkeys(row[part])
+    return {name: _column([row.get(name) for row in flat]) for name in names}
+
+
+def _column(entries: list[Any]) -> NDArray[Any]:
+    given = [entry for entry in entries if entry is not None]
+    if given and all(isinstance(entry, Real) for entry in given):
+        return np.array([np.nan if entry is None else float(entry) for entry in entries])
+    texts = [e if isinstance(e, str) else "" if e is None else json.dumps(e) for e in entries]
+    return np.array(texts, dtype=object)
+
+
+@checked
+def write_csv(table: Table, path: str | PathLike[str]) -> Path:
+    """Write a table as CSV: a line of names, then a line per row, numbers in full.
+
+    Raises:
+        StudyError: It cannot be written.
+    """
+    place, text = Path(path), io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    _replace(place, text.getvalue())
+    return place
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file so that it is whole or as it was."""
+    part = path.with_name(f".{path.name}.partial")
+    try:
+        part.write_bytes(text.encode(errors="backslashreplace"))
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink()
+        raise StudyError(f"{path} cannot be written: {error.strerror}.") from error

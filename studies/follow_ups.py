@@ -218,7 +218,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     print(tally)
     table = study.table()
-    print(f"table: {write_csv(table, options.out / 'table.csv')} and table.h5")
+    print(f"table: {write_csv(table, options.out / 'table.csv')}")
     for path in draw_all(table, options.out):
         print(f"figure: {path}")
 

@@ -14,12 +14,11 @@ import pytest
 
 from dolfinx_joints import Results, ResultsError
 from dolfinx_joints.cli import main
-from dolfinx_joints.common.errors import CheckpointError, StudyError
+from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import DIGEST_BYTES
 from dolfinx_joints.results.overview import describe
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.checkpoint_file import read_checkpoint, write_checkpoint
-from dolfinx_joints.study_table import read_table, write_table
 
 SECRET = "secret.h5"
 
@@ -50,11 +49,6 @@ def checkpoint(path):
     return "arrays/state/u"
 
 
-def table(path):
-    write_table(path, {"case": np.array(["a", "b"], dtype=object), "x": np.array([1.0, 2.0])})
-    return "columns/x"
-
-
 @contextlib.contextmanager
 def changing(path):
     """A file to be changed; one with a checksum has that of what it holds afterwards."""
@@ -77,7 +71,6 @@ def sealed(path):
 DOORS = {
     "results": (results_file, Results, ResultsError),
     "checkpoint": (checkpoint, read_checkpoint, CheckpointError),
-    "table": (table, read_table, StudyError),
 }
 
 
@@ -256,16 +249,6 @@ def test_random_bytes_in_a_checkpoint_do_no_harm(seed, tmp_path):
     sealed(path)
     with contextlib.suppress(CheckpointError):
         read_checkpoint(path, ("memory",))
-
-
-def test_a_table_with_columns_of_two_lengths_is_damaged(tmp_path):
-    path = tmp_path / "study.h5"
-    table(path)
-    with changing(path) as file:
-        del file["columns/x"]
-        file["columns/x"] = np.zeros(3)
-    with pytest.raises(StudyError, match="damaged one: its columns are not of one length"):
-        read_table(path)
 
 
 def test_a_report_on_a_file_of_other_shapes_is_one_sentence(tmp_path, capsys):

@@ -6,62 +6,52 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_function,
-    check_kind_of,
-    check_name,
-    check_number,
-    hold_floats,
-    number_at,
-    shown,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import number_at, shown
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-_AXES = {"x": 0, "y": 1, "z": 2}
+Stiffness = Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
 
 def components_of(components: str, gdim: int) -> list[int]:
     """Numbers of the axes that letters name, each once."""
-    check_kind_of("components", components, isinstance(components, str), "letters of axes")
-    wrong = [c for c in components if c not in _AXES or _AXES[c] >= gdim]
-    if wrong or not components or len(set(components)) != len(components):
+    axes = ["xyz"[:gdim].find(letter) for letter in components]
+    if -1 in axes or not axes or len(set(axes)) < len(axes):
         raise ValueError(
             f"components is {shown(components)}; it must name some of {'xyz'[:gdim]!r}, each once."
         )
-    return [_AXES[c] for c in components]
+    return axes
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Fixed:
-    """Displacement components held at zero on a facet group.
+    """Displacement components fixed at zero on a facet group.
 
     Attributes:
         group: Name of the facet group.
-        components: Letters of the axes held, all of them unless given.
-
-    Raises:
-        ValueError: The group is no name, or a component is unknown.
+        components: Letters of the fixed axes, all of them unless given.
     """
 
     group: str
     components: str | None = None
 
     def __post_init__(self) -> None:
-        """Check names and letters."""
-        check_name("group", self.group)
+        """Check the letters."""
         if self.components is not None:
-            components_of(self.components, len(_AXES))
+            components_of(self.components, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Prescribed:
     """Displacement component given as a function of time on a facet group.
 
@@ -69,25 +59,15 @@ class Prescribed:
         group: Name of the facet group.
         component: ``x``, ``y`` or ``z``.
         value: Displacement [m] at a time [s].
-
-    Raises:
-        ValueError: The component is unknown or the value is no function.
     """
 
     group: str
-    component: str
+    component: Literal["x", "y", "z"]
     value: Callable[[float], float]
-
-    def __post_init__(self) -> None:
-        """Check group, component and value."""
-        hold_floats(self)
-        check_name("group", self.group)
-        check_choice("component", self.component, _AXES)
-        name = f"value of the motion prescribed on {shown(self.group)}"
-        check_function(name, self.value)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Spring:
     """Distributed springs to the fixed ground on a facet group.
 
@@ -97,27 +77,11 @@ class Spring:
         group: Name of the facet group.
         normal_stiffness: k_n [Pa/m].
         tangential_stiffness: k_t [Pa/m].
-
-    Raises:
-        ValueError: A stiffness is negative.
     """
 
     group: str
-    normal_stiffness: float
-    tangential_stiffness: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check group and stiffnesses."""
-        hold_floats(self)
-        check_name("group", self.group)
-        for name in ("normal_stiffness", "tangential_stiffness"):
-            check_number(
-                f"{name} of the springs on {shown(self.group)}",
-                getattr(self, name),
-                lambda v: v >= 0,
-                "zero or more and finite",
-                unit="Pa/m",
-            )
+    normal_stiffness: Stiffness
+    tangential_stiffness: Stiffness = 0.0
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
         """The bilinear form of the springs."""
@@ -187,8 +151,8 @@ class Constraints:
                 self._prescribed.append((dofs, support))
             else:
                 fixed.append(dofs)
-        held = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
-        self.groups = tuple(dict.fromkeys(held))
+        clamped = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
+        self.groups = tuple(dict.fromkeys(clamped))
         every = fixed + [dofs for dofs, _ in self._prescribed]
         self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)
 

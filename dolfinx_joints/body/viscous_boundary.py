@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 
-from dolfinx_joints.common.parameters import check_name
+from dolfinx_joints.common.declared import checked
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.elasticity import ElasticBody
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ViscousBoundary:
     """Dashpots rho c_p along the normal and rho c_s across it, per area, on a facet group.
 
@@ -28,16 +29,9 @@ class ViscousBoundary:
 
     Attributes:
         group: Name of the facet group.
-
-    Raises:
-        ValueError: The group is no name.
     """
 
     group: str
-
-    def __post_init__(self) -> None:
-        """Check the name."""
-        check_name("group", self.group)
 
     def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
         """The bilinear form of the dashpots."""

@@ -1,21 +1,23 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the ground beyond the model does to it: waves that rise in it, forces of former supports."""
+"""Actions of the ground beyond the model: waves that rise in it, forces of former supports."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.body.viscous_boundary import impedance
-from dolfinx_joints.common.parameters import check_kind_of, check_number, hold_floats, offers
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_kind_of, offers, shown
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import TimeFactor, always
 
@@ -67,13 +69,15 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class FreeField:
     """A plane wave that rises vertically through rock and comes back from its level surface.
 
     On viscous boundaries it is what the ground beyond them does: the dashpots act on the
     difference to the velocity of the free field, whose stress is added. At a level bottom this is
     twice the dashpots' traction at the incident velocity. The rock along the groups is one
-    material; S waves move horizontally, P waves vertically.
+    material; S waves move horizontally, P waves vertically. Displacements are absolute, so it
+    excludes a motion of the ground.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom, and the sides.
@@ -83,45 +87,30 @@ class FreeField:
         base: Height at which ``incident`` is given; the lowest node of the groups unless given [m].
         components: Letters of the axes that the wave moves; all of them unless given.
         highest_frequency: Up to which delays between levels are resolved [Hz].
-        absolute: Displacements under it are absolute, so it excludes a motion of the ground.
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
-    absolute: ClassVar[bool] = True
-    groups: Sequence[str]
+    groups: Annotated[Sequence[str], at.MinLen(1)]
     incident: Callable[[float], Any]
-    surface: float
-    base: float | None = None
+    surface: Annotated[float, at.Unit("m")]
+    base: Annotated[float, at.Unit("m")] | None = None
     components: str | None = None
-    highest_frequency: float = 25.0
+    highest_frequency: Annotated[float, at.Gt(0), at.Unit("Hz")] = 25.0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        named = isinstance(self.groups, list | tuple) and len(self.groups) > 0
-        named = named and all(isinstance(group, str) for group in self.groups)
-        named = named and len(set(self.groups)) == len(self.groups)
-        wanted = "names of facet groups, each once, in a list"
-        check_kind_of("FreeField: groups", self.groups, named, wanted)
-        check_kind_of(
-            "FreeField: incident", self.incident, callable(self.incident), "a function of time"
-        )
+        """Check groups, letters and base."""
+        if len(set(self.groups)) < len(self.groups) or not all(
+            isinstance(group, str) for group in self.groups
+        ):
+            raise ValueError(
+                f"FreeField: groups is {shown(self.groups)}; it must name facet groups, each once."
+            )
         if self.components is not None:
             components_of(self.components, 3)
-        check_number("FreeField: surface", self.surface, lambda _: True, "finite", unit="m")
-        if self.base is not None:
-            low = self.surface
-            name, allowed = "FreeField: base", f"below the surface, {low:g} m"
-            check_number(name, self.base, lambda v: v < low, allowed, unit="m")
-        check_number(
-            "FreeField: highest_frequency",
-            self.highest_frequency,
-            lambda v: v > 0,
-            "positive and finite",
-            unit="Hz",
-        )
+        if self.base is not None and not self.base < self.surface:
+            raise ValueError(
+                f"FreeField: base is {self.base:g} m; it must be below the surface, "
+                f"{self.surface:g} m."
+            )
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
@@ -178,7 +167,7 @@ class FreeField:
 class SupportForces:
     """Forces that supports had in another stage, kept where those are no more.
 
-    A block of rock that is held in statics and stands on dashpots in an earthquake needs them.
+    A block of rock that is clamped in statics and stands on dashpots in an earthquake needs them.
 
     Attributes:
         reaction: ``reaction`` of a static state, from a model on the same mesh [N].
@@ -192,9 +181,9 @@ class SupportForces:
         check_kind_of("SupportForces: reaction", self.reaction, good, "nodal forces in a vector")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """The forces, but where this model holds the body itself (collective)."""
+        """The forces, but at the dofs that this model constrains (collective)."""
         force = model.mass.createVecRight()
-        fits = getattr(self.reaction, "getLocalSize", lambda: -1)() == force.getLocalSize()
+        fits = self.reaction.getLocalSize() == force.getLocalSize()
         if not all(model.jointed.mesh.comm.allgather(fits)):
             raise ValueError(
                 "SupportForces: reaction is not of a model on the same mesh with the same degree; "

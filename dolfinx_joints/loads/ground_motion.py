@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import (
-    check_function,
     check_kind_of,
     finite,
     numbers_of,
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
@@ -36,16 +37,9 @@ class BaseMotion:
     Attributes:
         acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
             In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
-
-    Raises:
-        ValueError: It is no function.
     """
 
     acceleration: Callable[[float], Any]
-
-    def __post_init__(self) -> None:
-        """Check the motion."""
-        check_function("BaseMotion: acceleration", self.acceleration)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""

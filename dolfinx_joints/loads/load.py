@@ -6,20 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
+import annotated_types as at
 import numpy as np
 import ufl
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.common.parameters import (
-    check_function,
-    check_name,
-    check_number,
-    check_vector,
-    hold_floats,
-    shown,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_vector, shown
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -27,6 +22,7 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.loaded_body import LoadedBody
 
 TimeFactor = Callable[[float], float]
+Vector = Annotated[Sequence[float], at.Len(2, 3)]
 
 
 class Load(Protocol):
@@ -34,6 +30,20 @@ class Load(Protocol):
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Nodal forces [N] (or forces per unit of the factor) and their factors (collective)."""
+
+
+@runtime_checkable
+class FaceLoad(Load, Protocol):
+    """A load on a facet group, whose name is looked up when the model is made."""
+
+    group: str
+
+
+@runtime_checkable
+class JointLoad(Load, Protocol):
+    """A load in a joint."""
+
+    joint: str
 
 
 class AddedMass(Protocol):
@@ -49,22 +59,15 @@ def always(_time: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Gravity:
     """Self weight, rho g per volume.
 
     Attributes:
         acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) unless given.
-
-    Raises:
-        ValueError: It is no vector.
     """
 
-    acceleration: Sequence[float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check the vector."""
-        if self.acceleration is not None:
-            check_vector("Gravity: acceleration", self.acceleration, (2, 3))
+    acceleration: Vector | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """M g with the mass of the body; an extra mass form has no weight."""
@@ -78,6 +81,7 @@ class Gravity:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Traction:
     """Surface traction on a facet group.
 
@@ -85,19 +89,11 @@ class Traction:
         group: Name of the facet group.
         value: Traction vector [Pa].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A parameter is of another kind.
     """
 
     group: str
-    value: Sequence[float]
+    value: Vector
     factor: TimeFactor = always
-
-    def __post_init__(self) -> None:
-        """Check group, vector and factor."""
-        check_on_group(self)
-        check_vector(f"Traction on {shown(self.group)}: value", self.value, (2, 3))
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
@@ -113,6 +109,7 @@ class Traction:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Pressure:
     """Pressure on a facet group, positive towards the body.
 
@@ -120,21 +117,11 @@ class Pressure:
         group: Name of the facet group.
         value: Pressure [Pa].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A parameter is of another kind, or the pressure is not finite.
     """
 
     group: str
-    value: float
+    value: Annotated[float, at.Unit("Pa")]
     factor: TimeFactor = always
-
-    def __post_init__(self) -> None:
-        """Check group, pressure and factor."""
-        hold_floats(self)
-        check_on_group(self)
-        name = f"Pressure on {shown(self.group)}: value"
-        check_number(name, self.value, lambda _: True, "finite", unit="Pa")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
@@ -148,40 +135,18 @@ class Pressure:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class FormLoad:
-    """A linear form of the user's own.
+    """A user-defined linear form.
 
     Attributes:
         form: Given the test function, the UFL form of the load [N].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: One of them is no function.
     """
 
     form: Callable[[Any], Any]
     factor: TimeFactor = always
 
-    def __post_init__(self) -> None:
-        """Check the functions."""
-        check_function("FormLoad: form", self.form, "the test function")
-        check_function("FormLoad: factor", self.factor)
-
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its nodal forces."""
         return [(model.assemble(self.form(ufl.TestFunction(model.V))), self.factor)]
-
-
-def check_on_group(load: Any) -> None:
-    """Refuse a load whose group is no name, or whose factor is no function.
-
-    Raises:
-        ValueError: It is.
-    """
-    check_name("group", load.group)
-    check_function(f"{on_group(load)}: factor", load.factor)
-
-
-def on_group(load: Any) -> str:
-    """What messages call a load on a facet group."""
-    return f"{type(load).__name__} on {shown(load.group)}"

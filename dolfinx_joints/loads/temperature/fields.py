@@ -16,15 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, hold_floats
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Parts = tuple[Floats, Floats, Floats]
+Day = Annotated[float, at.Interval(ge=0, le=366), at.Unit("days")]
 
 DAY = 86400.0  # s
 YEAR = 365.25 * DAY
@@ -43,6 +46,7 @@ ISOLATED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class AnnualWave:
     """A temperature that swings with the seasons, such as that of the air.
 
@@ -50,21 +54,11 @@ class AnnualWave:
         mean: Over the year [degrees C].
         amplitude: Half of what lies between summer and winter, not negative [K].
         warmest_day: Day of the year at which it is highest, 0 being its first.
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
-    mean: float
-    amplitude: float
-    warmest_day: float = 201.0
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_number("AnnualWave: mean", self.mean, lambda _: True, "finite")
-        check_number("AnnualWave: amplitude", self.amplitude, lambda v: v >= 0, "zero or more")
-        _check_day("AnnualWave: warmest_day", self.warmest_day)
+    mean: Annotated[float, at.Unit("degrees C")]
+    amplitude: Annotated[float, at.Ge(0), at.Unit("K")]
+    warmest_day: Day = 201.0
 
     def parts(self, points: Floats, day: float) -> Parts:
         """Mean, cosine and sine parts at points (n, 3) [m], each (n,), t = 0 being a day."""
@@ -73,6 +67,7 @@ class AnnualWave:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ReservoirTemperature:
     """Water below a level, air above it; deep reservoirs after Zhu (1997).
 
@@ -85,28 +80,13 @@ class ReservoirTemperature:
         surface_mean: m, of the water at the surface over the year [degrees C].
         surface_amplitude: A, there [K].
         deep_mean: c, of the water far below [degrees C].
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
-    level: float
+    level: Annotated[float, at.Unit("m")]
     air: AnnualWave
-    surface_mean: float
-    surface_amplitude: float
-    deep_mean: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        for name in ("level", "surface_mean", "deep_mean"):
-            value = getattr(self, name)
-            check_number(f"ReservoirTemperature: {name}", value, lambda _: True, "finite")
-        amplitude = self.surface_amplitude
-        what = "ReservoirTemperature: surface_amplitude"
-        check_number(what, amplitude, lambda v: v >= 0, "zero or more", unit="K")
-        good = isinstance(self.air, AnnualWave)
-        check_kind_of("ReservoirTemperature: air", self.air, good, "an AnnualWave")
+    surface_mean: Annotated[float, at.Unit("degrees C")]
+    surface_amplitude: Annotated[float, at.Ge(0), at.Unit("K")]
+    deep_mean: Annotated[float, at.Unit("degrees C")]
 
     def parts(self, points: Floats, day: float) -> Parts:
         """Mean, cosine and sine parts at points (n, gdim) [m], each (n,), t = 0 being a day."""
@@ -143,14 +123,15 @@ def steady_temperature(jointed: JointedMesh, faces: Mapping[str, Face]) -> Any:
     return _solve(jointed, _face_values(jointed, faces, 0.0)[:, :1], None)
 
 
+@checked
 def seasonal_temperatures(
     jointed: JointedMesh,
     faces: Mapping[str, Face],
     *,
     reference: float | Mapping[str, float],
-    expansion: float,
-    diffusivity: float = 1e-6,
-    day: float = 15.0,
+    expansion: Annotated[float, at.Ge(0), at.Unit("1/K")],
+    diffusivity: Annotated[float, at.Gt(0), at.Unit("m^2/s")] = 1e-6,
+    day: Day = 15.0,
 ) -> list[Temperature]:
     """Loads of a body that follows the seasons, mean and swing (collective).
 
@@ -166,12 +147,10 @@ def seasonal_temperatures(
         Three loads, for `Model`: the mean less the reference, and the swing's cosine and sine.
 
     Raises:
-        ValueError: A parameter is out of its range, or as in `steady_temperature`.
+        ValueError: As in `steady_temperature`.
         MeshError: There is no such group.
     """
-    check_number("diffusivity", diffusivity, lambda v: v > 0, "positive", unit="m^2/s")
-    _check_day("day", day)
-    Temperature(value=0.0, reference=reference, expansion=expansion)  # refused before the work
+    Temperature(value=0.0, reference=reference, expansion=expansion)  # checked before the work
     values = _face_values(jointed, faces, day)
     mean = _solve(jointed, values[:, :1], None)
     swing = _solve(jointed, values[:, 1:], diffusivity)
@@ -194,10 +173,6 @@ def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
     """Parts of mean + amplitude cos(w (t - lag)), warmest ``days`` after t = 0; lag in days."""
     phase = FREQUENCY * DAY * (days + lag)
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
-
-
-def _check_day(name: str, day: float) -> None:
-    check_number(name, day, lambda v: 0 <= v <= 366, "between 0 and 366", unit="days")
 
 
 def _space(jointed: JointedMesh, components: int) -> Any:

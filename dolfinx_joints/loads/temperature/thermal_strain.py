@@ -7,20 +7,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_joints.common.parameters import (
-    check_function,
-    check_name,
-    check_number,
-    hold_floats,
-    real,
-    shown,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import check_number, real, shown
 from dolfinx_joints.loads.load import Load, TimeFactor, always
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -32,6 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Temperature:
     """Temperature of a body or a part of it, which strains it by alpha (T - T_0) f(t).
 
@@ -45,38 +41,21 @@ class Temperature:
         expansion: Coefficient of linear thermal expansion alpha [1/K].
         cells: Name of the cell group concerned, the whole body unless given.
         factor: Multiplier f of T - T_0 at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
     value: Any
     reference: float | Mapping[str, float]
-    expansion: float
+    expansion: Annotated[float, at.Ge(0), at.Unit("1/K")]
     cells: str | None = None
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
+        """Check value and references."""
         if not callable(self.value):
             check_number("Temperature: value", self.value, lambda _: True, "finite")
-        if not isinstance(self.reference, Mapping):
-            check_number("Temperature: reference", self.reference, lambda _: True, "finite")
         for group, value in _by_group(self.reference).items():
-            check_name("Temperature: a group of reference", group, "a cell group")
             name = f"Temperature: reference of {shown(group)}"
             check_number(name, value, lambda _: True, "finite")
-        check_number(
-            "Temperature: expansion",
-            self.expansion,
-            lambda v: v >= 0,
-            "zero or more and finite",
-            unit="1/K",
-        )
-        if self.cells is not None:
-            check_name("Temperature: cells", self.cells, "a cell group")
-        check_function("Temperature: factor", self.factor)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch a free body as the temperature does (collective)."""

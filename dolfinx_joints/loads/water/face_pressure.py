@@ -6,15 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import lasting, raised_together
-from dolfinx_joints.common.parameters import check_each, check_name, check_number, hold_floats
-from dolfinx_joints.loads.load import TimeFactor, always, check_on_group, on_group
+from dolfinx_joints.common.parameters import check_each, shown
+from dolfinx_joints.loads.load import TimeFactor, always
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -27,6 +29,7 @@ Depth = float | Callable[[Floats], Any]
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class HydrostaticPressure:
     """Pressure of water at rest, rho g times the depth below its level; nothing above it.
 
@@ -36,21 +39,13 @@ class HydrostaticPressure:
         density: Of the water [kg/m^3].
         gravity: G [m/s^2].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A number is out of its range.
     """
 
     group: str
-    level: float
-    density: float = 1000.0
-    gravity: float = STANDARD_GRAVITY
+    level: Annotated[float, at.Unit("m")]
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
+    gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
     factor: TimeFactor = always
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        hold_floats(self)
-        _check(self, "density", "gravity")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces (collective)."""
@@ -59,6 +54,7 @@ class HydrostaticPressure:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SiltPressure:
     """Pressure of submerged silt, K rho' g times the depth below its surface; nothing above it.
 
@@ -69,22 +65,14 @@ class SiltPressure:
         coefficient: Earth-pressure coefficient K, such as 1 - sin(phi) at rest.
         gravity: G [m/s^2].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A number is out of its range.
     """
 
     group: str
-    level: float
-    density: float
-    coefficient: float
-    gravity: float = STANDARD_GRAVITY
+    level: Annotated[float, at.Unit("m")]
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")]
+    coefficient: Annotated[float, at.Ge(0)]
+    gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
     factor: TimeFactor = always
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        hold_floats(self)
-        _check(self, "density", "coefficient", "gravity")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces (collective)."""
@@ -93,6 +81,7 @@ class SiltPressure:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class WestergaardMass:
     """Westergaard's added mass, generalised: 7/8 rho sqrt(H h) per area, along the normal.
 
@@ -105,23 +94,19 @@ class WestergaardMass:
         depth: H, a number or a function of points (n, gdim) that gives (n,) [m]; from the level
             down to the lowest vertex of the group unless given.
         density: Of the water [kg/m^3].
-
-    Raises:
-        ValueError: A number is out of its range.
     """
 
     group: str
-    level: float
+    level: Annotated[float, at.Unit("m")]
     depth: Depth | None = None
-    density: float = 1000.0
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        hold_floats(self)
-        _check(self, "density")
-        if self.depth is not None and not callable(self.depth):
-            name = f"{on_group(self)}: depth"
-            check_number(name, self.depth, lambda v: v > 0, "positive and finite", unit="m")
+        """Check the depth."""
+        if isinstance(self.depth, float) and not self.depth > 0.0:
+            raise ValueError(
+                f"WestergaardMass: depth is {self.depth:g} m; it must be positive and finite."
+            )
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective)."""
@@ -158,7 +143,7 @@ class WestergaardMass:
         if not callable(self.depth):
             return self.level - lowest if self.depth is None else self.depth
         flat = positions.reshape(-1, positions.shape[-1])
-        name = f"{on_group(self)}: depth"
+        name = f"WestergaardMass on {shown(self.group)}: depth"
         deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
         return deep.reshape(positions.shape[:-1])
 
@@ -185,16 +170,3 @@ def _faces(model: LoadedBody, group: str, level: float) -> WettedFacets:
     from dolfinx_joints.loads.water.wetted_facets import wetted_facets
 
     return wetted_facets(model.V, model.jointed, group, float(level))
-
-
-def _check(load: Any, *positive: str) -> None:
-    """Refuse a level that is no number, and what must not be negative and is."""
-    if hasattr(load, "factor"):
-        check_on_group(load)
-    check_name("group", load.group)
-    check_number(f"{on_group(load)}: level", load.level, lambda _: True, "finite", unit="m")
-    for name in positive:
-        value = getattr(load, name)
-        check_number(
-            f"{on_group(load)}: {name}", value, lambda v: v >= 0, "zero or more and finite"
-        )

@@ -8,30 +8,21 @@ Tractions of the joints are then effective ones: total = effective - p.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_each,
-    check_function,
-    check_kind_of,
-    check_name,
-    check_number,
-    check_vector,
-    hold_floats,
-    number_at,
-    shown,
-)
-from dolfinx_joints.loads.load import TimeFactor, always
+from dolfinx_joints.common.parameters import check_each, number_at, shown
+from dolfinx_joints.loads.load import TimeFactor, Vector, always
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -44,11 +35,9 @@ Floats = NDArray[np.float64]
 Codes = NDArray[np.int8]
 PorePressure = float | Callable[[Floats], Any]
 
-# What water in joints may do in a dynamic stage.
-IN_DYNAMICS = ("follows", "frozen", "drained")
-
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SeepageLine:
     """Pore pressure under heads that fall along a line, with a drain on the way if there is one.
 
@@ -65,44 +54,28 @@ class SeepageLine:
             left there, such as (0.15, 1/3); no drain unless given.
         density: Of the water [kg/m^3].
         gravity: G [m/s^2].
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
-    start: Sequence[float]
-    end: Sequence[float]
-    upstream: float
-    downstream: float
+    start: Vector
+    end: Vector
+    upstream: Annotated[float, at.Unit("m")]
+    downstream: Annotated[float, at.Unit("m")]
     drain: tuple[float, float] | None = None
-    density: float = 1000.0
-    gravity: float = STANDARD_GRAVITY
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
+    gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        start = check_vector("SeepageLine: start", self.start, (2, 3))
-        end = check_vector("SeepageLine: end", self.end, (2, 3))
-        if len(start) != len(end) or not np.linalg.norm(end - start) > 0.0:
+        """Check that there is a way."""
+        if len(self.start) != len(self.end) or np.array_equal(self.start, self.end):
             raise ValueError(
-                f"SeepageLine: end is {end.tolist()}; it must be another point than start "
-                f"{start.tolist()}, with as many coordinates."
+                f"SeepageLine: end is {self.end}; it must be another point than start "
+                f"{self.start}, with as many coordinates."
             )
-        for name in ("upstream", "downstream"):
-            value = getattr(self, name)
-            check_number(f"SeepageLine: {name}", value, lambda _: True, "finite", unit="m")
-        for name in ("density", "gravity"):
-            value = getattr(self, name)
-            check_number(f"SeepageLine: {name}", value, lambda v: v >= 0, "zero or more and finite")
-        if self.drain is not None:
-            pair = isinstance(self.drain, tuple | list) and len(self.drain) == 2
-            check_kind_of("SeepageLine: drain", self.drain, pair, "two shares")
-            way, left = self.drain
-            check_number(
-                "SeepageLine: drain's share of the way", way, lambda v: 0 < v < 1, "inside 0 to 1"
-            )
-            check_number(
-                "SeepageLine: share left at the drain", left, lambda v: 0 <= v <= 1, "from 0 to 1"
+        way, left = self.drain or (0.5, 0.5)
+        if not (0.0 < way < 1.0 and 0.0 <= left <= 1.0):
+            raise ValueError(
+                f"SeepageLine: drain is {self.drain}; its share of the way must be inside 0 to 1, "
+                "the share that is left from 0 to 1."
             )
 
     def __call__(self, points: Floats) -> Floats:
@@ -119,6 +92,7 @@ class SeepageLine:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Uplift:
     """Given pore pressure in a joint, on both of its faces, whatever the joint does.
 
@@ -127,9 +101,6 @@ class Uplift:
         pressure: Zero or more: a number, or a function of points (n, 3) that gives (n,), such as
             `SeepageLine` [Pa].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
     joint: str
@@ -137,10 +108,8 @@ class Uplift:
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        _check_joint(self)
-        _check_pressure(f"{label(self)}: pressure", self.pressure)
+        """Check the pressure."""
+        _check_pressure("Uplift: pressure", self.pressure)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that push the faces apart (collective)."""
@@ -157,6 +126,7 @@ class Uplift:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class JointWater:
     """Water of a reservoir in a joint: its full pressure where the joint is open.
 
@@ -176,35 +146,21 @@ class JointWater:
         density: Of the water [kg/m^3].
         gravity: G [m/s^2].
         factor: Multiplier at a time [s]; 1 unless given.
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
     joint: str
-    level: float
-    aperture: float = 0.0
+    level: Annotated[float, at.Unit("m")]
+    aperture: Annotated[float, at.Ge(0), at.Unit("m")] = 0.0
     closed: PorePressure = 0.0
     reached_from: str | None = None
-    in_dynamics: str = "follows"
-    density: float = 1000.0
-    gravity: float = STANDARD_GRAVITY
+    in_dynamics: Literal["follows", "frozen", "drained"] = "follows"
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
+    gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        _check_joint(self)
-        name = label(self)
-        check_number(f"{name}: level", self.level, lambda _: True, "finite", unit="m")
-        for what, unit in (("aperture", "m"), ("density", "kg/m^3"), ("gravity", "m/s^2")):
-            value = getattr(self, what)
-            allowed = "zero or more and finite"
-            check_number(f"{name}: {what}", value, lambda v: v >= 0, allowed, unit=unit)
-        _check_pressure(f"{name}: closed", self.closed)
-        if self.reached_from is not None:
-            check_name(f"{name}: reached_from", self.reached_from)
-        check_choice(f"{name}: in_dynamics", self.in_dynamics, IN_DYNAMICS)
+        """Check the pressure of the closed joint."""
+        _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """None that is fixed; see `joint_water_state`."""
@@ -311,9 +267,6 @@ def given_pressure(
     """A pressure that is a number or a function, at the points ``here``, zero elsewhere [Pa].
 
     Collective.
-
-    Raises:
-        ValueError: The function gives something else than one pressure per point.
     """
     assert model.operator is not None
     value, places = getattr(load, what), model.operator.points[here]
@@ -343,11 +296,6 @@ def label(load: Uplift | JointWater) -> str:
     return f"{type(load).__name__} in {shown(load.joint)}"
 
 
-def _check_joint(load: Any) -> None:
-    check_name("joint", load.joint, "a joint")
-    check_function(f"{label(load)}: factor", load.factor)
-
-
-def _check_pressure(name: str, value: Any) -> None:
-    if not callable(value):
-        check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa")
+def _check_pressure(name: str, value: PorePressure) -> None:
+    if isinstance(value, float) and value < 0.0:
+        raise ValueError(f"{name} is {value:g} Pa; it must be zero or more.")

@@ -9,23 +9,19 @@ construction and needs no mesh of its own; see `slabs`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import basix
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.memory import SHARE, available_bytes
 from dolfinx_joints.common.mpi import lasting, on_root
-from dolfinx_joints.common.parameters import (
-    check_name,
-    check_number,
-    check_vector,
-    hold_floats,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_vector, shown
+from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.water.reservoir_slabs import (
     SURFACE,
     WaterFace,
@@ -77,6 +73,7 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ReservoirMass:
     """Added mass of water in a reservoir with the cross-section of the wet face.
 
@@ -94,42 +91,26 @@ class ReservoirMass:
         frequency: Of the motion [Hz]: above zero the mass is that of compressible water in a
             steady vibration at this frequency, which must be below those of the reservoir itself.
         sound_speed: Of compressible water [m/s].
-
-    Raises:
-        ValueError: A parameter is out of its range.
     """
 
     group: str
-    level: float
-    length: float | None = None
-    upstream: Sequence[float] | None = None
-    density: float = 1000.0
-    frequency: float = 0.0
-    sound_speed: float = 1440.0
+    level: Annotated[float, at.Unit("m")]
+    length: Annotated[float, at.Gt(0), at.Unit("m")] | None = None
+    upstream: Vector | None = None
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
+    frequency: Annotated[float, at.Ge(0), at.Unit("Hz")] = 0.0
+    sound_speed: Annotated[float, at.Gt(0), at.Unit("m/s")] = 1440.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        hold_floats(self)
-        check_name("group", self.group)
-        check_number(f"{self}: level", self.level, lambda _: True, "finite", unit="m")
-        allowed = "zero or more and finite"
-        check_number(f"{self}: density", self.density, lambda v: v >= 0, allowed, unit="kg/m^3")
-        check_number(f"{self}: frequency", self.frequency, lambda v: v >= 0, allowed, unit="Hz")
-        allowed = "positive and finite"
-        speed = self.sound_speed
-        check_number(f"{self}: sound_speed", speed, lambda v: v > 0, allowed, unit="m/s")
-        if self.length is not None:
-            check_number(f"{self}: length", self.length, lambda v: v > 0, allowed, unit="m")
-        if self.upstream is not None:
-            vector = check_vector(f"{self}: upstream", self.upstream, (2, 3))
-            if vector[-1] != 0.0 or not np.linalg.norm(vector) > 0.0:
-                raise ValueError(
-                    f"{self}: upstream is {shown(self.upstream)}; it must be a horizontal vector, "
-                    "its last number zero."
-                )
+        """Check the direction."""
+        if self.upstream is not None and not (self.upstream[-1] == 0.0 and np.any(self.upstream)):
+            raise ValueError(
+                f"{self}: upstream is {shown(self.upstream)}; it must be a horizontal vector, its "
+                "last number zero."
+            )
 
     def __str__(self) -> str:
-        """What messages call it."""
+        """Its name in error messages."""
         return f"ReservoirMass on {shown(self.group)}"
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:

@@ -67,7 +67,7 @@ def rayleigh(
         ValueError: The frequencies are equal, or the ratios differ so much that a or b would be
             negative.
     """
-    first, second = np.broadcast_to(ratio, 2).tolist()
+    first, second = (float(each) for each in np.broadcast_to(ratio, 2))
     one, two = (2.0 * math.pi * frequency for frequency in frequencies)
     if one == two:
         raise ValueError(f"Both frequencies are {frequencies[0]} Hz; they must differ.")

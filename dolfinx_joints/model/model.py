@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import ufl
@@ -21,13 +21,16 @@ from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
+from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.common.parameters import check_kind_of, check_vector
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import Law
-from dolfinx_joints.loads.load import AddedMass, Load
+from dolfinx_joints.loads.load import AddedMass, FaceLoad, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
+from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
+from dolfinx_joints.loads.water.joint_water_state import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.arguments import (
@@ -36,7 +39,6 @@ from dolfinx_joints.model.arguments import (
     check_joints,
     check_loads,
     check_nodal,
-    check_options,
 )
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.system import MatrixSystem
@@ -89,7 +91,6 @@ class Model:
         loads: The loads.
 
     Raises:
-        ValueError: A parameter is out of its range.
         MeshError: A group or joint does not exist, or a joint has no law.
     """
 
@@ -103,9 +104,9 @@ class Model:
         loads: Sequence[Load] = (),
         damping: Rayleigh | None = None,
         initial_gaps: Mapping[str, InitialGap] | None = None,
-        degree: int | None = None,
+        degree: Literal[1, 2] | None = None,
         quadrature: str | int = "auto",
-        plane: str = "strain",
+        plane: Literal["strain", "stress"] = "strain",
         extra_stiffness: BilinearForm | None = None,
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
@@ -114,74 +115,106 @@ class Model:
         redistribute_mass: bool = False,
     ) -> None:
         """Assemble everything that does not change (collective)."""
+        given = locals()
+        for each in declarations(Model):
+            each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
         check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
-        forms = {"stiffness": extra_stiffness, "mass": extra_mass, "damping": extra_damping}
-        check_options(
-            degree=degree,
-            quadrature=quadrature,
-            plane=plane,
-            damping=damping,
-            forms={f"extra_{name}": form for name, form in forms.items()},
-            flags={"symmetric": symmetric, "redistribute_mass": redistribute_mass},
-        )
+        check_kind_of("damping", damping, isinstance(damping, Rayleigh | None), "a Rayleigh")
         check_joints(jointed, joints, initial_gaps)
-        check_kind_of(
-            "supports", supports, isinstance(supports, list | tuple), "a list of supports"
-        )
         check_loads(jointed, loads)
         check_added(added_mass)
-        rayleigh = damping or Rayleigh()
+        by_group = material if isinstance(material, Mapping) else {"": material}
+        check_temperatures(jointed, by_group, loads)
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
         self.gdim = jointed.mesh.geometry.dim
-        degree = jointed.shape.degree if degree is None else int(degree)
-        self.V = fem.functionspace(jointed.mesh, ("Lagrange", degree, (self.gdim,)))
+        self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
+        self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
         self.body = ElasticBody(jointed, material, plane=plane)
-        self.constraints = Constraints(jointed, self.V, list(supports))
+        self.constraints = Constraints(jointed, self.V, self.supports)
+        self.absorbing = absorbing_groups(jointed, self.body, self.supports)
         self.operator, self.contact = None, None
         if jointed.joint_names and joints is not None:
             self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
             self.contact = Contact(self.operator, joints, initial_gaps)
-        by_group = material if isinstance(material, Mapping) else {"": material}
-        check_temperatures(jointed, by_group, self.loads)
-        laws = {name: each for name, each in by_group.items() if is_plastic(each)}
-        u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
-        bulk = self.body.stiffness_form(u, v)
-        springs = [s.form(jointed, u, v) for s in supports if isinstance(s, Spring)]
-        self.body_mass = without_zeros(self._matrix(self.body.mass_form(u, v)))
-        self.mass = self.body_mass
-        if extra_mass is not None or added_mass:
-            total = self._matrix(self.body.mass_form(u, v), extra_mass)
-            for added in added_mass:
-                moved = added.matrix(self)
-                total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-                moved.destroy()
-            self.mass = without_zeros(total)
-        self.stiffness = blocked(self._matrix(bulk, extra_stiffness, *springs))
+        self.stiffness = self._stiffness(extra_stiffness)
         self.stiffness.setNearNullSpace(self._rigid_modes())
-        self.bulk = self._plastic_bulk(laws, plane) if laws else None
+        self.body_mass, self.mass = self._masses(extra_mass, added_mass)
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
-            self.redistribution = self._redistributed(self.mass, self.operator, degree)
-            self.body_mass = self.mass = self.redistribution.mass
-            if extra_mass is not None or added_mass:
-                body = self._matrix(self.body.mass_form(u, v))
-                self.body_mass = self._redistributed(body, self.operator, degree).mass
-        self.absorbing = absorbing_groups(jointed, self.body, supports)
-        dashpots = [
-            s.form(jointed, self.body, u, v) for s in supports if isinstance(s, ViscousBoundary)
-        ]
-        if extra_damping is not None:
-            dashpots.append(self._extra(extra_damping))
-        self.rayleigh, self.dashpots = rayleigh, None
-        if rayleigh.stiffness_factor and (springs or extra_stiffness is not None):
+            self._redistribute(self.operator)
+        self.rayleigh, self.dashpots = self._damping(
+            damping or Rayleigh(), extra_stiffness, extra_damping
+        )
+        laws = {name: each for name, each in by_group.items() if is_plastic(each)}
+        self.bulk = self._plastic_bulk(laws, plane) if laws else None
+
+    def _stiffness(self, extra: BilinearForm | None) -> PETSc.Mat:
+        """K of bulk, extra form and springs."""
+        u, v = self._arguments
+        springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
+        return blocked(self._matrix(self.body.stiffness_form(u, v), *self._extra(extra), *springs))
+
+    def _masses(
+        self, extra: BilinearForm | None, added_mass: Sequence[AddedMass]
+    ) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """M of the body, and with the extra form and added masses."""
+        form = self.body.mass_form(*self._arguments)
+        self.mass = body = without_zeros(self._matrix(form))
+        if extra is None and not added_mass:
+            return body, body
+        total = self._matrix(form, *self._extra(extra))
+        for added in added_mass:
+            moved = added.matrix(self)
+            total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            moved.destroy()
+        return body, without_zeros(total)
+
+    def _redistribute(self, operator: JointOperator) -> None:
+        """Give the mass of joint nodes to the body behind them."""
+        owned = self.V.dofmap.index_map.size_local
+        nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
+
+        def redistributed(mass: PETSc.Mat) -> Redistribution:
+            return redistributed_mass(
+                mass, self.stiffness, operator, nodes, self.constraints.dofs, RINGS // self._degree
+            )
+
+        alone = self.body_mass is self.mass
+        self.redistribution = redistributed(self.mass)
+        self.mass = self.redistribution.mass
+        self.body_mass = self.mass if alone else redistributed(self.body_mass).mass
+
+    def _damping(
+        self,
+        rayleigh: Rayleigh,
+        extra_stiffness: BilinearForm | None,
+        extra_damping: BilinearForm | None,
+    ) -> tuple[Rayleigh, PETSc.Mat | None]:
+        """Factors of M and K in C, and the rest of C, None for nothing."""
+        u, v = self._arguments
+        boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
+        forms = [s.form(self.jointed, self.body, u, v) for s in boundaries]
+        forms += self._extra(extra_damping)
+        undamped = extra_stiffness is not None or any(isinstance(s, Spring) for s in self.supports)
+        if rayleigh.stiffness_factor and undamped:
             # Springs and extra forms are part of K but do not damp.
-            self.rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
-            bulk_damping = self._matrix(rayleigh.stiffness_factor * bulk, None, *dashpots)
-            self.dashpots = blocked(bulk_damping)
-        elif dashpots:
-            self.dashpots = blocked(self._matrix(dashpots[0], None, *dashpots[1:]))
-        self._symmetric = symmetric
+            forms.insert(0, rayleigh.stiffness_factor * self.body.stiffness_form(u, v))
+            rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
+        return rayleigh, blocked(self._matrix(*forms)) if forms else None
+
+    @property
+    def _arguments(self) -> tuple[Any, Any]:
+        """Trial and test function."""
+        return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+
+    def _extra(self, extra: BilinearForm | None) -> list[Any]:
+        """A user-defined bilinear form, in a list."""
+        if extra is None:
+            return []
+        form = extra(*self._arguments)
+        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        return [form]
 
     def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
         """The cells with plastic materials."""
@@ -193,22 +226,9 @@ class Model:
             )
         return PlasticBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
 
-    def _redistributed(
-        self, mass: PETSc.Mat, operator: JointOperator, degree: int
-    ) -> Redistribution:
-        """A mass matrix without the mass of joint nodes."""
-        owned = self.V.dofmap.index_map.size_local
-        nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
-        held = self.constraints.dofs
-        return redistributed_mass(mass, self.stiffness, operator, nodes, held, RINGS // degree)
-
-    def _matrix(self, form: Any, extra: BilinearForm | None = None, *more: Any) -> PETSc.Mat:
-        """Assembled matrix of a form and what is added to it."""
-        if extra is not None:
-            form = form + self._extra(extra)
-        for term in more:
-            form = form + term
-        return self._kept(fem_petsc.assemble_matrix(fem.form(form)))
+    def _matrix(self, *forms: Any) -> PETSc.Mat:
+        """Assembled matrix of the sum of some forms."""
+        return self._kept(fem_petsc.assemble_matrix(fem.form(sum(forms[1:], forms[0]))))
 
     def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
         """The matrix on a communicator that outlives the mesh, which frees its own."""
@@ -234,12 +254,6 @@ class Model:
     def damping(self) -> PETSc.Mat:
         """C, added up when first asked for [N s/m] (collective)."""
         return self.system().damping
-
-    def _extra(self, extra: BilinearForm) -> Any:
-        """A bilinear form of the user's own."""
-        form = extra(ufl.TrialFunction(self.V), ufl.TestFunction(self.V))
-        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
-        return form
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
@@ -281,15 +295,10 @@ class Model:
                 "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
                 "time, since stresses are recovered with the temperatures of the model."
             )
-        loads = (*(self.loads if only is None else only), *extra_loads)
-        each = zip(_names(loads), loads, strict=True)
-        named = [(name, pattern) for name, load in each for pattern in load.patterns(self)]
-        in_joints = {n: w for n, w in zip(_names(loads), loads, strict=True) if _follows(w)}
-        water = None
-        if in_joints:
-            from dolfinx_joints.loads.water.joint_water_state import JointWaters
-
-            water = JointWaters(self, in_joints)
+        loads = [*(self.loads if only is None else only), *extra_loads]
+        by_name = dict(zip(_names(loads), loads, strict=True))
+        named = [(name, pattern) for name in by_name for pattern in by_name[name].patterns(self)]
+        following = {n: load for n, load in by_name.items() if isinstance(load, JointWater)}
         return MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -303,8 +312,8 @@ class Model:
             values=self.constraints.values if self.constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=water,
-            in_joints=[load for load in loads if hasattr(load, "at_points")],
+            water=JointWaters(self, following) if following else None,
+            in_joints=[load for load in loads if isinstance(load, Uplift | JointWater)],
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
@@ -348,20 +357,12 @@ class Model:
 
 def _names(loads: Sequence[Load]) -> list[str]:
     """A name for each load: its kind and group, with a number where that is not enough."""
-    plain = [
-        re.sub(r"[^\w.+-]", "_", "_".join([type(load).__name__, *_group(load)])) for load in loads
-    ]
+    plain = []
+    for load in loads:
+        where = load.group if isinstance(load, FaceLoad) else ""
+        where = load.joint if isinstance(load, JointLoad) else where
+        plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
     return [
         name if plain.count(name) == 1 else f"{name}_{plain[: i + 1].count(name)}"
         for i, name in enumerate(plain)
     ]
-
-
-def _group(load: Any) -> list[str]:
-    where = getattr(load, "group", None) or getattr(load, "joint", None)
-    return [where] if isinstance(where, str) else []
-
-
-def _follows(load: Any) -> bool:
-    """Whether a load depends on the state of the joints."""
-    return hasattr(load, "in_dynamics")

@@ -17,7 +17,8 @@ from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.parameters import check_kind_of, check_number
 from dolfinx_joints.joints.contact import Contact, no_such_joint
 from dolfinx_joints.laws.law import Floats, JointState, Response, Status
-from dolfinx_joints.loads.load import Load
+from dolfinx_joints.loads.load import JointLoad, Load
+from dolfinx_joints.loads.water.joint_water import JointWater
 from dolfinx_joints.mesh.blocks import block_of_nodes
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -84,7 +85,7 @@ def grouted(
     wet = {
         type(load).__name__
         for load in model.loads
-        if hasattr(load, "in_dynamics") and getattr(load, "joint", None) in chosen
+        if isinstance(load, JointWater) and load.joint in chosen
     }
     missing = tuple(sorted({*before.missing, *wet}))
     return replace(before, joints=joints, joints_inactive=False, missing=missing)
@@ -116,7 +117,7 @@ def check_may_be_inactive(model: Model, before: StaticState | None, acting: Sequ
     """
     _check_elastic(model)
     for load in acting:
-        if hasattr(load, "joint"):
+        if isinstance(load, JointLoad):
             raise JointsError(
                 f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
                 "it out of statics(loads=...) until the joints are grouted."

@@ -27,6 +27,7 @@ from dolfinx_joints.common.parameters import (
     numbers_of,
 )
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import BaseMotion, check_motion, in_axes
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
@@ -276,7 +277,7 @@ class Simulation:
         if motion is not None:
             check_motion(motion, self.model.gdim)
             motion = in_axes(motion, self.model.gdim)
-            if any(getattr(load, "absolute", False) for load in (*self.model.loads, *loads)):
+            if any(isinstance(load, FreeField) for load in (*self.model.loads, *loads)):
                 raise ValueError(
                     "motion is given beside a FreeField, which moves the ground already; give one."
                 )

@@ -433,17 +433,13 @@ def test_what_is_refused(dam):
         load(model("base", material=still))
     with pytest.raises(ValueError, match="must name some of 'xy'"):
         load(model("base"), components="z")
-    with pytest.raises(ValueError, match="FreeField: base is 5.0 m; it must be below the surface"):
+    with pytest.raises(ValueError, match="FreeField: base is 5 m; it must be below the surface"):
         load(model("base"), base=5.0)
-    with pytest.raises(ValueError, match="FreeField: groups is 'base'; it must be names"):
-        load(model("base"), groups="base")
-    with pytest.raises(ValueError, match="FreeField: groups is .*; it must be names .* each once"):
+    with pytest.raises(ValueError, match="FreeField: groups is .*; it must name facet groups"):
         load(model("base"), groups=["base", "base"])
     for gives in (0.0, (0.0,), (0.0, math.nan), "abc", None):
         with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
             load(model("base"), incident=lambda t, gives=gives: gives)
-    with pytest.raises(ValueError, match="FreeField: incident is 1.0; it must be a function"):
-        load(model("base"), incident=1.0)
     wave = FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)
     with pytest.raises(ValueError, match="motion is given beside a FreeField"):
         Simulation(model("base")).dynamics(
@@ -451,8 +447,6 @@ def test_what_is_refused(dam):
         )
     with pytest.raises(ValueError, match="outcrop is 3; it must be a Motion"):
         incident_wave(3)
-    with pytest.raises(ValueError, match="group is 7; it must be the name"):
-        ViscousBoundary(group=7)
     with pytest.raises(ValueError, match="SupportForces: reaction is not of a model"):
         SupportForces(reaction=PETSc.Vec().createSeq(1)).patterns(model("base"))
 

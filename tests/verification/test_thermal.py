@@ -268,10 +268,7 @@ def test_refusals(comm):
     good = {"value": 4.0, "reference": 12.0, "expansion": ALPHA}
     for wrong, message in (
         ({"value": "cold"}, "value is 'cold'; it must be finite"),
-        ({"reference": float("inf")}, "reference is inf; it must be finite"),
         ({"reference": {"low": "warm"}}, "reference of 'low' is 'warm'; it must be finite"),
-        ({"expansion": -1.0}, "expansion is -1.0 1/K; it must be zero or more"),
-        ({"cells": 3}, "cells is 3; it must be the name of a cell group"),
     ):
         with pytest.raises(ValueError, match=message):
             Temperature(**{**good, **wrong})
@@ -282,7 +279,6 @@ def test_refusals(comm):
         ({"value": lambda x: "warm"}, "it must be a number or a scalar UFL expression"),
         ({"value": x[0]}, "value lives on another mesh than jointed.mesh"),
         ({"value": lambda x: 1.0 / (x[0] - x[0])}, "value is not finite in the whole of its cells"),
-        ({"factor": 2.0}, "factor is 2.0; it must be a function of time"),
         ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; its groups, low,"),
         ({"reference": {}}, r"32 cells have no reference or several; its groups, none,"),
     ):

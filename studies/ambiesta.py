@@ -76,7 +76,7 @@ class Case:
         gap: Of all joints [m]: before self weight acts (where it stays open afterwards, the first
             state of the results file says), or what the grout leaves.
         self_weight: ``finished``: it acts on the finished dam, and the joints with it. ``grouted``:
-            the blocks carry it alone, then their joints are closed free of stress. A crest arch is
+            the blocks carry it alone, then their joints are closed without stress. A crest arch is
             not cut, and ties the blocks in both.
         scheme: ``ec``, energy-consistent, or ``newmark``, average acceleration.
         time_step: [s].
@@ -234,7 +234,7 @@ def build(
     Args:
         case: The case.
         which: One of the two.
-        mesh: What `make_mesh` wrote.
+        mesh: Mesh file of `make_mesh`.
         comm: MPI communicator of the mesh.
         loads: Loads besides self weight.
     """
@@ -277,12 +277,12 @@ def simulate(
     envelopes: bool = False,
     monitors: Sequence[Any] = (),
 ) -> Finished:
-    """Static loads in four steps as the case says, then the earthquake (collective).
+    """Static loads in four steps, then the earthquake (collective).
 
     Args:
         case: The case.
-        which: What the results file is called, ``linear.h5`` or ``joints.h5``; replaced.
-        model: What `build` gave.
+        which: Name of the results file, ``linear.h5`` or ``joints.h5``; replaced.
+        model: Model of `build`.
         folder: Where to write.
         solver: Of the time steps.
         envelopes: Whether to record envelopes of stresses.
@@ -345,5 +345,5 @@ def study_row(
 
 
 def parameters(case: Case, which: Which, **options: Any) -> dict[str, Any]:
-    """What a study passes to `study_row`."""
+    """Arguments that a study passes to `study_row`."""
     return {"run_as": which, **options, **asdict(case)}

@@ -40,7 +40,7 @@ ORDERS = (0.5, 6.0)  # observed orders outside are no convergence at a steady ra
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """What a sequence of ever finer runs tells.
+    """Limit, order and errors from a sequence of ever finer runs.
 
     Attributes:
         limit: Extrapolated value, or the finest one.
@@ -100,7 +100,7 @@ def sequence(table: Table, base: Case, refined: str, kind: str) -> NDArray[np.in
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """A sequence of runs and what it tells of a quantity."""
+    """A sequence of runs and the extrapolation of a quantity."""
 
     refined: str
     kind: str

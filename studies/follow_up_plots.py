@@ -118,7 +118,7 @@ def draw_cases(table: Table, names: dict[str, str], path: Path) -> Path:
 
     Args:
         table: The table.
-        names: What to call each case in the picture.
+        names: Name of each case in the picture.
         path: The file.
     """
     known = [name for name in names if row_of(table, name) is not None]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the 1992 paper leaves open, as a grid of cases that differ from its own in one thing each.
+"""Open questions of the 1992 paper, as a grid of cases that differ from its own in one thing each.
 
     ./with-dolfinx python3 -m studies.follow_ups --records DIRECTORY --workers 2
     ./with-dolfinx python3 -m studies.follow_ups --list
@@ -11,7 +11,7 @@ height. *No crest arch*: the uncut band above the joints is taken away, so that 
 0.75 of the height and its joints reach its top; response is compared with that of the linear body
 of the same shape, and at the crown at 0.75 of the height with the full dam. *Initial gaps*: every
 joint is open by so much before self weight acts; openings in the table hold that gap. Then come
-what the paper does not tell: up to which height its joints were active, and whether self weight had
+what the paper leaves out: up to which height its joints were active, and whether self weight had
 been carried before they were closed (*grouted*) or opens and closes them; and friction, stiffness
 and number of the joints, the size of the motion, and other records.
 
@@ -181,7 +181,7 @@ def differences(entry: Entry, base: Case) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """List, run, draw."""
-    parser = Parser(description="What the 1992 paper leaves open.")
+    parser = Parser(description="Open questions of the 1992 paper.")
     parser.add_argument("--records", help="folder with AT2 files, searched with its subfolders")
     parser.add_argument(
         "--out", type=Path, default=Path("output/follow_ups"), help="where to write"

@@ -58,8 +58,8 @@ class Dam:
         endless: Whether the water is a reservoir by finite elements, instead of Westergaard's mass.
         vibration: Frequency of a vibration, to which compressible water resists in a reservoir by
             finite elements [Hz]; zero for incompressible water.
-        held_sides: Its sides that cannot move across the valley: both for plane strain; one, the
-            plane of symmetry of half a monolith, leaves out its bending across the valley.
+        constrained_sides: Its sides that cannot move across the valley: both for plane strain; one,
+            the plane of symmetry of half a monolith, leaves out its bending across the valley.
     """
 
     section: GravitySection
@@ -70,7 +70,7 @@ class Dam:
     water: float | None = None
     joints: Mapping[str, float] | None = None
     width: float | None = None
-    held_sides: tuple[str, ...] = ()
+    constrained_sides: tuple[str, ...] = ()
     endless: bool = False
     vibration: float = 0.0
 
@@ -82,7 +82,7 @@ class Published:
     Attributes:
         dam: The dam.
         frequencies: The lowest ones [Hz].
-        source: Who says so.
+        source: Who published it.
     """
 
     dam: Dam
@@ -145,11 +145,11 @@ INFLUENCES = {
     },
     "Pine Flat, empty": {
         "plane strain": replace(CHOPRA_PINE_FLAT, plane="strain"),
-        "in space, sides held": replace(
-            CHOPRA_PINE_FLAT, width=MONOLITH, held_sides=("front", "back")
+        "in space, sides constrained": replace(
+            CHOPRA_PINE_FLAT, width=MONOLITH, constrained_sides=("front", "back")
         ),
-        "in space, sides free": replace(
-            CHOPRA_PINE_FLAT, width=MONOLITH / 2, held_sides=("front",)
+        "in space, sides unconstrained": replace(
+            CHOPRA_PINE_FLAT, width=MONOLITH / 2, constrained_sides=("front",)
         ),
         "upstream break 10 m lower": replace(
             CHOPRA_PINE_FLAT,
@@ -197,7 +197,7 @@ def build(
     law: dj.FrictionNoTension = CLOSED,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dj.Model:
-    """The model of a dam, its base held (collective)."""
+    """The model of a dam with a clamped base (collective)."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "dam.msh"
         options: dict[str, Any] = {"joints": dam.joints, "width": dam.width}
@@ -206,7 +206,7 @@ def build(
         )
         jointed = dj.read_msh(path, comm)
     supports = [dj.Fixed(group="base")]
-    supports += [dj.Fixed(group=side, components="y") for side in dam.held_sides]
+    supports += [dj.Fixed(group=side, components="y") for side in dam.constrained_sides]
     water: list[Any] = []
     if dam.water is not None:
         where: dict[str, Any] = {"group": "upstream", "level": dam.water}
@@ -246,36 +246,36 @@ def main(arguments: list[str] | None = None) -> None:
     sizes = [size * (2.0 if options.quick else 1.0) for size in SIZES]
     abort_on_error(MPI.COMM_WORLD)
 
-    def say(text: str) -> None:
+    def show(text: str) -> None:
         if MPI.COMM_WORLD.rank == 0:
             print(text, flush=True)
 
-    say(f"first frequency [Hz] with cells of {', '.join(f'{h:g}' for h in sizes)} m")
+    show(f"first frequency [Hz] with cells of {', '.join(f'{h:g}' for h in sizes)} m")
     for name, published in PUBLISHED.items():
         for order in (1, 2):
-            say(f"  {name:<28} order {order}  {convergence(published.dam, order, sizes)}")
+            show(f"  {name:<28} order {order}  {convergence(published.dam, order, sizes)}")
     cells = {"size": sizes[1], "order": 2}
-    say(f"\nagainst published values, order 2, {sizes[1]:g} m")
+    show(f"\nagainst published values, order 2, {sizes[1]:g} m")
     for name, published in PUBLISHED.items():
         count = len(published.frequencies)
         found = frequencies(published.dam, count=count, **cells)
-        say(f"  {name} ({published.source})")
+        show(f"  {name} ({published.source})")
         for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
             against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
-            say(f"    mode {mode}  {ours:8.4f} Hz, {1 / ours:.3f} s, {against}")
-    say("\nwhat moves the first frequency")
+            show(f"    mode {mode}  {ours:8.4f} Hz, {1 / ours:.3f} s, {against}")
+    show("\nwhat moves the first frequency")
     for name, others in INFLUENCES.items():
         reference = frequencies(PUBLISHED[name].dam, **cells)[0]
-        say(f"  {name}: {reference:.4f} Hz")
+        show(f"  {name}: {reference:.4f} Hz")
         for what, dam in others.items():
             found = frequencies(dam, **cells)[0]
-            say(f"    {what:<42} {found:8.4f} Hz, {deviation(found, reference)}")
-    say("\nwater: Westergaard's mass, and an endless reservoir by finite elements")
+            show(f"    {what:<42} {found:8.4f} Hz, {deviation(found, reference)}")
+    show("\nwater: Westergaard's mass, and an endless reservoir by finite elements")
     for name, (dam, published) in FULL.items():
-        say(f"  {name}, at {dam.water:g} m: {waters(dam, cells, published)}")
-    say("\nPine Flat with water, measured on the whole dam")
+        show(f"  {name}, at {dam.water:g} m: {waters(dam, cells, published)}")
+    show("\nPine Flat with water, measured on the whole dam")
     for kind in WATERS:
-        say(f"  {kind}")
+        show(f"  {kind}")
         found = [
             with_water(replace(CHOPRA_PINE_FLAT, water=level), kind, cells)
             for level in MEASURED_PINE_FLAT
@@ -283,11 +283,11 @@ def main(arguments: list[str] | None = None) -> None:
         measured = [1 / period for period in MEASURED_PINE_FLAT.values()]
         for level, ours, theirs in zip(MEASURED_PINE_FLAT, found, measured, strict=True):
             young = CHOPRA_PINE_FLAT.young / 1e9 * (theirs / ours) ** 2
-            say(
+            show(
                 f"    level {level:g} m: {ours:.4f} Hz, measured {theirs:.4f} Hz, "
                 f"the same with {young:.1f} GPa"
             )
-        say(
+        show(
             f"    the second over the first: {found[1] / found[0]:.4f}, measured "
             f"{measured[1] / measured[0]:.4f}"
         )

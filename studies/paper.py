@@ -6,8 +6,8 @@
     ./with-dolfinx python3 -m studies.paper --quick              # a coarse mesh, two seconds
 
 The linear and the jointed dam are run on the paper's step with the energy-consistent scheme and
-with Newmark's, the paper's kind; and again on a finer mesh and at half the step, which tells how
-far the figures can be trusted. What is in the folder already, with the same numbers, is kept.
+with Newmark's, the paper's kind; and again on a finer mesh and at half the step, which estimates
+the error. Runs that are in the folder already, with the same numbers, are kept.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ BIN = 1.0 / (2288 * 0.00488)  # distance of two frequencies of the paper's spect
 BELOW = 5.0 - BIN  # "lower than 5.0 Hz", and not the peak there [Hz]
 CREST = 0.9  # share of the height above which a node belongs to the crest arch
 
-# What a run computes on, not what it computes: runs that differ only in these estimate the error.
+# Discretisation, not physics: runs that differ only in these estimate the error.
 _DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")
 # Facts of the machine and the files, and consequences of the discretisation.
 _NEITHER = {
@@ -63,7 +63,7 @@ class Pair:
 
     @property
     def discretisation(self) -> str:
-        """Mesh and step in words."""
+        """Text on mesh and step."""
         facts = self.joints.results.metadata
         words = [f"{key.replace('_', ' ')} {facts[key]}" for key in _DISCRETISATION if key in facts]
         return ", ".join(words)
@@ -74,9 +74,9 @@ class Check:
     """A number of a pair of runs, and where it must lie for the paper's statement to hold.
 
     Attributes:
-        statement: what the paper says.
+        statement: the paper's.
         quantity: what is measured, with its unit.
-        rule: bounds in words.
+        rule: text on the bounds.
         low: lower bound.
         high: upper bound.
         measure: the number; NaN where the files do not hold what it takes.
@@ -246,7 +246,7 @@ def section(pairs: Sequence[Pair], judgements: Sequence[Sequence[Judgement]]) ->
 
 
 def departures() -> Section:
-    """What differs from the paper, and what the unknowns can explain."""
+    """Differences from the paper, and what the unknowns can explain."""
     return Section(
         "departures",
         "Departures from the paper, and what they can explain",
@@ -292,7 +292,7 @@ _UNKNOWN = (
     "crest arch carries without the joints. The mesh and the step act through the error that the "
     "table estimates. The damping matrix, 2 % at 5 Hz, is the paper's, but whether it is "
     "proportional to the stiffness, the mass or both is not said; that acts on what follows the "
-    "strong motion. None of these can be told apart by the paper's few numbers."
+    "strong motion. None of these can be separated by the paper's few numbers."
 )
 
 

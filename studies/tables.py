@@ -17,7 +17,7 @@ Numbers = dict[str, list[float]]
 
 
 def comparison(linear: Results, joints: Results) -> Numbers:
-    """What the two runs have in common: name, then linear, with joints, and their ratio.
+    """Numbers of both runs: name, then linear, with joints, and their ratio.
 
     Peaks are displacements from the self-weight state relative to the base [mm]; the strong phase
     lasts until 95 % of the Arias intensity has arrived.

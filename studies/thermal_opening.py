@@ -66,7 +66,7 @@ def run(case: Case, cooling: float, folder: Path) -> Finished:
 
 
 def openings(results: dj.Results, warm: dj.Results) -> Openings:
-    """What results files say, whose first states are the dam at rest.
+    """Facts from results files whose first states are the dam at rest.
 
     Args:
         results: A run.
@@ -142,10 +142,10 @@ def main(arguments: list[str] | None = None) -> None:
     case = replace(case, **QUICK) if options.quick else case
     cold = run(case, options.cooling, options.out / "cold")
     warm = run(case, 0.0, options.out / "warm")
-    on_root(MPI.COMM_WORLD, lambda: tell(cold, warm, options))
+    on_root(MPI.COMM_WORLD, lambda: show(cold, warm, options))
 
 
-def tell(cold: Finished, warm: Finished, options: Any) -> None:
+def show(cold: Finished, warm: Finished, options: Any) -> None:
     """Tables and figure."""
     with dj.Results(cold.results) as one, dj.Results(warm.results) as other:
         print_table(f"cooled by {options.cooling:g} K after grouting", openings(one, other))

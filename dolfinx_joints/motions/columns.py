@@ -1,16 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions in plain columns of numbers, with what the numbers are said above or by the user.
+"""Ground motions in plain columns of numbers, described above them or by the user.
 
-Lines that begin with ``#`` may stand above the numbers and say, as ``key: value``,
+Lines that begin with ``#`` may stand above the numbers and give, as ``key: value``,
 
 - ``unit``: of the accelerations, for example ``cm/s^2``;
 - ``dt``: time between rows [s], where no column holds the time [s];
 - ``columns``: what each column holds, ``time`` or the direction of a component, for example
   ``time N E UP`` or ``35 305 UP``.
 
-What the file does not say the user must; what both say must agree. Where neither names the columns,
-one is a component and two are time and a component.
+The user must give what the file does not; where both do they must agree. Where neither names the
+columns, one is a component and two are time and a component.
 """
 
 import re
@@ -29,12 +29,12 @@ from dolfinx_joints.motions.record_text import (
     unit_named,
 )
 
-_SAID = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
+_KEY = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
 _STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its place
 
 
 class Columns(NamedTuple):
-    """What the user says of plain columns; None leaves it to the file.
+    """Description of plain columns by the user; None leaves it to the file.
 
     Attributes:
         unit: of the accelerations.
@@ -54,8 +54,8 @@ def is_columns(text: RecordText) -> bool:
 
 
 def states_unit(text: RecordText) -> bool:
-    """Whether a file of columns says its unit."""
-    return "unit" in _said(text)
+    """Whether a file of columns gives its unit."""
+    return "unit" in _keys(text)
 
 
 def read_columns(text: RecordText, user: Columns) -> list[Component]:
@@ -63,15 +63,15 @@ def read_columns(text: RecordText, user: Columns) -> list[Component]:
 
     Args:
         text: the file.
-        user: what the user says of it.
+        user: description by the user.
     """
-    said, first = _said(text), _first_row(text)
-    unit, names = _unit(text, said, user), _names(text, said, user)
+    keys, first = _keys(text), _first_row(text)
+    unit, names = _unit(text, keys, user), _names(text, keys, user)
     rows = text.rows(first, len(names), "the columns are")
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
     is_time = [name == "time" for name in names]
-    dt = _step(text, said, user, rows[:, is_time], first)
+    dt = _step(text, keys, user, rows[:, is_time], first)
     return [
         component(
             text,
@@ -95,45 +95,45 @@ def _first_row(text: RecordText) -> int:
     return number
 
 
-def _said(text: RecordText) -> dict[str, tuple[int, str]]:
-    """Line number and value of what the file says of itself."""
-    said: dict[str, tuple[int, str]] = {}
+def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
+    """Line number and value of each key above the numbers."""
+    keys: dict[str, tuple[int, str]] = {}
     for number in range(1, _first_row(text)):
-        match = _SAID.match(text.lines[number - 1].strip())
+        match = _KEY.match(text.lines[number - 1].strip())
         if match is None:
             continue
         key = "unit" if match[1].lower() == "units" else match[1].lower()
-        if key in said:
+        if key in keys:
             text.fail(
-                number, f"{key} is said again; line {said[key][0]} says {shown(said[key][1])}."
+                number, f"{key} is there again; line {keys[key][0]} has {shown(keys[key][1])}."
             )
-        said[key] = (number, match[2].strip())
-    return said
+        keys[key] = (number, match[2].strip())
+    return keys
 
 
-def _unit(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> str:
+def _unit(text: RecordText, keys: dict[str, tuple[int, str]], user: Columns) -> str:
     here = None
-    if "unit" in said:
-        number, written = said["unit"]
+    if "unit" in keys:
+        number, written = keys["unit"]
         here = unit_named(written, f"{text.path}, line {number}")
     given = None if user.unit is None else unit_named(user.unit, "unit")
     if here is None and given is None:
         raise RecordError(
-            f"{text.path} does not say the unit of its columns; say unit=, or write "
+            f"{text.path} does not give the unit of its columns; pass unit=, or write "
             "'# unit: cm/s^2' above the numbers."
         )
     if None not in (here, given) and here != given:
-        text.fail(said["unit"][0], f"the unit is {here}, but unit={shown(user.unit)} was given.")
+        text.fail(keys["unit"][0], f"the unit is {here}, but unit={shown(user.unit)} was given.")
     return here or given or ""
 
 
-def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) -> list[str]:
-    """What each column holds: unless said, one is a component, two are time and a component."""
-    here = said["columns"][1].lower().split() if "columns" in said else None
+def _names(text: RecordText, keys: dict[str, tuple[int, str]], user: Columns) -> list[str]:
+    """Content of each column; by default one is a component, two are time and a component."""
+    here = keys["columns"][1].lower().split() if "columns" in keys else None
     given = None if user.columns is None else [str(name).lower() for name in user.columns]
     if here is not None and given is not None and here != given:
         text.fail(
-            said["columns"][0],
+            keys["columns"][0],
             f"the columns are {shown(' '.join(here), str)}, but columns="
             f"{shown(' '.join(given))} was given.",
         )
@@ -142,7 +142,7 @@ def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) ->
         width = len(text.words(_first_row(text))) if _first_row(text) <= len(text.lines) else 0
         if width not in (1, 2):
             raise RecordError(
-                f"{text.path} has {width} columns and does not say what they hold; say columns=, "
+                f"{text.path} has {width} columns and does not name them; pass columns=, "
                 "or write '# columns: time N E UP' above the numbers."
             )
         return ["time", "?"][-width:]
@@ -157,20 +157,20 @@ def _names(text: RecordText, said: dict[str, tuple[int, str]], user: Columns) ->
 
 def _step(
     text: RecordText,
-    said: dict[str, tuple[int, str]],
+    keys: dict[str, tuple[int, str]],
     user: Columns,
     time: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
     first: int,
 ) -> float:
     """Time between rows [s]."""
-    here = text.positive(*said["dt"], "dt") if "dt" in said else None
+    here = text.positive(*keys["dt"], "dt") if "dt" in keys else None
     if None not in (here, user.dt) and here != user.dt:
-        text.fail(said["dt"][0], f"dt is {here} s, but dt={user.dt} was given.")
+        text.fail(keys["dt"][0], f"dt is {here} s, but dt={user.dt} was given.")
     dt = here or user.dt
     if time.shape[1] == 0:
         if dt is None:
             raise RecordError(
-                f"{text.path} has no column of time; say dt=, or write '# dt: 0.01' above the "
+                f"{text.path} has no column of time; pass dt=, or write '# dt: 0.01' above the "
                 "numbers."
             )
         return float(dt)

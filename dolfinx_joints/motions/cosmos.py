@@ -5,7 +5,7 @@
 A channel is text, 100 whole numbers, 100 real ones, comments, then blocks of values; each part
 says how many lines or numbers it has and in which format. V1 (uncorrected) and V2 (corrected)
 accelerations are read. A V2 channel may go on with velocity and displacement, which are left out;
-raw counts (V0) are refused.
+raw counts (V0) are an error.
 """
 
 import re
@@ -77,7 +77,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
 
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:
     """Name of the unit, by the second and third whole number, which are on a line."""
-    if whole[1] not in ("1", "-999"):  # acceleration, or not said here
+    if whole[1] not in ("1", "-999"):  # acceleration, or not given here
         text.fail(
             number, f"the channel must hold acceleration, code 1, got {shown(whole[1], str)}."
         )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Files of ground motions with one component each: PEER AT2, ESM/ITACA, K-NET and KiK-net, SMC.
 
-Each format is recognised by what its first lines say, and read after its published description.
+Each format is recognised by its first lines, and read after its published description.
 Values are kept as recorded: K-NET's, for one, have an offset of their own.
 """
 
@@ -72,7 +72,7 @@ def _at2_parts(path: Path) -> tuple[str, Direction | None]:
 
 
 def at2_record(path: Path) -> str | None:
-    """Name of the record that an AT2 file belongs to, or None if its name says no component."""
+    """Name of the record that an AT2 file belongs to, or None if its name has no component."""
     record, direction = _at2_parts(path)
     return None if direction is None else record
 
@@ -87,11 +87,11 @@ def _read_at2(text: RecordText) -> list[Component]:
         text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
     record, direction = _at2_parts(text.path)
-    said = direction_named(text.lines[1].rpartition(",")[2])
-    if None not in (said, direction) and said != direction:
+    written = direction_named(text.lines[1].rpartition(",")[2])
+    if None not in (written, direction) and written != direction:
         text.fail(2, "names another component than the file name does.")
     values = text.values(5, count, 4)
-    direction = said if direction is None else direction
+    direction = written if direction is None else direction
     return [component(text, values, dt=dt, unit="g", direction=direction, record=record, header=4)]
 
 

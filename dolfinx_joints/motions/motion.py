@@ -171,7 +171,7 @@ class Motion:
 
         Of all polynomials of this degree in acceleration the one is taken off whose velocity,
         zero at the start, fits the velocity of the motion best (least squares), for each
-        component. The motion should start at rest; what it leaves at the end is not forced to zero.
+        component. The motion should start at rest; the rest at the end is not forced to zero.
 
         Args:
             degree: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
@@ -195,7 +195,7 @@ class Motion:
 
         Both passes together have a gain of 1/2 at the corners and fall beyond them twice as
         steeply as a filter of this order. The motion is taken as zero before and after its
-        samples: take off its baseline and taper it first. What the filter spreads beyond the ends
+        samples: take off its baseline and taper it first. The part that it spreads beyond the ends
         is cut off, which can make the displacement drift: correct the baseline again after it.
 
         Args:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Ground motions from files: which files belong together, and which axis each component is.
 
-The format of a file is found by what it says, not by its name. Units are converted when a file is
+The format of a file is found by its content, not by its name. Units are converted when a file is
 read: motions are in m/s^2 and in right-handed axes with z up. Azimuths count clockwise
 from north, seen from above.
 """
@@ -47,10 +47,10 @@ def read_components(
     Args:
         path: a file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
             (corrected), or in plain columns.
-        unit: of plain columns, where the file does not say it; any other file must agree.
+        unit: of plain columns, where the file does not give it; any other file must agree.
         dt: time between rows of plain columns [s], where the file has no column of time.
         columns: what the plain columns hold, ``"time"`` or directions, where the file does not
-            say it.
+            give it.
 
     Raises:
         RecordError: With file, line and reason, where the file is anything else.
@@ -99,13 +99,13 @@ def read_record(
         source: a directory, one file, or several. Of a directory those files are taken that
             belong to one record by their headers (AT2: by their names, which differ in the
             component at the end, as ``-UP``, ``DWN``, ``000``); subdirectories are not searched,
-            nor are plain columns that do not say their unit, unless ``unit`` does.
+            nor are plain columns that do not give their unit, unless ``unit`` does.
         name: the name of the record or a part that no other has; needed where a directory has
             several.
         unit: of plain columns, see :func:`read_components`.
         dt: of plain columns [s].
         columns: of plain columns.
-        directions: of the components in the order of files and columns, where those do not say
+        directions: of the components in the order of files and columns, where those do not give
             it: ``"N"``, ``"E"``, ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"`` or an azimuth [degrees].
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
 
@@ -186,28 +186,28 @@ def _record_of(path: Path, any_columns: bool) -> str | None:
         if known is not None:
             return known.record(text)
         return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
-    except RecordError:  # an AT2 file is known by its name too, and refused when it is read
+    except RecordError:  # an AT2 file is known by its name too, and an error when it is read
         return at2_record(path) if path.suffix.upper() == ".AT2" else None
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
-    """Components with the directions that the user says, where their files say none."""
+    """Components with the directions that the user gives, where their files have none."""
     if len(directions) != len(parts):
         raise RecordError(
             f"directions has {len(directions)} entries, the files have {len(parts)} components."
         )
     directed = []
-    for part, said in zip(parts, directions, strict=True):
-        direction = direction_named(str(said))
+    for part, given in zip(parts, directions, strict=True):
+        direction = direction_named(str(given))
         if direction is None:
             raise RecordError(
                 "directions must be N, E, S, W, UP, DOWN or azimuths from 0 to 360, got "
-                f"{shown(said)}."
+                f"{shown(given)}."
             )
         if part.direction not in (None, direction):
             raise RecordError(
-                f"{part.path} says that its direction is {_said(part.direction)}, but "
-                f"{shown(said)} was given."
+                f"{part.path} has the direction {_direction_text(part.direction)}, but "
+                f"{shown(given)} was given."
             )
         directed.append(replace(part, direction=direction))
     return directed
@@ -215,7 +215,7 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
 
 def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     """The motion along x, y, z, and the azimuth of x [degrees]."""
-    found = ", ".join(f"{part.path.name} ({_said(part.direction)})" for part in parts)
+    found = ", ".join(f"{part.path.name} ({_direction_text(part.direction)})" for part in parts)
     upright = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
     pairs = [
@@ -227,7 +227,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
         raise RecordError(
             "A record is a vertical component and two horizontal ones at right angles, "
-            f"{shown(title)} is {found}; directions= says what the files do not."
+            f"{shown(title)} is {found}; give directions= where the files do not."
         )
     ((x, y, azimuth),) = pairs
     for what, values in (("time steps [s]", "dt"), ("units", "unit")):
@@ -242,7 +242,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     return Motion(acceleration=np.stack(columns, axis=1), dt=x.dt, name=title), azimuth
 
 
-def _said(direction: Direction | None) -> str:
+def _direction_text(direction: Direction | None) -> str:
     return (
         direction
         if isinstance(direction, str)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Text of record files: lines, numbers, counts, units and directions, checked where they enter.
 
-Nothing is allocated on the word of a file: its size is looked at before it is read, and a count in
-a header before values are. Every refusal names the file, the line, what it has and what it should.
+The size of a file is looked at before it is read, and a count in a header before values are. Every
+message names the file, the line, what it has and what it should.
 """
 
 import re
@@ -55,7 +55,7 @@ class Component:
         acceleration: shape (n,), [m/s^2].
         dt: time between samples [s].
         unit: name of the unit in the file.
-        direction: of positive values; None if the file does not say.
+        direction: of positive values; None if the file does not hold it.
         record: name of the record that the component belongs to.
         path: the file.
         header: its header lines.
@@ -109,11 +109,11 @@ class RecordText:
         self.lines = [line.rstrip() for line in plain.split("\n")]
 
     def fail(self, number: int, text: str) -> NoReturn:
-        """Refuse a line; lines count from 1."""
+        """Raise an error on a line; lines count from 1."""
         raise RecordError(f"{self.path}, line {number}: {text}")
 
     def line(self, number: int, what: str) -> str:
-        """The line of this number, counted from 1, or a refusal that says what it should hold."""
+        """The line of this number, counted from 1, or an error message with what it should hold."""
         if number > len(self.lines):
             raise RecordError(
                 f"{self.path} ends after line {len(self.lines)}; line {number} should hold {what}."
@@ -121,7 +121,7 @@ class RecordText:
         return self.lines[number - 1]
 
     def number(self, number: int, text: str, what: str = "") -> float:
-        """A finite number in a line, or a refusal that names ``what``."""
+        """A finite number in a line, or an error message with ``what``."""
         value = float(text) if _NUMBER.fullmatch(text) else np.nan
         if not np.isfinite(value):
             self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
@@ -154,8 +154,8 @@ class RecordText:
         Args:
             first: number of the first line.
             count: how many there must be.
-            announced: number of the line that says so.
-            width: characters of a number in a fixed format; free unless given.
+            announced: number of the line with this count.
+            width: characters of a number in a fixed format; any unless given.
             last: number of the last line; the end of the file unless given.
         """
         last = min(last or len(self.lines), len(self.lines))
@@ -200,7 +200,7 @@ def unit_named(text: str, where: str) -> str:
 
     Args:
         text: for example ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``.
-        where: what to begin a refusal with.
+        where: beginning of an error message.
     """
     plain = str(text).strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
     plain = re.sub(r"/s(/s|/?\^?2|²)$", "/s^2", plain)
@@ -214,7 +214,7 @@ def unit_named(text: str, where: str) -> str:
 
 
 def direction_named(text: str) -> Direction | None:
-    """Direction of a component by its name or azimuth; None if the text says none.
+    """Direction of a component by its name or azimuth; None if the text names none.
 
     Args:
         text: for example ``N``, ``E-W``, ``UP``, ``DWN`` or ``270``.
@@ -245,7 +245,7 @@ def component(
     record: str,
     header: int,
 ) -> Component:
-    """A component in m/s^2, refused where its unit or its time step cannot be true.
+    """A component in m/s^2; an error where its unit or its time step cannot be true.
 
     Args:
         text: the file.

@@ -48,7 +48,7 @@ _PARTS = (1.0, 0.7, 0.5, 0.35, 0.2)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectrumMatch:
-    """A motion that was matched to a response spectrum, and what that has changed.
+    """A motion that was matched to a response spectrum, and the changes.
 
     Attributes:
         motion: The matched motion.
@@ -120,7 +120,7 @@ def match_spectrum(
 
     Each component is scaled so that its spectrum has the level of the target (geometric mean),
     then wavelets are added until all misfits are within the tolerance. A component that is there
-    already after scaling gets none. What is wanted between the periods of the target lies on
+    already after scaling gets none. Between the periods of the target it lies on
     straight lines in a plot with both axes logarithmic, and is compared at steps of 1 %.
 
     Args:
@@ -213,7 +213,7 @@ class _Matcher:
         for number in range(1, rounds + 1):
             if np.abs(least).max() <= tolerance:
                 break
-            # What stays behind because of its neighbours counts more and more.
+            # Peaks that stay behind because of their neighbours count more and more.
             emphasis *= 1.0 + np.minimum(np.abs(misfit[self.matched]) / tolerance, 1.0) ** 2
             emphasis /= np.exp(np.log(emphasis).mean())
             correction = self._correction(answers, emphasis)
@@ -322,11 +322,11 @@ def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:
 def _filled(periods: Floats, wanted: Floats) -> tuple[Floats, Floats]:
     """The target with periods in between, so that neighbours are not more than 1 % apart."""
     parts = np.ceil(np.log(periods[1:] / periods[:-1]) / np.log(_CHECKED) - ROUNDING)
-    pieces = [
+    parts_of = [
         np.geomspace(a, b, int(max(count, 1.0)), endpoint=False)
         for a, b, count in zip(periods[:-1], periods[1:], parts, strict=True)
     ]
-    filled = np.concatenate([*pieces, periods[-1:]])
+    filled = np.concatenate([*parts_of, periods[-1:]])
     values = np.exp(np.interp(np.log(filled), np.log(periods), np.log(wanted)))
     return filled, values
 

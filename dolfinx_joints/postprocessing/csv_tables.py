@@ -220,7 +220,7 @@ def _resultants(results: Results) -> Table:
 
 
 def _blocks(results: Results) -> Table:
-    """What joints put on each block at each record."""
+    """Forces of the joints on each block at each record."""
     found = block_resultants(results)
     parts = []
     for i in range(len(found.mass)):

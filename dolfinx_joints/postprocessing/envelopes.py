@@ -102,7 +102,7 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
 
 
 class Envelopes:
-    """Largest and smallest stresses seen so far at points of a surface.
+    """Largest and smallest stresses over time at points of a surface.
 
     Args:
         arch: Arch directions, shape (n, 3).
@@ -110,7 +110,7 @@ class Envelopes:
     """
 
     def __init__(self, arch: Floats, cantilever: Floats) -> None:
-        """Nothing has been seen."""
+        """Begin before the first stresses."""
         self._arch, self._cantilever = arch, cantilever
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)

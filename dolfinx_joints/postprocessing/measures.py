@@ -61,7 +61,7 @@ class FourierPeaks(NamedTuple):
         amplitude: There, NaN if there is none [m s].
         bin_width: Distance of two frequencies, one over the duration [Hz]; a frequency is not
             known better than half of it.
-        frequency_below: Of the highest peak below the frequency asked for, NaN if there is none
+        frequency_below: Of the highest peak below the chosen frequency, NaN if there is none
             [Hz].
         amplitude_below: There, NaN if there is none [m s].
     """
@@ -228,14 +228,14 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
 
 @checked
 def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, dict[str, float]]:
-    """What each joint went through, over the records of the stream ``states``.
+    """Extremes of the motion of each joint over the records of the stream ``states``.
 
     Opening and slip are those of :func:`joint_history`. By joint:
 
     - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
       time, with their times ``opening_time``, ``slip_time`` and ``pressure_time`` [s];
     - ``opening_static`` [m], the largest of the static state;
-    - ``opening_residual`` and ``slip_residual`` [m]: what has been added to the static state, the
+    - ``opening_residual`` and ``slip_residual`` [m]: the growth since the static state, the
       mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
       largest of the points. While the body still moves a mean is what it moves about;
     - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points concerned

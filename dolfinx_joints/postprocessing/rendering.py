@@ -145,8 +145,8 @@ class Scene:
             pixels: length of the longer side.
 
         Returns:
-            Red, green and blue, shape (height, width, 3), from the top left; it shows what
-            :meth:`extent` says.
+            Red, green and blue, shape (height, width, 3), from the top left; its edges are
+            those of :meth:`extent`.
         """
         pyvista = load_pyvista()
         left, right, bottom, top = self.extent(camera)

@@ -66,7 +66,7 @@ class JointGeometry:
 
 @dataclass(frozen=True, kw_only=True)
 class JointResultants:
-    """What a joint transmits to its + side, at the records of a run or in one state.
+    """Forces that a joint transmits to its + side, at the records of a run or in one state.
 
     Of a run all arrays begin with an axis of records; of one state they are without it.
 
@@ -151,7 +151,7 @@ class JointResultants:
 
 @dataclass(frozen=True, kw_only=True)
 class BlockResultants:
-    """What its joints put on each block, cells that are connected without crossing a joint.
+    """Forces of its joints on each block, cells that are connected without crossing a joint.
 
     Attributes:
         time: Shape (records,), [s].
@@ -203,7 +203,7 @@ def joint_resultants(
         results: The run; ``ResultsMonitor(resultants=True)`` records every step.
         joint: Name of the joint.
         friction_angle_deg: For the sliding safety; that of the joint's law unless given, which
-            files of earlier versions do not tell.
+            files of earlier versions do not hold.
 
     Raises:
         ResultsError: There is no such joint.
@@ -228,7 +228,7 @@ def joint_resultants(
 
 
 def block_resultants(results: Results) -> BlockResultants:
-    """What its joints put on each block at every step.
+    """Forces of its joints on each block at every step.
 
     Raises:
         ResultsError: The run did not record it.

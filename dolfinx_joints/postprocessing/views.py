@@ -59,7 +59,7 @@ def mesh(
     azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Finite-element mesh with the outlines of its joints, named by what tells them apart.
+    """Finite-element mesh with the outlines of its joints, named by their distinct parts.
 
     Args:
         results: the run.

@@ -131,7 +131,7 @@ def _envelope(content: Content, run: Run, name: str) -> Html:
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """What the page's script draws of one run.
+    """Data of one run for the page's script.
 
     All vertices and facets of the boundary are taken. Of the recorded states it takes at most
     ``MOMENTS`` at equal distances, and those of the largest displacement and opening.

@@ -57,7 +57,7 @@ class Section:
 
 @dataclass
 class Drawings:
-    """What the scripts of the page draw.
+    """Data that the scripts of the page draw.
 
     Attributes:
         plots: plotly's data and layout by the id of their element.
@@ -86,7 +86,7 @@ class Drawings:
         )
 
     def picture(self, png: Path, alt: str) -> Html:
-        """A picture, held in the page itself."""
+        """A picture as part of the page itself."""
         data = base64.b64encode(png.read_bytes()).decode()
         return Html(f'<img src="data:image/png;base64,{data}" alt="{text(alt)}"/>')
 
@@ -312,7 +312,7 @@ def _plotly() -> tuple[str, list[str]]:
 
 
 def _hash(script: str) -> str:
-    """What a content security policy calls a script."""
+    """Name of a script in a content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 

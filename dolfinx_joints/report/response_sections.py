@@ -207,7 +207,7 @@ def largest_moment(run: Run) -> float:
 
 
 def largest_displacement(run: Run) -> str | None:
-    """Largest displacement of a monitor point, and when, in words."""
+    """Text on the largest displacement of a monitor point."""
     if not run.has("histories", "displacement"):
         return None
     u = run.results.series("histories", "displacement")
@@ -219,7 +219,7 @@ def largest_displacement(run: Run) -> str | None:
 
 
 def widest_opening(run: Run) -> str | None:
-    """Largest opening of a joint, and when, in words."""
+    """Text on the largest opening of a joint."""
     if not run.results.joints:
         return "has no joints"
     if not run.has("states"):
@@ -261,7 +261,7 @@ def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
 
 
 def strong_until(run: Run) -> float:
-    """End of the strong motion [s], that of the run if the file does not tell the motion."""
+    """End of the strong motion [s], that of the run if the file has no ground motion."""
     if not run.has("histories", "ground_acceleration"):
         return run.end
     if not run.results.series("histories", "ground_acceleration").any():

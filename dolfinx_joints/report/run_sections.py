@@ -45,7 +45,7 @@ _ERRORS = {
 
 
 def parameters(content: Content) -> Section:
-    """Parameters and mesh numbers as the files tell them."""
+    """Parameters and mesh numbers from the files."""
     facts = [run.results.metadata for run in content.runs]
     hidden = {"point_names", "units", *_MESH}
     keys = [key for key in dict.fromkeys(k for f in facts for k in f) if key not in hidden]
@@ -104,7 +104,7 @@ def energies(content: Content) -> Section:
     ]
     for number, run in enumerate(content.runs):
         if not run.has("energy", *ENERGY_TERMS):
-            pieces.append(paragraph(f"The file of {run.label} holds no energies."))
+            pieces.append(paragraph(f"The file of {run.label} has no energies."))
             continue
         time = run.results.time("energy")
         values = {term: run.results.series("energy", term) for term in ENERGY_TERMS}
@@ -146,7 +146,7 @@ def convergence(content: Content) -> Section:
 
 
 def warnings(content: Content) -> Section:
-    """What makes a run doubtful, by its own numbers."""
+    """Doubts about the runs, by their own numbers."""
     found = [sentence for run in content.runs for sentence in doubts(run)]
     if not found:
         found = ["None: all runs are complete, and their errors are within the bounds below."]
@@ -167,7 +167,7 @@ def warnings(content: Content) -> Section:
 
 
 def versions(content: Content) -> Section:
-    """What wrote the files and the report."""
+    """Files of the runs, and programs that wrote the report."""
     rows = [
         [run.label, str(run.results.path), run.results.created, run.results.status]
         for run in content.runs
@@ -192,7 +192,7 @@ def versions(content: Content) -> Section:
 
 
 def doubts(run: Run) -> list[str]:
-    """Sentences on what makes a run doubtful."""
+    """Sentences on the doubts about a run."""
     found = [] if run.results.complete else [ending(run)]
     summary = run.results.summary
     energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The runs of a report, their names, and what its sections are made from."""
+"""The runs of a report, their names, and the content of its sections."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Run:
 
     @property
     def seconds(self) -> float | None:
-        """Seconds that the run took, None where the file does not say."""
+        """Seconds that the run took, None where the file does not hold them."""
         value = self.results.summary.get("seconds")
         if isinstance(value, dict):
             return float(sum(value.values()))
@@ -57,7 +57,7 @@ class Run:
 
     @property
     def moves(self) -> bool:
-        """Whether a history has a second record to tell a motion by."""
+        """Whether a history has two records or more."""
         return self.has("histories", "displacement") and self.results.rows("histories") > 1
 
     @property
@@ -88,11 +88,11 @@ class Addition:
 
 @dataclass(frozen=True)
 class Content:
-    """What sections are made from.
+    """Runs and drawings that sections are made from.
 
     Attributes:
         runs: Those that are compared, then the others in the order given.
-        drawings: What the scripts draw; sections add to it.
+        drawings: Data that the scripts draw; sections add to it.
         main: The run that pictures show.
         reference: The run that pictures draw behind it.
     """

@@ -174,7 +174,7 @@ class ResultsWriter:
 
     @property
     def records(self) -> dict[str, int]:
-        """Records of each stream so far, those that wait in memory included."""
+        """Records of each stream, those that wait in memory included."""
         return {name: stream.records for name, stream in self._streams.items()}
 
     def __enter__(self) -> Self:
@@ -355,8 +355,8 @@ def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
     try:
         text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
     except (TypeError, ValueError, RecursionError) as error:
-        said = shown(error, str)
-        raise ResultsError(f"The {what} must be what JSON can hold: {said}.") from error
+        reason = shown(error, str)
+        raise ResultsError(f"The {what} must be what JSON can hold: {reason}.") from error
     # Names of files on the command line need not be UTF-8.
     return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 

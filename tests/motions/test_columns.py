@@ -67,16 +67,16 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "options", "message"),
     [
-        ("", {}, "does not say the unit of its columns; say unit=, or write '# unit: cm/s"),
+        ("", {}, "does not give the unit of its columns; pass unit=, or write '# unit: cm/s"),
         ("# unit: g\n", {"unit": "gal"}, "line 1: the unit is g, but unit='gal' was given"),
-        ("# unit: g\n# Units = gal\n", {}, "line 2: unit is said again; line 1 says 'g'"),
+        ("# unit: g\n# Units = gal\n", {}, "line 2: unit is there again; line 1 has 'g'"),
         ("# unit: g\n", {"dt": "0.02"}, "dt is '0.02'; it must be positive and finite"),
         ("", {"unit": "kN"}, "unit: 'kN' is no known unit of acceleration; known are m/s"),
         ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 s, but dt=0.01 was given"),
         ("# unit: g\n# dt: fast\n", {}, "line 2: dt 'fast' is not a finite number"),
         ("# unit: g\n# dt: -1\n", {}, "line 2: dt must be positive, got -1"),
         ("# unit: g\n# dt: 0.03\n# columns: time N\n", {}, "line 5: the times must rise by equal"),
-        ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; say dt="),
+        ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; pass dt="),
         ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be 'time' once at most and"),
         ("# unit: g\n", {"columns": ["N", "N"]}, "columns must be 'time' once at most and"),
         ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values where the columns are 1"),
@@ -107,7 +107,7 @@ def test_what_is_missing_or_contradicts_is_refused(
         ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
         ("# unit: g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise, got 0.2 to 0.1 s"),
         ("# unit: g\n0.2 1.0\n0.2 2.0\n", "line 2: the times must rise, got 0.2 to 0.2 s"),
-        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "has 4 columns and does not say what they hold"),
+        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "has 4 columns and does not name them"),
     ],
 )
 def test_malformed_columns_are_refused(tmp_path: Path, text: str, message: str) -> None:

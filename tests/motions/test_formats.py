@@ -400,11 +400,11 @@ def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
 
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:
     files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
-    with pytest.raises(RecordError, match=r"1.ASC \(unknown\).*directions= says what the files"):
+    with pytest.raises(RecordError, match=r"1.ASC \(unknown\).*give directions= where the files"):
         read_record(files)
     motion = read_record(files, directions=[122.0, 32, "up"])
     np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)
-    with pytest.raises(RecordError, match="says that its direction is up, but 'DOWN' was given"):
+    with pytest.raises(RecordError, match="has the direction up, but 'DOWN' was given"):
         read_record(files, directions=[122, 32, "DOWN"])
     with pytest.raises(RecordError, match="directions must be N, E, S, W, UP, DOWN or azimuths"):
         read_record(files, directions=["H1", "H2", "UP"])

@@ -75,31 +75,22 @@ class FourierPeaks(NamedTuple):
 
 @checked
 def displacement_history(
-    results: Results, point: int | str, component: Component, *, absolute: bool = False
+    results: Results, point: int | str, component: Component
 ) -> tuple[Floats, Floats]:
-    """Displacement of a point from the static state.
+    """Displacement of a point from the static state, relative to the ground.
 
     Args:
         results: The run.
         point: Name or number of the monitor point.
         component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        absolute: Add the displacement of the ground, its acceleration integrated twice from rest,
-            linear between records. A record whose baseline was not corrected drifts.
 
     Returns:
         Times [s] and displacements [m], both of shape (records,).
     """
     check_results(results)
-    column, time = COMPONENTS.index(component), results.time("histories")
+    column = COMPONENTS.index(component)
     u = results.series("histories", "displacement")[:, results.point_index(point), column]
-    relative = u - u[:1]
-    if not absolute:
-        return time, relative
-    ground, steps = results.series("histories", "ground_acceleration")[:, column], np.diff(time)
-    before, after = ground[:-1], ground[1:]
-    velocity = np.append(0.0, np.cumsum(0.5 * steps * (before + after)))
-    moved = steps * velocity[:-1] + steps**2 * (2.0 * before + after) / 6.0
-    return time, relative + np.append(0.0, np.cumsum(moved))
+    return results.time("histories"), u - u[:1]
 
 
 @checked

@@ -70,14 +70,6 @@ def test_displacement_counts_from_the_static_state(tmp_path: Path) -> None:
     np.testing.assert_array_equal(measures.displacement_history(results, 1, "z")[1], 0.0)
 
 
-def test_absolute_displacement_adds_that_of_the_ground(tmp_path: Path) -> None:
-    # Linear in time: a_g = 2 + 3 t from rest moves by t^2 + t^3 / 2, which the rule has exactly.
-    results = write(tmp_path / "r.h5", nothing, ground=along_x(lambda t: 2.0 + 3.0 * t))
-    _, u = measures.displacement_history(results, "crest", "x", absolute=True)
-    np.testing.assert_allclose(u, TIME**2 + TIME**3 / 2, rtol=1e-12)
-    assert np.all(measures.displacement_history(results, "crest", "x")[1] == 0.0)
-
-
 def test_acceleration_lies_in_the_middle_of_the_steps(tmp_path: Path) -> None:
     # A straight line has its mean over a step in the middle: 7 - 4 t relative, 1 + t the ground.
     relative = along_x(lambda t: 7.0 - 4.0 * (t - DT / 2))

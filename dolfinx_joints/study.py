@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.memory_use import peak_mb
+from dolfinx_joints.common.memory import peak_mb
 
 __all__ = ["Study", "Table", "Tally", "read_table", "write_csv"]
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import socket
@@ -14,76 +13,65 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Protocol, Self
 
-# What systems answer where a file system has no locks.
-_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
-
 
 class Lock(Protocol):
-    """What holds the right to write files."""
+    """Right to write files."""
 
     def release(self) -> None:
         """Let others write them."""
 
 
 class FileLock:
-    """The right to write a file, held until `release` or the end of the process.
+    """Right to write a file, kept until `release` or the end of the process.
 
-    What a killed process leaves is an unlocked ``PATH.lock``, which the next one takes over. On a
-    file system without locks a warning says that nothing is locked.
+    A killed process leaves an unlocked ``PATH.lock``, which the next one takes over. On a file
+    system without locks a warning says that nothing is locked.
 
     Args:
         path: The file to be written; it need not exist.
-        error: What to raise.
+        error: Exception to raise.
 
     Raises:
         Exception: ``error``: another run writes the file, or ``PATH.lock`` cannot be written.
     """
 
     def __init__(self, path: Path, error: type[Exception]) -> None:
-        """Take the lock or refuse at once."""
+        """Take the lock, or raise at once."""
         self._place = path.with_name(f"{path.name}.lock")
         self._file: IO[str] | None = None
-        while self._file is None:
-            try:
-                file = self._place.open("a+", encoding="utf-8")
-            except OSError as exc:
-                raise error(
-                    f"{path} cannot be created: {exc.strerror} ({self._place.name} beside it)."
-                ) from exc
-            try:
-                self._take(file, path, error)
-            except BaseException:
+        try:
+            file = self._locked(path, error)
+            while not self._is_in_place(file):  # its last owner deleted it before it was locked
                 file.close()
-                raise
-            # Whoever had it may have deleted it before it was locked here.
-            if self._is_in_place(file):
-                self._file = file
-            else:
-                file.close()
+                file = self._locked(path, error)
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+            file.flush()
+        except OSError as exc:
+            raise error(
+                f"{path} cannot be created: {exc.strerror} ({self._place.name} beside it)."
+            ) from exc
+        self._file = file
 
-    def _take(self, file: IO[str], path: Path, error: type[Exception]) -> None:
+    def _locked(self, path: Path, error: type[Exception]) -> IO[str]:
+        """The lock's file, open and locked, or with a warning where the file system has no locks."""
+        file = self._place.open("a+", encoding="utf-8")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.seek(0)
             owner = file.read(200).strip() or "another process"
+            file.close()
             raise error(
                 f"{path} is being written by {owner}; wait for it, end it, or take another file."
             ) from None
         except OSError as exc:
-            if exc.errno not in _NO_LOCKS:
-                raise error(f"{path} cannot be locked: {exc}.") from exc
             warnings.warn(
-                f"{path} is on a file system without locks ({exc.strerror}): nothing keeps a "
-                "second run from writing it.",
+                f"{path} is on a file system without locks ({exc.strerror}): a second run that "
+                "writes it would not be noticed.",
                 stacklevel=4,
             )
-        try:
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
-            file.flush()
-        except OSError as exc:
-            raise error(f"{path} cannot be created: {exc.strerror}.") from exc
+        return file
 
     def _is_in_place(self, file: IO[str]) -> bool:
         try:

@@ -1,15 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How much memory a factor needs, and how much there is."""
+"""Memory of the machine: what a factor needs, what is free, and what this process has had."""
 
 from __future__ import annotations
 
 import os
+import resource
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 # Part of the free memory that one factor may take: matrices, results and a second one need some.
 SHARE = 0.5
@@ -27,7 +28,7 @@ def factor_fits(comm: Any, dofs: int, components: int) -> bool:
 
 
 def factor_bytes(dofs: int, components: int) -> float:
-    """What a Cholesky factor and its making may take, [bytes].
+    """Memory that a Cholesky factor and its making may take, [bytes].
 
     Nested dissection leaves of the order of n^(4/3) entries in space and n log n in a plane. The
     numbers are measured: on cubes and squares, whose factors are the largest for their dofs.
@@ -39,10 +40,23 @@ def factor_bytes(dofs: int, components: int) -> float:
 
 def available_bytes(comm: Any) -> float:
     """Free memory of all the machines that the ranks run on (collective), [bytes]."""
+    from mpi4py import MPI
+
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     ranks = machine.size
     machine.Free()
     return float(comm.allreduce(_free_here() / ranks))
+
+
+def peak_mb() -> float:
+    """Largest resident size of this process so far [MiB]."""
+    status = Path("/proc/self/status")
+    if status.exists():  # the system call below also counts the program that this one replaced
+        for line in status.read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM"):
+                return int(line.split()[1]) / 1024.0
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def _free_here() -> float:

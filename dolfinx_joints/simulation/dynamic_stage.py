@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
-from dolfinx_joints.common.memory_use import peak_mb
+from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.model.arguments import check_loads, check_nodal

@@ -90,20 +90,13 @@ def test_a_lock_is_free_after_its_release(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
+def test_a_file_system_without_locks_is_reported(tmp_path, monkeypatch):
     def none(file, how):
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
     with pytest.warns(UserWarning, match=r"run\.h5 is on a file system without locks \(No locks"):
         FileLock(tmp_path / "run.h5", ResultsError).release()
-
-    def broken(file, how):
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(fcntl, "flock", broken)
-    with pytest.raises(ResultsError, match=r"run\.h5 cannot be locked: .*Input/output error"):
-        FileLock(tmp_path / "run.h5", ResultsError)
 
 
 # The kernel refuses files in /proc to everybody, root included.
@@ -361,36 +354,38 @@ def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_pat
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_a_lock_that_cannot_be_written_is_told(tmp_path):
+def test_a_lock_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "r.h5.lock").symlink_to("/dev/full")
-    with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: [\w ]+\.$"):
+    with pytest.raises(
+        ResultsError, match=r"r\.h5 cannot be created: [\w ]+ \(r\.h5\.lock beside it\)\.$"
+    ):
         FileLock(tmp_path / "r.h5", ResultsError)
 
 
 def test_memory_is_known_without_linuxs_reports(monkeypatch):
     # From the system's calls: not less than what Linux tells of now, and of the same size.
-    from dolfinx_joints.common import memory, memory_use
+    from dolfinx_joints.common import memory
 
-    free, peak = memory._free_on_machine(), memory_use.peak_mb()
+    free, peak = memory._free_on_machine(), memory.peak_mb()
     monkeypatch.setattr(Path, "exists", lambda self: False)
     assert (
         free
         <= memory._free_on_machine()
         == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     )
-    assert memory_use.peak_mb() >= 0.9 * peak
-    monkeypatch.setattr(memory_use.sys, "platform", "darwin")  # which counts bytes
-    assert memory_use.peak_mb() * 1024 == pytest.approx(peak, rel=0.5)
+    assert memory.peak_mb() >= 0.9 * peak
+    monkeypatch.setattr(memory.sys, "platform", "darwin")  # which counts bytes
+    assert memory.peak_mb() * 1024 == pytest.approx(peak, rel=0.5)
 
 
 def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
     # As in kernels before 3.14: from the system's calls.
-    from dolfinx_joints.common import memory, memory_use
+    from dolfinx_joints.common import memory
 
     monkeypatch.setattr(Path, "read_text", lambda self, **_: "Other: 1 kB\n")
     assert memory._free_on_machine() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    assert memory_use.peak_mb() == pytest.approx(used, rel=0.01)
+    assert memory.peak_mb() == pytest.approx(used, rel=0.01)
 
 
 def test_a_warning_is_kept_once_and_shown_each_time():

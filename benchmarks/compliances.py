@@ -23,7 +23,7 @@ import sys
 import time as clock
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -31,10 +31,10 @@ import dolfinx_joints as dj
 from benchmarks._measure import StepWatch, free_memory, load_average, peak_mb, progress, reset_peak
 from benchmarks._scenes import TIME_STEP, Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.solvers.effective_matrix import LINEAR
+from dolfinx_joints.solvers.effective_matrix import LinearSolver
 from dolfinx_joints.solvers.interface import condensed
 from dolfinx_joints.solvers.interface.compliance import Compliance
-from dolfinx_joints.solvers.step_solver import COMPLIANCES
+from dolfinx_joints.solvers.step_solver import ComplianceKind
 
 LARGEST_LEDGER = 1e-9
 LARGEST_DIFFERENCE = 1e-8
@@ -175,11 +175,13 @@ def print_table(rows: list[Row]) -> None:
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kinds", nargs="+", choices=COMPLIANCES)
+    parser.add_argument("--kinds", nargs="+", choices=get_args(ComplianceKind))
     parser.add_argument("--divisions", nargs=3, type=at_least(1), help="cells along x, y, z")
     parser.add_argument("--joints", type=at_least(1), help="number of joints")
     parser.add_argument("--steps", type=at_least(1), default=12)
-    parser.add_argument("--linear", default="direct", choices=LINEAR, help="solver of the bulk")
+    parser.add_argument(
+        "--linear", default="direct", choices=get_args(LinearSolver), help="solver of the bulk"
+    )
     parser.add_argument("--at-rest", action="store_true", help="leave out the self weight")
     parser.add_argument("--quick", action="store_true", help="a small wall, 3 steps")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")

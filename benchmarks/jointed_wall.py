@@ -20,7 +20,7 @@ import json
 import os
 import statistics
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from mpi4py import MPI
@@ -29,7 +29,7 @@ import dolfinx_joints as dj
 from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
 from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.solvers.choice import KINDS
+from dolfinx_joints.solvers.choice import SolverKind
 
 Row = dict[str, Any]
 
@@ -185,7 +185,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--repeat", type=at_least(1), default=1, help="runs over which medians are taken"
     )
-    parser.add_argument("--solver", default="auto", choices=KINDS)
+    parser.add_argument("--solver", default="auto", choices=get_args(SolverKind))
     parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     return parser.parse_args(arguments)

@@ -23,7 +23,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, get_args
 
 import dolfinx_joints as dj
 from benchmarks._measure import (
@@ -37,7 +37,7 @@ from benchmarks._measure import (
     run_alone,
 )
 from benchmarks._scenes import TIME_STEP, wall
-from dolfinx_joints.solvers.effective_matrix import LINEAR
+from dolfinx_joints.solvers.effective_matrix import LinearSolver
 
 DIVISIONS, JOINTS = (116, 24, 116), 1
 KINDS = ("linear", "joints")
@@ -132,7 +132,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--divisions", nargs=3, type=int, help="cells along x, y, z")
     parser.add_argument("--joints", type=int, default=JOINTS, help="number of joints")
-    parser.add_argument("--linear", default="iterative", choices=LINEAR, help="solver of the bulk")
+    parser.add_argument(
+        "--linear", default="iterative", choices=get_args(LinearSolver), help="solver of the bulk"
+    )
     parser.add_argument("--steps", type=int, default=1)
     parser.add_argument("--memory", type=float, default=0.0, help="limit of each run [GiB]")
     parser.add_argument("--mesh", type=Path, help="the file, if it has been written already")

@@ -17,7 +17,7 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
 from mpi4py import MPI
 
@@ -27,7 +27,7 @@ from benchmarks._scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
-from dolfinx_joints.solvers.choice import KINDS
+from dolfinx_joints.solvers.choice import SolverKind
 
 STIFFNESSES = (1e9, 1e11, 1e13, 1e15, math.inf)
 ANGLES = (0.0, 30.0, 60.0, 89.9)
@@ -195,7 +195,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--angle", nargs="+", type=float, help="friction angles [degrees]")
     parser.add_argument("--factor", nargs="+", type=float, help=f"of the time step {TIME_STEP} s")
     parser.add_argument("--steps", type=at_least(1), default=50)
-    parser.add_argument("--solver", default="auto", choices=KINDS)
+    parser.add_argument("--solver", default="auto", choices=get_args(SolverKind))
     parser.add_argument("--quick", action="store_true", help="a few cases of the wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args(arguments)

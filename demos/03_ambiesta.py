@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from mpi4py import MPI
@@ -31,7 +32,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.solvers.choice import KINDS
+from dolfinx_joints.solvers.choice import SolverKind
 from studies import ambiesta
 from studies.ambiesta import Case, Finished
 from studies.figures import comparison_figures
@@ -59,7 +60,9 @@ def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--active-height", type=float, default=0.75, help="height up to which joints are active"
     )
-    parser.add_argument("--solver", default="auto", choices=KINDS, help="solver of the time steps")
+    parser.add_argument(
+        "--solver", default="auto", choices=get_args(SolverKind), help="solver of the time steps"
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("output/03_ambiesta"), help="where files are written"
     )

@@ -54,7 +54,7 @@ class FileLock:
         self._file = file
 
     def _locked(self, path: Path, error: type[Exception]) -> IO[str]:
-        """The lock's file, open and locked, or with a warning where the file system has no locks."""
+        """File of the lock, open and locked; not locked where the file system has no locks."""
         file = self._place.open("a+", encoding="utf-8")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -5,18 +5,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
+
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.common.parameters import check_count, check_path
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 
+@dataclass(eq=False)
+@checked
 class FieldMonitor(Monitor):
     """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
 
@@ -28,11 +34,13 @@ class FieldMonitor(Monitor):
         every: Steps between two times.
     """
 
-    def __init__(self, path: str | Path, *, every: int = 10) -> None:
+    path: str | PathLike[str]
+    _: KW_ONLY
+    every: Annotated[int, at.Ge(1)] = 10
+
+    def __post_init__(self) -> None:
         """Nothing is written before the run starts."""
-        check_path("path", path)
-        check_count("every", every, 1, "fields are written every 1 or more steps")
-        self._path, self._every = Path(path), every
+        self._path = Path(self.path)
         self._lock: FileLock | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -67,7 +75,7 @@ class FieldMonitor(Monitor):
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""
-        if record.step % self._every == 0:
+        if record.step % self.every == 0:
             owned = record.displacement.getLocalSize()
             self._u.x.array[:owned] = record.displacement.getArray(readonly=True)
             self._u.x.scatter_forward()

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, check_path
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import Modes
@@ -19,10 +20,11 @@ from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 
 
+@checked
 def write_modes(
     modes: Modes,
     model: Model,
-    path: str | Path,
+    path: str | PathLike[str],
     *,
     metadata: Mapping[str, Any] | None = None,
     overwrite: bool = False,
@@ -43,11 +45,9 @@ def write_modes(
         ResultsError: The file exists, or cannot be written.
         ValueError: The modes are not of this model, or the metadata cannot be stored.
     """
-    check_path("path", path)
     check_kind_of("modes", modes, isinstance(modes, Modes), "what modes(model) gives")
     check_kind_of("model", model, isinstance(model, Model), "a Model")
     check_storable("metadata", {} if metadata is None else metadata)
-    check_flag("overwrite", overwrite)
     unknowns = {shape.getSize() for shape in modes.shapes}
     if unknowns != {model.num_dofs}:
         raise ValueError(

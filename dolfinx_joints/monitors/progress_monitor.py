@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record
 
 
+@dataclass(eq=False)
+@checked
 class ProgressMonitor(Monitor):
     """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
 
@@ -19,10 +22,10 @@ class ProgressMonitor(Monitor):
         label: Text before the bar.
     """
 
-    def __init__(self, label: str = "dynamic") -> None:
-        """The bar appears when the run starts."""
-        check_kind_of("label", label, isinstance(label, str), "a text")
-        self._label = label
+    label: str = "dynamic"
+
+    def __post_init__(self) -> None:
+        """No bar appears before the run starts."""
         self._bar: Any = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -31,7 +34,7 @@ class ProgressMonitor(Monitor):
             from tqdm import tqdm
 
             self._bar = tqdm(
-                total=steps, initial=first.step, desc=self._label, unit="step", mininterval=1.0
+                total=steps, initial=first.step, desc=self.label, unit="step", mininterval=1.0
             )
 
     def record(self, record: Record) -> None:

@@ -5,15 +5,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
-from dolfinx_joints.common.parameters import check_count, check_flag, check_path
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.manifest import manifest
@@ -36,6 +39,8 @@ from dolfinx_joints.simulation.records import Record
 Floats = NDArray[np.floating[Any]]
 
 
+@dataclass(eq=False)
+@checked
 class ResultsMonitor(Monitor):
     """Writes histories, energies and states to an HDF5 file as the run goes.
 
@@ -56,31 +61,22 @@ class ResultsMonitor(Monitor):
             included, at the whole boundary or on the facet groups named; of models in space only.
             Costs a product with a matrix each step.
         resultants: Record force and moment of each joint, and on each block, at every step.
-
-    Raises:
-        ValueError: A parameter is of another kind.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        points: Mapping[str, Sequence[float]],
-        every: int = 10,
-        metadata: Mapping[str, Any] | None = None,
-        overwrite: bool = False,
-        envelopes: bool | Sequence[str] = False,
-        resultants: bool = False,
-    ) -> None:
-        """Nothing is written before the run starts."""
-        check_path("path", path)
-        check_count("every", every, 1, "states are written every 1 or more steps")
-        check_flag("overwrite", overwrite)
-        check_flag("resultants", resultants)
-        check_storable("metadata", {} if metadata is None else metadata)
-        self._path, self._points, self._every = Path(path), checked_points(points), every
-        self._metadata, self._overwrite = dict(metadata or {}), overwrite
-        self._with_envelopes, self._with_resultants = chosen_faces(envelopes), resultants
+    path: str | PathLike[str]
+    _: KW_ONLY
+    points: Mapping[str, Sequence[float]]
+    every: Annotated[int, at.Ge(1)] = 10
+    metadata: Mapping[str, Any] | None = None
+    overwrite: bool = False
+    envelopes: bool | Sequence[str] = False
+    resultants: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what is no plain parameter; nothing is written before the run starts."""
+        check_storable("metadata", self.metadata or {})
+        self._path, self._points = Path(self.path), checked_points(self.points)
+        self._with_envelopes = chosen_faces(self.envelopes)
         self._writer: ResultsWriter | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -97,13 +93,13 @@ class ResultsMonitor(Monitor):
             "ranks": self._comm.size,
             "units": "SI: m, s, N, Pa, J",
             "laws": strengths(model.contact) if model.contact else {},
-            **self._metadata,
+            **(self.metadata or {}),
         }
 
         def create() -> None:
             made_by = manifest(model, first.settings, self._nodes.positions, surface)
             facts = {"manifest": made_by, **metadata}
-            self._writer = writer = ResultsWriter(self._path, facts, overwrite=self._overwrite)
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=self.overwrite)
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:
                 text = f"force of the support {group} on the body"
@@ -143,7 +139,7 @@ class ResultsMonitor(Monitor):
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._extras = PointExtras(model.contact, first) if model.contact else None
         self._resultants: ResultantsStream | None = None
-        if self._with_resultants:
+        if self.resultants:
             if model.contact is None:
                 raise MeshError("resultants=True records forces of joints; the model has none.")
             self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
@@ -171,8 +167,8 @@ class ResultsMonitor(Monitor):
     def _settings(self) -> dict[str, Any]:
         """What a continued file must agree in."""
         points = {name: [float(x) for x in place] for name, place in self._points.items()}
-        extra = {"envelopes": self._with_envelopes, "resultants": self._with_resultants}
-        return {"points": points, "every": self._every, **extra}
+        extra = {"envelopes": self._with_envelopes, "resultants": self.resultants}
+        return {"points": points, "every": self.every, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
@@ -229,7 +225,7 @@ class ResultsMonitor(Monitor):
         self._append("energy", record.time, energies)
         if self._resultants is not None:
             self._append("resultants", record.time, self._resultants.values(record))
-        if record.step % self._every == 0:
+        if record.step % self.every == 0:
             self._append_state(record)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)

@@ -9,18 +9,20 @@ of the points, so that a run can go on with another number of ranks.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import KW_ONLY, asdict, dataclass, fields
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.common.parameters import check_count, check_flag, check_path
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -54,6 +56,8 @@ class _Saved:
     memory: Tree
 
 
+@dataclass(eq=False)
+@checked
 class Checkpoints:
     """Where and how often a dynamic stage is kept on the disk.
 
@@ -63,17 +67,16 @@ class Checkpoints:
         path: The file; each checkpoint replaces the one before it at once.
         every: Steps between two checkpoints.
         overwrite: Let a new run replace a checkpoint that is there already.
-
-    Raises:
-        ValueError: ``every`` is not positive.
     """
 
-    def __init__(self, path: str | Path, *, every: int = 100, overwrite: bool = False) -> None:
+    path: str | PathLike[str]
+    _: KW_ONLY
+    every: Annotated[int, at.Ge(1)] = 100
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
         """Nothing is written before the run starts."""
-        check_path("path", path)
-        check_count("every", every, 1, "checkpoints are written every 1 or more steps")
-        check_flag("overwrite", overwrite)
-        self.path, self.every, self._overwrite = Path(path), every, overwrite
+        self.path: Path = Path(self.path)
         self._lock: FileLock | None = None
 
     @property
@@ -99,7 +102,7 @@ class Checkpoints:
         Raises:
             CheckpointError: A new run finds a checkpoint, or another run writes it.
         """
-        if not resume and not self._overwrite and on_root(comm, lambda: self.found):
+        if not resume and not self.overwrite and on_root(comm, lambda: self.found):
             raise CheckpointError(
                 f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
                 "overwrite=True to Checkpoints to begin anew."

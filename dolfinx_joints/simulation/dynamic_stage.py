@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.common.parameters import check_flag, check_kind_of, offers
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
@@ -240,35 +240,24 @@ class DynamicRun:
         )
 
 
-def check_options(model: Model, loads: Any, scheme: Any, control: Any) -> None:
-    """Refuse loads, a scheme or a control that are no such things.
-
-    Raises:
-        ValueError: One is not.
-    """
-    check_loads(model.jointed, loads)
-    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
-    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-
-
-def check_beginning(model: Model, velocity: Any, start: Any, checkpoint: Any, resume: Any) -> None:
-    """Refuse what a dynamic stage cannot begin with (collective).
+def check_beginning(
+    model: Model, loads: Any, *, scheme: Any, control: Any, velocity: Any, start: Any
+) -> None:
+    """Check the arguments of a dynamic stage against their classes and the model (collective).
 
     Raises:
         ValueError: A value is of another kind or of another model, or two exclude each other.
     """
-    known = start is None or isinstance(start, DynamicState)
+    check_loads(model.jointed, loads)
+    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
+    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+    known = isinstance(start, DynamicState | None)
     check_kind_of("start", start, known, "the state of an earlier outcome")
-    for name, vector in (("velocity", velocity), ("start", getattr(start, "displacement", None))):
+    for name, vector in (("velocity", velocity), ("start", start and start.displacement)):
         if vector is not None:
             check_nodal(name, vector, model.mass)
     if velocity is not None and start is not None:
         raise ValueError("velocity and start are both given; start holds a velocity already.")
-    good = checkpoint is None or offers(checkpoint, "keeper")
-    check_kind_of("checkpoint", checkpoint, good, "a Checkpoints")
-    check_flag("resume", resume)
-    if resume and checkpoint is None:
-        raise ValueError("resume is True, but no checkpoint is given to go on from.")
 
 
 @contextmanager

@@ -10,29 +10,26 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_count,
-    check_kind_of,
-    finite,
-    numbers_of,
-)
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import BaseMotion, check_motion, in_axes
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, check_options
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Outcome, StaticState
 from dolfinx_joints.simulation.static_stage import (
@@ -41,13 +38,13 @@ from dolfinx_joints.simulation.static_stage import (
     check_grouted,
     march,
 )
-from dolfinx_joints.solvers.choice import check_kind, make_solver
+from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepControl, check_step, located
+from dolfinx_joints.time_integration.substeps import StepControl, located
 
 if TYPE_CHECKING:
     from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints
@@ -59,6 +56,8 @@ GARBAGE_INTERVAL = 10
 SAMPLES = 500
 
 
+@dataclass(eq=False, repr=False)
+@checked
 class Simulation:
     """Runs a model through its stages.
 
@@ -74,29 +73,32 @@ class Simulation:
         seconds: Wall time by phase [s].
     """
 
-    def __init__(
-        self,
-        model: Model,
-        *,
-        monitors: Sequence[Monitor] = (),
-        newton: SolverOptions | None = None,
-        solver: str = "auto",
-    ) -> None:
-        """Nothing is solved yet."""
-        check_kind_of("model", model, isinstance(model, Model), "a Model")
-        good = isinstance(monitors, list | tuple) and all(isinstance(m, Monitor) for m in monitors)
-        check_kind_of("monitors", monitors, good, "a list of monitors")
-        options = isinstance(newton, SolverOptions | None)
-        check_kind_of("newton", newton, options, "a SolverOptions")
-        self.model, self.monitors = model, list(monitors)
+    model: Model
+    _: KW_ONLY
+    monitors: Sequence[Monitor] = ()
+    newton: SolverOptions | None = None
+    solver: SolverKind = "auto"
+
+    def __post_init__(self) -> None:
+        """Check the classes; nothing is solved yet."""
+        check_kind_of("model", self.model, isinstance(self.model, Model), "a Model")
+        watching = all(isinstance(monitor, Monitor) for monitor in self.monitors)
+        check_kind_of("monitors", self.monitors, watching, "a list of monitors")
+        options = isinstance(self.newton, SolverOptions | None)
+        check_kind_of("newton", self.newton, options, "a SolverOptions")
+        self.monitors = list(self.monitors)
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
-        self._newton, self._kind = newton or SolverOptions(), solver
-        self._watch = SmallDisplacements(model.contact)
-        check_kind(solver)
+        self._options = self.newton or SolverOptions()
+        self._watch = SmallDisplacements(self.model.contact)
 
+    @checked
     def statics(
-        self, *, steps: int = 1, loads: Sequence[Load] | None = None, joints: str = "active"
+        self,
+        *,
+        steps: Annotated[int, at.Ge(1)] = 1,
+        loads: Sequence[Load] | None = None,
+        joints: Literal["active", "inactive"] = "active",
     ) -> StaticState:
         """Bring loads to their values at time zero in equal steps (collective).
 
@@ -111,15 +113,12 @@ class Simulation:
                 `grout`. A run may begin so.
 
         Raises:
-            ValueError: ``steps`` is not positive, a load is not the model's, or ``joints`` is
-                unknown.
+            ValueError: A load is not the model's.
             JointsError: Joints are inactive and should have been grouted, or should be inactive
                 and have been active; a block does not stand without its joints.
             ConvergenceError: A load step did not converge.
             JointsError: Water in a joint and its openings do not come to agree.
         """
-        check_count("steps", steps, 1, "at least one load step is needed")
-        check_choice("joints", joints, ("active", "inactive"))
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
         inactive = joints == "inactive"
@@ -130,7 +129,13 @@ class Simulation:
         shares = np.arange(1, steps + 1) / steps
         return self._statics([(None, float(share)) for share in shares], acting, inactive=inactive)
 
-    def grout(self, joints: Sequence[str] | None = None, *, gap: float = 0.0) -> StaticState:
+    @checked
+    def grout(
+        self,
+        joints: Sequence[str] | None = None,
+        *,
+        gap: Annotated[float, at.Ge(0), at.Unit("m")] = 0.0,
+    ) -> StaticState:
         """Close joints free of stress where they stand after a static stage (collective).
 
         Where a joint carries nothing, inactive or open, its gap and slip count anew from here;
@@ -142,7 +147,6 @@ class Simulation:
             gap: What the grout leaves open [m].
 
         Raises:
-            ValueError: ``gap`` is negative, or ``joints`` no list of names.
             JointsError: There was no static stage.
             MeshError: A name stands for no joint.
         """
@@ -155,7 +159,10 @@ class Simulation:
         self.static = grouted(self.model, self.static, joints, gap)
         return self.static
 
-    def quasi_statics(self, times: Sequence[float]) -> StaticState:
+    @checked
+    def quasi_statics(
+        self, times: Annotated[Sequence[float], at.MinLen(1), at.Unit("s")]
+    ) -> StaticState:
         """Equilibrium at each of a sequence of times, in order (collective).
 
         Loads and prescribed displacements follow their functions of time; inertia and damping are
@@ -165,14 +172,9 @@ class Simulation:
             times: Times [s] of the load steps.
 
         Raises:
-            ValueError: There is no time, or one is not finite.
             ConvergenceError: A load step did not converge.
         """
-        path = numbers_of(times)
-        good = path is not None and path.ndim == 1 and len(path) > 0 and finite(path)
-        check_kind_of("times", times, path is not None and good, "one or more finite numbers")
-        assert path is not None
-        return self._statics([(float(t), 1.0) for t in path], self.model.loads)
+        return self._statics([(float(t), 1.0) for t in times], self.model.loads)
 
     def _statics(
         self,
@@ -191,8 +193,8 @@ class Simulation:
                 path,
                 acting,
                 inactive=inactive,
-                newton=self._newton,
-                kind=self._kind,
+                newton=self._options,
+                kind=self.solver,
                 watch=self._watch,
             )
         return self.static
@@ -229,11 +231,12 @@ class Simulation:
         self.static = static_keeper(path, self.model).load_static()
         return self.static
 
+    @checked
     def dynamics(
         self,
         *,
-        dt: float,
-        steps: int,
+        dt: Annotated[float, at.Gt(0), at.Unit("s")],
+        steps: Annotated[int, at.Ge(1)],
         motion: Callable[[float], Any] | None = None,
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
@@ -261,19 +264,20 @@ class Simulation:
                 looked at.
 
         Raises:
-            ValueError: ``dt`` or ``steps`` is not positive, both ``velocity`` and ``start`` are
-                given, or ``resume`` without ``checkpoint``.
+            ValueError: Both ``velocity`` and ``start`` are given, or ``resume`` without
+                ``checkpoint``.
             CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
                 another run.
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
-        dt = check_step(dt)
-        check_count("steps", steps, 1, "at least one time step is needed")
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control
-        check_options(self.model, loads, scheme, control)
-        check_beginning(self.model, velocity, start, checkpoint, resume)
+        check_beginning(
+            self.model, loads, scheme=scheme, control=control, velocity=velocity, start=start
+        )
+        if resume and checkpoint is None:
+            raise ValueError("resume is True, but no checkpoint is given to go on from.")
         if motion is not None:
             check_motion(motion, self.model.gdim)
             motion = in_axes(motion, self.model.gdim)
@@ -289,9 +293,9 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             system = self.model.system([*shaking, *loads])
-            solver = make_solver(system, self._newton, self._kind, scheme.rule)
+            solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
-            facts |= {"step control": control, "solver": self._kind, "Newton": self._newton}
+            facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
             began = start.time if start else 0.0
             times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
             keeper = None

@@ -12,7 +12,6 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.load import Load
@@ -127,9 +126,8 @@ def check_acting(model: Model, loads: Any) -> None:
     """Refuse loads of a static stage that are not the model's own.
 
     Raises:
-        ValueError: ``loads`` is no list, or one is another.
+        ValueError: One is another.
     """
-    check_kind_of("loads", loads, isinstance(loads, list | tuple), "a list of loads")
     for load in loads:
         if not any(load is one for one in model.loads):
             raise ValueError(

@@ -5,31 +5,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.parameters import check_choice
 from dolfinx_joints.joints.contact import Contact, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
-KINDS = ("auto", "condensed", "monolithic")
+SolverKind = Literal["auto", "condensed", "monolithic"]
 
 
-def check_kind(kind: str) -> None:
-    """Refuse a kind of solver that does not exist.
-
-    Raises:
-        ValueError: It is not one of `KINDS`.
-    """
-    check_choice("solver", kind, KINDS)
-
-
+@checked
 def make_solver(
     system: MatrixSystem,
     options: SolverOptions | None = None,
-    kind: str = "auto",
+    kind: SolverKind = "auto",
     rule: Rule = "backward_euler",
     *,
     static_steps: int = 0,
@@ -46,11 +39,9 @@ def make_solver(
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
 
     Raises:
-        ValueError: The kind is unknown.
         JointsError: ``condensed`` was asked for, or a joint is rigid, and a law cannot be solved
             locally.
     """
-    check_kind(kind)
     contact = system.contact
     if system.bulk is not None:
         if kind == "condensed" or (contact is not None and contact.rigid):

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from petsc4py import PETSc
 
@@ -15,8 +15,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.multigrid import IterativeSolver
 
-# Linear solvers of the effective matrix.
-LINEAR = ("auto", "direct", "mumps", "iterative")
+LinearSolver = Literal["auto", "direct", "mumps", "iterative"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,15 +54,18 @@ class EffectiveMatrix:
         system: MatrixSystem,
         effective: MatrixCoefficients,
         *,
-        linear: str = "auto",
+        linear: LinearSolver = "auto",
         added: PETSc.Mat | None = None,
     ) -> None:
         """Add the matrices up (collective).
 
         Raises:
-            ValueError: ``linear`` is unknown, or ``iterative`` and A is not symmetric.
+            ValueError: ``linear`` is ``iterative`` and A is not symmetric.
         """
-        check_linear(linear, symmetric=system.symmetric)
+        if linear == "iterative" and not system.symmetric:
+            raise ValueError(
+                "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
+            )
         self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:
             self.full.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -156,20 +158,6 @@ class Cache:
     def items(self) -> list[tuple[Any, Any]]:
         """Keys and things kept, the one used last at the end."""
         return list(self._kept.items())
-
-
-def check_linear(linear: str, *, symmetric: bool) -> None:
-    """Refuse a linear solver that does not exist or does not fit.
-
-    Raises:
-        ValueError: It is not one of `LINEAR`, or ``iterative`` and the matrices not symmetric.
-    """
-    if linear not in LINEAR:
-        raise ValueError(f"linear is {linear!r}; it must be one of {', '.join(LINEAR)}.")
-    if linear == "iterative" and not symmetric:
-        raise ValueError(
-            "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
-        )
 
 
 def unconstrained_dofs(system: MatrixSystem) -> PETSc.Vec:

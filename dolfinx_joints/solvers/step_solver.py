@@ -4,40 +4,30 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
+import annotated_types as at
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_count,
-    check_kind_of,
-    check_number,
-    hold_floats,
-)
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Rule, StatusCounts
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.effective_matrix import (
-    LINEAR,
-    MatrixCoefficients,
-)
+from dolfinx_joints.solvers.effective_matrix import LinearSolver, MatrixCoefficients
 
-# What may be kept of the compliance at the joints.
-COMPLIANCES = ("auto", "dense", "compressed", "matrix-free")
-
-# Half as often, and nothing is left of a correction.
-MOST_CUTS = 50
+# Parts of the compliance at the joints that may be kept.
+ComplianceKind = Literal["auto", "dense", "compressed", "matrix-free"]
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SolverOptions:
-    """When Newton stops, and what it may do on its way.
+    """Tolerances and limits of the solvers.
 
     Attributes:
         relative_tolerance: Residual against the largest of the forces that change in the step.
@@ -45,46 +35,23 @@ class SolverOptions:
         max_cuts: Halvings of a Newton correction that the line search may try.
         linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,
             or ``auto``: direct where its factor is expected to fit into memory.
-        compliance: What the condensed solver keeps of the compliance at the joints, see
+        compliance: Part of the compliance at the joints that the condensed solver keeps, see
             `Compliance`.
         linear_options: PETSc options of the direct solver of the tangent, without prefix.
-
-    Raises:
-        ValueError: A value is out of its range.
     """
 
-    relative_tolerance: float = 1e-10
-    max_iterations: int = 30
-    max_cuts: int = 10
-    linear: str = "auto"
-    compliance: str = "auto"
+    relative_tolerance: Annotated[float, at.Gt(0), at.Lt(1)] = 1e-10
+    max_iterations: Annotated[int, at.Ge(1)] = 30
+    max_cuts: Annotated[int, at.Ge(0), at.Le(50)] = 10
+    linear: LinearSolver = "auto"
+    compliance: ComplianceKind = "auto"
     linear_options: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Check the values."""
-        hold_floats(self)
-        check_number(
-            "relative_tolerance",
-            self.relative_tolerance,
-            lambda v: 0 < v < 1,
-            "above 0 and below 1",
-        )
-        wanted = "it must be a whole number of at least"
-        check_count("max_iterations", self.max_iterations, 1, f"{wanted} 1")
-        for name, known in (("linear", LINEAR), ("compliance", COMPLIANCES)):
-            check_choice(name, getattr(self, name), known)
-        check_count("max_cuts", self.max_cuts, 0, f"{wanted} 0", most=MOST_CUTS)
-        options = {} if self.linear_options is None else self.linear_options
-        named = isinstance(options, Mapping) and all(map(_is_option, options.items()))
-        check_kind_of("linear_options", options, named, "texts and numbers by name of the option")
-
-
-def _is_option(named: tuple[Any, Any]) -> bool:
-    """Whether PETSc can be told a name and a value."""
-    name, value = named
-    good = isinstance(name, str) and re.fullmatch(r"[a-z]\w*", name, re.ASCII) is not None
-    words = not isinstance(value, str) or (value.isascii() and value.isprintable())
-    return good and words and isinstance(value, str | int | float | None)
+        """Check the names of the options."""
+        given = {} if self.linear_options is None else self.linear_options
+        named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
+        check_kind_of("linear_options", given, named, "values by name of the option")
 
 
 @dataclass(frozen=True, kw_only=True)

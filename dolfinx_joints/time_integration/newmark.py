@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+import annotated_types as at
 from petsc4py import PETSc
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -131,52 +132,32 @@ class _Alpha:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Newmark(_Alpha):
-    """Newmark's method (1959); average acceleration, the scheme of the paper, unless told.
+    """Newmark's method (1959); by default average acceleration, the scheme of the paper.
 
     Average acceleration (beta 1/4, gamma 1/2) keeps the energy of a linear system, but not that of
     joints that open and close.
 
     Attributes:
-        beta: Above 0, at most 1/2.
-        gamma: At least 1/2 (below it the method is unstable), at most 1.
-
-    Raises:
-        ValueError: A parameter is out of its range.
+        beta: Weight of the acceleration at the end of a step in its displacement.
+        gamma: The same in its velocity; below 1/2 the method is unstable.
     """
 
-    beta: float = 0.25
-    gamma: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_number("Newmark beta", self.beta, lambda v: 0 < v <= 0.5, "above 0 and at most 1/2")
-        check_number(
-            "Newmark gamma",
-            self.gamma,
-            lambda v: 0.5 <= v <= 1,
-            "at least 1/2 (unstable below) and at most 1",
-        )
+    beta: Annotated[float, at.Gt(0), at.Le(0.5)] = 0.25
+    gamma: Annotated[float, at.Ge(0.5), at.Le(1)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class HilberHughesTaylor(_Alpha):
     """The HHT-alpha method (1977): damps high frequencies, second order.
 
     Attributes:
-        alpha: At least 0 (average acceleration), at most 1/3.
-
-    Raises:
-        ValueError: The parameter is out of its range.
+        alpha: Weight of the start of the step in forces; 0 is average acceleration.
     """
 
-    alpha: float = 0.1
-
-    def __post_init__(self) -> None:
-        """Check the parameter."""
-        hold_floats(self)
-        check_number("alpha", self.alpha, lambda v: 0 <= v <= 1 / 3, "at least 0 and at most 1/3")
+    alpha: Annotated[float, at.Ge(0), at.Le(1 / 3)] = 0.1
 
     @property
     def alpha_f(self) -> float:
@@ -195,24 +176,15 @@ class HilberHughesTaylor(_Alpha):
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class GeneralizedAlpha(_Alpha):
     """The generalized-alpha method (Chung and Hulbert 1993), damping set at infinite frequency.
 
     Attributes:
         spectral_radius: At infinite frequency, from 0 (gone in a step) to 1 (undamped).
-
-    Raises:
-        ValueError: The parameter is out of its range.
     """
 
-    spectral_radius: float = 0.8
-
-    def __post_init__(self) -> None:
-        """Check the parameter."""
-        hold_floats(self)
-        check_number(
-            "spectral_radius", self.spectral_radius, lambda v: 0 <= v <= 1, "at least 0, at most 1"
-        )
+    spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 0.8
 
     @property
     def alpha_m(self) -> float:

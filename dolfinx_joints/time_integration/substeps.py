@@ -6,18 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.common.parameters import (
-    as_float,
-    check_count,
-    check_flag,
-    check_number,
-    hold_floats,
-)
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
@@ -28,11 +23,8 @@ from dolfinx_joints.time_integration.states import DynamicState
 LARGEST_IMBALANCE = 1e-10
 
 
-# Of a step: a billionth of it is left.
-MOST_HALVINGS = 30
-
-
 @dataclass(frozen=True, kw_only=True)
+@checked
 class StepControl:
     """When a step of length dt is cut, down to dt / 2^max_halvings.
 
@@ -46,23 +38,11 @@ class StepControl:
             part included (2-norms over all dofs); None for no such control.
         landing: Cut steps in which a joint point opens or closes, so that such steps are short.
             Meant for few points: where many change all the time, every step is short.
-
-    Raises:
-        ValueError: A value is out of its range.
     """
 
-    max_halvings: int = 6
-    tolerance: float | None = None
+    max_halvings: Annotated[int, at.Ge(0), at.Le(30)] = 6
+    tolerance: Annotated[float, at.Gt(0), at.Lt(1)] | None = None
     landing: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        hold_floats(self)
-        wanted = "it must be zero or more"
-        check_count("max_halvings", self.max_halvings, 0, wanted, most=MOST_HALVINGS)
-        check_flag("landing", self.landing)
-        if self.tolerance is not None:
-            check_number("tolerance", self.tolerance, lambda v: 0 < v < 1, "above 0 and below 1")
 
 
 @dataclass(kw_only=True)
@@ -244,14 +224,3 @@ def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
     """The same failure with stage, step or time filled in."""
     known = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
     return ConvergenceError(**{**known, **where})
-
-
-def check_step(dt: float) -> float:
-    """A time step as a float, refused where it is not positive.
-
-    Raises:
-        ValueError: It is zero, negative or not finite.
-    """
-    dt = as_float(dt)
-    check_number("dt", dt, lambda v: v > 0, "positive and finite", unit="s")
-    return float(dt)

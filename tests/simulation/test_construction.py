@@ -370,8 +370,6 @@ def test_refusals(wall):
         run.save_static("nothing")
     with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, inactive"):
         run.statics(joints="open")
-    with pytest.raises(ValueError, match="loads is .*; it must be a list of loads"):
-        run.statics(loads=weight)
     with pytest.raises(ValueError, match="A Gravity was given to a static stage that is not"):
         run.statics(loads=[Gravity(acceleration=(0.0, 0.0, -9.0))])
     run.statics(loads=[weight], joints="inactive")
@@ -384,10 +382,6 @@ def test_refusals(wall):
             stage()
     with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
-    with pytest.raises(ValueError, match="joints is 'joint_1'; it must be a list of joint names"):
-        run.grout("joint_1")
-    with pytest.raises(ValueError, match="gap is -0.001 m; it must be zero or more"):
-        run.grout(gap=-1e-3)
     run.grout()
     with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)

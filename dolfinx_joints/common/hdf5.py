@@ -1,12 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""HDF5 files of others: what may be in them, checked before any of it is read.
+"""HDF5 files that may be damaged, unfinished or of another program: an error, and never a wait.
 
-HDF5 can point out of a file (external links, virtual datasets, raw data elsewhere), ask for plugins
-to unpack data, and declare arrays of any size in a few bytes. None of that is written here, so none
-of it is followed. A few wrong bytes were seen to let HDF5 read for ever: files that are written at
-once end with a checksum, looked at before HDF5 is asked, and of others only those are opened whose
-metadata HDF5 itself checks.
+A few wrong bytes were seen to let HDF5 read for ever. Files that are written at once therefore end
+with a checksum, compared before HDF5 is asked; of others only those are opened whose metadata HDF5
+itself checks.
 """
 
 from __future__ import annotations
@@ -16,9 +14,8 @@ import hashlib
 import os
 import time as clock
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -28,26 +25,12 @@ from dolfinx_joints.common.errors import JointsError
 DIGEST_BYTES = 32
 """Length of the checksum that follows HDF5's part of a file, which does not mind."""
 
-# What reading a damaged or foreign file was seen to raise.
-DAMAGE = (
-    OSError,
-    RuntimeError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    ValueError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
+# Exceptions that reading a damaged or foreign file was seen to raise.
+DAMAGE = (OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, MemoryError)
 
 OTHER = "holds something else than a run writes"
-"""What `DamageTold` says of a file that is whole, but not of a run."""
+"""Verdict on a file that is whole, but not of a run."""
 
-_DEPTH = 8
-_NAMES = 100_000
-# Room for rows that a killed run had declared and not yet written.
-_SLACK = 1 << 26
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = 36  # bytes up to the file's length
 _GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
@@ -56,92 +39,24 @@ _GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
 _ATTEMPTS = 26
 
 
-class DamageTold:
-    """A block in which what reading a damaged file raises becomes one sentence.
+@contextmanager
+def damage_reported(
+    path: Path, error: type[Exception], verdict: str = "is damaged"
+) -> Iterator[None]:
+    """Turn exceptions that reading a damaged file raises into one error message.
 
     Args:
         path: The file.
-        error: What to raise instead.
-        verdict: What to say of the file, after its name.
+        error: Exception to raise instead.
+        verdict: Text after the name of the file.
     """
-
-    def __init__(self, path: Path, error: type[Exception], verdict: str = "is damaged") -> None:
-        """Nothing is read yet."""
-        self._path, self._error, self._verdict = path, error, verdict
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        raised: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Raise the sentence."""
-        if isinstance(raised, DAMAGE) and not isinstance(raised, JointsError):
-            told = " ".join(str(raised).split()) or type(raised).__name__
-            raise self._error(f"{self._path} {self._verdict}: {told[:300]}.") from raised
-
-
-def check_contents(file: h5py.File, path: Path, error: type[Exception]) -> None:
-    """Refuse what points elsewhere, is no plain array, or is larger than the file can hold.
-
-    Args:
-        file: The open file.
-        path: Its name, for messages and its size.
-        error: What to raise.
-
-    Raises:
-        Exception: ``error``.
-    """
-    limit = 2 * path.stat().st_size + _SLACK
-    for count, (name, item) in enumerate(_items(file, "", 0, path, error)):
-        if count > _NAMES:
-            raise error(f"{path} is refused: it has more than {_NAMES} names.")
-        if isinstance(item, h5py.Dataset):
-            wrong = _fault(item, limit)
-            if wrong:
-                raise error(f"{path} is refused: {name!r} {wrong}.")
-
-
-def _items(
-    group: h5py.Group, above: str, depth: int, path: Path, error: type[Exception]
-) -> Iterator[tuple[str, Any]]:
-    """All that is in a group, by full name; links are looked at before they are opened."""
-    if depth > _DEPTH:
-        raise error(f"{path} is refused: groups are nested more than {_DEPTH} deep at {above!r}.")
-    for key in group:
-        name = f"{above}{key}"
-        link = group.get(key, getlink=True)
-        if not isinstance(link, h5py.HardLink):
-            raise error(f"{path} is refused: {name!r} is a link that could lead elsewhere.")
-        item = group[key]
-        yield name, item
-        if isinstance(item, h5py.Group):
-            yield from _items(item, f"{name}/", depth + 1, path, error)
-
-
-def _fault(dataset: h5py.Dataset, limit: int) -> str | None:
-    """What is wrong with an array, in words that follow its name."""
-    creation = dataset.id.get_create_plist()
-    if dataset.is_virtual or creation.get_external_count():
-        return "takes its values from other files"
-    if creation.get_nfilters():
-        return "is packed by a filter"
-    if dataset.dtype.kind not in "biufS":
-        return f"holds {dataset.dtype}, not plain numbers"
-    if dataset.shape is None:
-        return "is empty"
-    size = dataset.dtype.itemsize
-    for length in dataset.shape:
-        size *= int(length)
-    chunk = dataset.dtype.itemsize
-    for length in dataset.chunks or ():
-        chunk *= int(length)
-    if max(size, chunk) > limit:
-        return f"claims {max(size, chunk):.3g} bytes, more than the file can hold"
-    return None
+    try:
+        yield
+    except JointsError:
+        raise
+    except DAMAGE as raised:
+        reason = " ".join(str(raised).split()) or type(raised).__name__
+        raise error(f"{path} {verdict}: {reason[:300]}.") from raised
 
 
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
@@ -179,24 +94,18 @@ def seal(content: bytes | memoryview) -> bytes:
 
 
 def check_seal(path: Path) -> None:
-    """Refuse a file that is not as it was written.
+    """Compare the checksum at the end of a file with its content.
 
     Raises:
-        ValueError: Its checksum is not that of what it holds.
+        ValueError: They differ.
     """
-    with path.open("rb") as sealed:
-        digest = _digest(sealed, path.stat().st_size - DIGEST_BYTES)
-        if sealed.read() != digest:
-            raise ValueError("its checksum is not that of what it holds")
-
-
-def _digest(file: BinaryIO, size: int) -> bytes:
-    """Checksum of the first bytes of a file, which is left behind them."""
-    checksum = hashlib.sha256()
-    while size > 0 and (block := file.read(min(size, 1 << 20))):
-        checksum.update(block)
-        size -= len(block)
-    return checksum.digest()
+    checksum, left = hashlib.sha256(), path.stat().st_size - DIGEST_BYTES
+    with path.open("rb") as file:
+        while left > 0 and (block := file.read(min(left, 1 << 20))):
+            checksum.update(block)
+            left -= len(block)
+        if file.read() != checksum.digest():
+            raise ValueError("its checksum is not that of its content")
 
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:
@@ -222,17 +131,17 @@ def open_growing(path: Path, error: type[Exception]) -> h5py.File:
         shared = h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ
         return h5py.File(h5py.h5f.open(os.fsencode(path), shared, fapl=access))
     except (OSError, RuntimeError) as failure:
-        told = " ".join(str(failure).split())[:300]
+        reason = " ".join(str(failure).split())[:300]
         raise error(
-            f"{path} cannot be read; its run has not started yet or ended before it did ({told})."
+            f"{path} cannot be read; its run has not started yet or ended before it did ({reason})."
         ) from failure
 
 
 def _check_superblock(path: Path, error: type[Exception]) -> bool:
     """Whether a writer has, or had, the file open.
 
-    A file that is shorter than its superblock says is refused: HDF5 does so itself, but not while
-    the file is being written, when it may be so for the moment in which it grows.
+    A file that is shorter than its superblock says is an error; HDF5 finds that itself, but not
+    while the file is being written, when it may be so for the moment in which it grows.
     """
     gives_up = clock.monotonic() + _GROWING_SECONDS
     while True:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import OTHER, DamageTold
+from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.common.parameters import check_flag, check_path
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.measures import JOINT_MEASURES, joint_measures
@@ -99,7 +99,7 @@ def tables_of(results: Results) -> dict[str, Table]:
     """The tables of `write_csv` by name, those for which the file holds something."""
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
-    with DamageTold(results.path, ResultsError, OTHER):
+    with damage_reported(results.path, ResultsError, OTHER):
         return _tables(results, streams)
 
 

@@ -13,7 +13,7 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import DamageTold
+from dolfinx_joints.common.hdf5 import damage_reported
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.report import body_sections, response_sections, run_sections
 from dolfinx_joints.report.page import Drawings, Html, Section, bullets, page, paragraph, plain
@@ -62,7 +62,7 @@ def write(
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")
     _check_packages()
-    damage = DamageTold(target, ResultsError, "cannot be made of what the files hold")
+    damage = damage_reported(target, ResultsError, "cannot be made of what the files hold")
     with opened(results) as runs, damage, _written(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()

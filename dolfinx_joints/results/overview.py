@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import OTHER, DamageTold
+from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.results.reader import Results
 
 _WIDTH = 100
@@ -43,7 +43,7 @@ def overview(path: str | Path) -> str:
     Raises:
         ResultsError: It cannot be read.
     """
-    with Results(path) as results, DamageTold(results.path, ResultsError, OTHER):
+    with Results(path) as results, damage_reported(results.path, ResultsError, OTHER):
         facts, summary = results.metadata, results.summary
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _line("run", _facts(facts, ("stage", "steps", "dofs", "joint_points", "ranks")))

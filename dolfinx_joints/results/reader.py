@@ -25,6 +25,7 @@ A simulation writes the contents named in ``declare_histories``, ``declare_energ
 
 import json
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Self
 
@@ -34,7 +35,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import DamageTold, attribute, check_contents, open_growing
+from dolfinx_joints.common.hdf5 import attribute, damage_reported, open_growing
 from dolfinx_joints.common.parameters import check_file, check_path, shown
 
 FORMAT = "dolfinx_joints results"
@@ -246,8 +247,8 @@ class Results:
         """Description of an array given by its name, or of a series by stream and name."""
         return self._text("description", where)
 
-    def _reading(self) -> DamageTold:
-        return DamageTold(self.path, ResultsError)
+    def _reading(self) -> AbstractContextManager[None]:
+        return damage_reported(self.path, ResultsError)
 
     def _text(self, key: str, where: tuple[str, ...]) -> str:
         dataset = self._static(*where) if len(where) == 1 else self._series(*where)
@@ -281,7 +282,7 @@ def _open(path: Path) -> h5py.File:
     check_file(path, f"There is no results file {path}.", ResultsError)
     file = open_growing(path, ResultsError)
     try:
-        with DamageTold(path, ResultsError):
+        with damage_reported(path, ResultsError):
             _check(file, path)
     except BaseException:
         file.close()
@@ -298,7 +299,6 @@ def _check(file: h5py.File, path: Path) -> None:
         raise ResultsError(
             f"{path} has version {version} of the layout, this program reads up to {VERSION}."
         )
-    check_contents(file, path, ResultsError)
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
     if any(stream["time"].ndim != 1 for stream in file["streams"].values()):

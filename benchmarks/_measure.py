@@ -129,7 +129,7 @@ class StepWatch(Monitor):
     Attributes:
         wall: Wall time of each step [ms].
         cpu: Processor time of each step [ms].
-        iterations: Newton iterations of each step's last piece.
+        iterations: Newton iterations of each step's last substep.
         shares: Joint points open, sticking and sliding after each step, over all.
         crest: Displacement of the crest from the start of each step's end, (3,) each [m].
         factor: Seconds that PETSc factored in the first step [s].

@@ -99,7 +99,7 @@ class Run:
         velocity: Of the same, shape (t, n), [m/s].
         force: Joint force as the scheme has it in the step, shape (t,), [N].
         steps: Steps accepted.
-        solves: Steps tried.
+        solves: Attempts.
         iterations: Newton iterations of the steps accepted.
         seconds: Processor time of the march, factorizations included [s].
         energy_error: The paper's energy error.
@@ -148,8 +148,8 @@ def march(
     stepper = Stepper(scheme, stepper_solver, ledger, control or dj.StepControl())
     rows, iterations = [], 0
     for _ in range(round(problem.end / dt)):
-        for piece, report, row in stepper.advance(state, dt):
-            state = piece
+        for after, report, row in stepper.substeps(state, dt):
+            state = after
             ledger.record(row)
             iterations += report.solve.iterations
             force = float(operator.areas @ state.joints.traction[:, problem.component])

@@ -123,9 +123,9 @@ def print_tables(rows: dict[str, Row]) -> None:
         )
     print_disturbance(rows.values())
     print(
-        "\nNewton iterations per step; mean share of the joint points by state; steps tried and\n"
-        "cut; ledger: what all energy lines leave unexplained, over the largest energy; crest\n"
-        "peaks.\n"
+        "\nNewton iterations per step; mean share of the joint points by state; rejected\n"
+        "attempts; ledger: what all energy lines leave unexplained, over the largest energy;\n"
+        "crest peaks.\n"
     )
     print(
         f"{'scene':{width}}  Newton mean  max   open  stick   slip   cut   ledger"

@@ -249,7 +249,7 @@ class Outcome:
         newton: Largest number of iterations of an accepted step.
         ledger: Largest imbalance of all energy lines over the largest energy.
         growth: Largest stored energy over what was put in, less one; at least zero.
-        cut: Tries that were cut.
+        cut: Rejected attempts.
     """
 
     failure: str
@@ -351,7 +351,7 @@ def print_scheme(name: str, rows: list[Row], seconds: float) -> None:
             f"(convergence {found['failed_convergence']}, balance {found['failed_balance']}, "
             f"energy {found['failed_energy']}); Newton at most {found['newton_max']}, "
             f"ledger {found['ledger_max']:.1e}, growth {found['growth_max']:.1e}, "
-            f"{found['cut']} tries cut",
+            f"{found['cut']} attempts rejected",
             flush=True,
         )
 

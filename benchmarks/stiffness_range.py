@@ -48,11 +48,11 @@ class Result:
         dt: Time step [s].
         failure: What ended it, empty if it completed.
         static_newton: Newton iterations of the static stage.
-        newton_mean: Per piece of a step.
-        newton_max: Of a step's last piece.
+        newton_mean: Per substep.
+        newton_max: Of a step's last substep.
         open: Largest share of the joint points that were open at once.
         slip: The same, sliding.
-        halved: Steps tried and cut.
+        halved: Rejected attempts.
         ledger: Largest imbalance of all energy lines over the largest energy.
     """
 
@@ -157,7 +157,7 @@ def text_of(result: Result) -> str:
 
 
 HEAD = """\
-Newton iterations of the static stage, and per step of the motion; halved: steps tried and cut; open
+Newton iterations of the static stage, and per step of the motion; halved: rejected attempts; open
 and slip: most joint points that were at once; ledger: what all energy lines leave unexplained, over
 the largest energy.
 

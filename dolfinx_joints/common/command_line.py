@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Command lines that are refused in one line."""
+"""Command lines, wrong ones reported in one line."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def open_growing(path: Path, error: type[Exception]) -> h5py.File:
 
     Args:
         path: The file.
-        error: What to raise.
+        error: Exception to raise.
 
     Raises:
         Exception: ``error``, where it is no HDF5 of the kind that this package writes, is

@@ -78,7 +78,7 @@ def _free_on_machine() -> float:
 def _free_in_groups(
     process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
 ) -> list[float]:
-    """What each control group around the process leaves of its limit, [bytes].
+    """Memory that each control group around the process leaves of its limit, [bytes].
 
     Args:
         process: The groups of the process.
@@ -98,7 +98,7 @@ def _free_in_groups(
 
 
 def _free_in_group(group: Path) -> list[float]:
-    """What a group leaves of its limit, nothing where it has none; caches count as free."""
+    """Memory that a group leaves of its limit, empty where it has none; caches count as free."""
     for limit, usage in (
         ("memory.max", "memory.current"),
         ("memory.limit_in_bytes", "memory.usage_in_bytes"),
@@ -110,7 +110,7 @@ def _free_in_group(group: Path) -> list[float]:
             continue
         if most == "max":
             return []
-        held = dict(line.split()[:2] for line in statistics)
-        cached = held.get("total_inactive_file", held.get("inactive_file", "0"))
+        known = dict(line.split()[:2] for line in statistics)
+        cached = known.get("total_inactive_file", known.get("inactive_file", "0"))
         return [max(float(most) - float(used) + float(cached), 0.0)]
     return []

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What made a results file: versions, parameters, mesh, options and settings of a run."""
+"""Origin of a results file: versions, parameters, mesh, options and settings of a run."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def manifest(
         "system": platform.platform(),
         "command": sys.argv[:50],
         "mesh_sha256": mesh_hash(nodes, surface),
-        "material": {name or "all": told(one) for name, one in model.body.materials.items()},
-        "joint_laws": {name: told(law) for name, law in laws.items()},
-        "loads": [told(load) for load in model.loads],
-        "supports": [told(support) for support in model.supports],
-        "damping": told(model.rayleigh),
-        "settings": {name: told(value) for name, value in settings.items()},
+        "material": {name or "all": as_json(one) for name, one in model.body.materials.items()},
+        "joint_laws": {name: as_json(law) for name, law in laws.items()},
+        "loads": [as_json(load) for load in model.loads],
+        "supports": [as_json(support) for support in model.supports],
+        "damping": as_json(model.rayleigh),
+        "settings": {name: as_json(value) for name, value in settings.items()},
         "petsc_options": dict(PETSc.Options().getAll()),
     }
 
@@ -96,11 +96,11 @@ def mesh_hash(nodes: ArrayLike, surface: ArrayLike) -> str:
     return digest.hexdigest()
 
 
-def told(value: Any) -> Any:
+def as_json(value: Any) -> Any:
     """A value as JSON can hold it: numbers and texts as they are, others as Python shows them."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):
-        return told(value.item())
+        return as_json(value.item())
     # Addresses differ from run to run; what stands beside them does not.
     return re.sub(r" at 0x[0-9a-f]+", "", repr(value))[:_LONGEST]

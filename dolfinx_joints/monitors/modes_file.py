@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def write_modes(
         modes: The modes.
         model: The model that they belong to.
         path: The file.
-        metadata: What else to say; anything JSON can hold.
+        metadata: Further facts; anything JSON can hold.
         overwrite: Replace an existing file.
 
     Raises:
@@ -57,10 +58,10 @@ def write_modes(
     nodes = NodeNumbering(model.V)
     surface = boundary_facets(model, nodes)
     shapes = [nodes.gather(shape) for shape in modes.shapes]
-    told = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}
+    facts = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}
 
     def write() -> None:
-        with ResultsWriter(path, told, overwrite=overwrite) as writer:
+        with ResultsWriter(Path(path), facts, overwrite=overwrite) as writer:
             writer.static("mesh/nodes", nodes.positions, "m", "nodes")
             writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
             text = "natural frequencies, all joints closed and sticking"

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What monitors read of a model on any number of ranks: nodes, points, boundary, joint points."""
+"""Values of a model at points, boundary and joints, on any number of ranks."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
 
 
 def _number(law: Any, name: str) -> float | None:
-    value = getattr(law, name, None)  # a law of the user's own may mean anything by it
+    value = getattr(law, name, None)  # a user-defined law may mean anything by it
     return float(value) if isinstance(value, Real) else None
 
 
@@ -322,7 +322,7 @@ def _declare(
 
 
 class PointExtras:
-    """What states hold of joint points besides gap, traction and status: water and broken bonds.
+    """Values of joint points in states besides gap, traction and status: water and broken bonds.
 
     Args:
         contact: The joints.
@@ -341,12 +341,12 @@ class PointExtras:
             writer: The writer.
             joints: By joint name, the arrays of `joint_statics`.
         """
-        told: dict[str, tuple[str, str, Any]] = {
+        kinds: dict[str, tuple[str, str, Any]] = {
             "pressure": ("Pa", "pressure of the water, positive where it opens", np.float64),
             "broken": ("-", "1 where the bond is gone", np.int8),
         }
         for what, names in self._of.items():
-            unit, text, dtype = told[what]
+            unit, text, dtype = kinds[what]
             for name in names:
                 shape = joints[name]["areas"].shape
                 where = f"joints/{name}/{what}"

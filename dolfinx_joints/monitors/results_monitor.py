@@ -55,7 +55,7 @@ class ResultsMonitor(Monitor):
         path: The file.
         points: Monitor points by name, coordinates [m].
         every: Steps between two states.
-        metadata: What else to say of the run; anything JSON can hold.
+        metadata: Further facts of the run; anything JSON can hold.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, the static state
             included, at the whole boundary or on the facet groups named; of models in space only.
@@ -165,7 +165,7 @@ class ResultsMonitor(Monitor):
 
     @property
     def _settings(self) -> dict[str, Any]:
-        """What a continued file must agree in."""
+        """Settings that a continued file must agree in."""
         points = {name: [float(x) for x in place] for name, place in self._points.items()}
         extra = {"envelopes": self._with_envelopes, "resultants": self.resultants}
         return {"points": points, "every": self.every, **extra}
@@ -235,7 +235,7 @@ class ResultsMonitor(Monitor):
         """Displacement and acceleration of the points, acceleration of the ground.
 
         The acceleration is the change of velocity since the last record over the time between: the
-        mean of the step, which every scheme knows, however many pieces the step was cut into.
+        mean of the step, which every scheme knows, however many substeps it was cut into.
         """
         velocity = self._probe.read(record.velocity)
         acceleration: Floats = np.zeros_like(velocity)

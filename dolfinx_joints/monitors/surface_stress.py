@@ -30,7 +30,7 @@ _COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 class SurfaceStress:
     """Stresses at the vertices of all exterior facets, one product with a matrix.
 
-    Those that the model's temperatures make in a body held still are taken off.
+    Those that the model's temperatures make in a clamped body are taken off.
 
     The stress at a vertex is the mean of those that the cells around it have there. As the nodes on
     a joint are double, cells beyond the joint do not count.
@@ -56,7 +56,7 @@ class SurfaceStress:
         if model.bulk is not None:
             raise ValueError(
                 "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
-                "displacements alone do not tell."
+                "displacements alone do not determine."
             )
         self._comm = model.jointed.mesh.comm
         self.nodes: Ints = np.unique(boundary_facets(model, nodes) if facets is None else facets)
@@ -119,7 +119,7 @@ class SurfaceStress:
         return matrix
 
     def _blocked(self, model: Model, load: Temperature, place: Ints, count: Ints) -> Floats:
-        """Stress of a temperature held still, at the own vertices, shape (own,), [Pa]."""
+        """Stress of a temperature in a clamped body, at the own vertices, shape (own,), [Pa]."""
         warm = np.zeros(len(place), dtype=bool)
         if load.cells is None:
             warm[:] = True
@@ -145,8 +145,8 @@ class SurfaceStress:
         self._matrix.mult(u, self._stress)
         stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
         if self._thermal:
-            held = sum(factor(time) * blocked for blocked, factor in self._thermal)
-            stress = stress - np.outer(held, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+            blocked_now = sum(factor(time) * blocked for blocked, factor in self._thermal)
+            stress = stress - np.outer(blocked_now, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return stress
 
     def gather(self, values: Floats) -> Floats | None:

@@ -8,7 +8,7 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
@@ -35,13 +35,13 @@ from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
-# What every checkpoint holds.
+# Parts of every checkpoint.
 PARTS = ("run", "monitors", "memory", "state", "origin", "static")
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Saved:
-    """What a checkpoint gives back.
+    """Content of a checkpoint.
 
     Attributes:
         state: State to go on from.
@@ -76,7 +76,7 @@ class Checkpoints:
 
     def __post_init__(self) -> None:
         """Nothing is written before the run starts."""
-        self.path: Path = Path(self.path)
+        self.file = Path(self.path)
         self._lock: FileLock | None = None
 
     @property
@@ -87,7 +87,7 @@ class Checkpoints:
             CheckpointError: Its folder may not be entered.
         """
         try:
-            self.path.stat()
+            self.file.stat()
         except (FileNotFoundError, NotADirectoryError):
             return False
         except OSError as error:
@@ -95,7 +95,7 @@ class Checkpoints:
         return True
 
     def check(self, comm: Any, *, resume: bool) -> None:
-        """Refuse early what would be lost or could not be taken up again (collective).
+        """Check early that no checkpoint would be lost, and lock the file (collective).
 
         From here to `release` no other run may write the checkpoint or go on from it.
 
@@ -109,7 +109,7 @@ class Checkpoints:
             )
 
         def lock() -> None:
-            self._lock = FileLock(self.path, CheckpointError)
+            self._lock = FileLock(self.file, CheckpointError)
 
         on_root(comm, lock)
 
@@ -127,7 +127,7 @@ class Checkpoints:
         motion: Callable[[float], Any] | None,
         times: NDArray[np.float64],
     ) -> CheckpointKeeper:
-        """What writes and reads the checkpoints of one run; see `fingerprint` (collective).
+        """Writer and reader of the checkpoints of one run; see `fingerprint` (collective).
 
         Raises:
             CheckpointError: The model has plastic cells.
@@ -155,7 +155,7 @@ class CheckpointKeeper:
         self, checkpoints: Checkpoints, model: Model, nodes: NodeNumbering, facts: Mapping[str, Any]
     ) -> None:
         """Nothing is written yet."""
-        self._path, self._every = checkpoints.path, checkpoints.every
+        self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes, self._facts = nodes, facts
 
@@ -192,7 +192,7 @@ class CheckpointKeeper:
         on_root(self._comm, write)
 
     def load_static(self) -> StaticState:
-        """What `save_static` wrote (collective).
+        """State that `save_static` wrote (collective).
 
         Raises:
             CheckpointError: There is no such file, it is damaged, or of another model.
@@ -207,8 +207,8 @@ class CheckpointKeeper:
 
         return self._static(on_root(self._comm, read)["static"])
 
-    def load(self, monitors: list[Any]) -> _Saved:
-        """What the last checkpoint holds (collective).
+    def load(self, monitors: Sequence[Any]) -> _Saved:
+        """Content of the last checkpoint (collective).
 
         Raises:
             CheckpointError: There is none, it is damaged, or of another run.
@@ -313,6 +313,6 @@ class CheckpointKeeper:
 
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
-    """What writes and reads a static state of a model (collective)."""
+    """Writer and reader of a static state of a model (collective)."""
     at_zero = np.zeros(1)
     return Checkpoints(path).keeper(model, model.system(), {}, None, at_zero)

@@ -73,7 +73,7 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
 
     Args:
         path: The file.
-        names: What the tree must have.
+        names: Names that the tree must have.
 
     Raises:
         CheckpointError: There is no such file, it is damaged, not a checkpoint or of a newer

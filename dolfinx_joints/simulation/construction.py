@@ -51,7 +51,7 @@ def grouted(
         model: The model.
         before: The state that the grout comes to.
         names: Joints to be grouted, all of them unless given.
-        gap: What the grout leaves open [m].
+        gap: Opening that the grout leaves [m].
 
     Raises:
         MeshError: A name stands for no joint.
@@ -126,16 +126,16 @@ def check_may_be_inactive(model: Model, before: StaticState | None, acting: Sequ
 
 
 def _check_elastic(model: Model) -> None:
-    """Refuse plastic cells, whose state the joints' responses would have to hold."""
+    """Check for plastic cells, whose state the joints' responses would have to hold."""
     if model.bulk is not None:
         raise JointsError("Joints of a body with plastic cells cannot be inactive, nor grouted.")
 
 
 def check_blocks_stand(model: Model) -> None:
-    """Refuse blocks that would move if their joints carried nothing (collective).
+    """Check that no block would move if its joints carried nothing (collective).
 
     Raises:
-        JointsError: A block is not held by its supports alone.
+        JointsError: The supports of a block leave it a rigid motion.
     """
     comm, block = model.jointed.mesh.comm, block_of_nodes(NodeNumbering(model.V))
     owned = model.V.dofmap.index_map.size_local
@@ -144,21 +144,21 @@ def check_blocks_stand(model: Model) -> None:
     stiffness, centres = _against_rigid_motions(model, block[:owned], points, count)
     for i in range(count):
         motions = stiffness.shape[1]
-        held = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
-        if held < motions:
+        supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
+        if supported < motions:
             place = ", ".join(f"{c:.4g}" for c in centres[i])
             beside = _joints_beside(model, block, i)
             raise JointsError(
-                f"The block around ({place}) m, at {beside}, is held by its supports alone "
-                f"against {held} of {motions} rigid motions; while joints are inactive each block "
-                "must stand by itself: give it a support, or keep the joints active."
+                f"The block around ({place}) m, at {beside}, is restrained by its supports "
+                f"alone against {supported} of {motions} rigid motions; while joints are inactive "
+                "each block must stand by itself: give it a support, or keep the joints active."
             )
 
 
 def _against_rigid_motions(
     model: Model, block: NDArray[np.int64], points: Floats, count: int
 ) -> tuple[Floats, Floats]:
-    """What springs and supports hold of each block, and centres of the blocks (collective).
+    """Stiffness of springs and supports against rigid motions of blocks, and centres (collective).
 
     Returns:
         Matrices over the rigid motions, shape (blocks, motions, motions), relative to the
@@ -177,16 +177,16 @@ def _against_rigid_motions(
     arms = points - centres[block]
     size = np.sqrt(total((arms**2).sum(axis=1)) / numbers)
     motions = _rigid_motions(arms / size[block][:, None])
-    held = np.zeros(len(block) * gdim)
-    held[model.constraints.dofs] = 1.0
-    held = held.reshape(-1, gdim)
+    fixed = np.zeros(len(block) * gdim)
+    fixed[model.constraints.dofs] = 1.0
+    fixed = fixed.reshape(-1, gdim)
     diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
     moved, forces = model.stiffness.createVecRight(), []
     for motion in motions:
         moved.setArray(motion.ravel())
         forces.append((model.stiffness * moved).getArray().reshape(-1, gdim).copy())
     springs = np.einsum("anc,bnc->nab", motions, forces)
-    supports = np.einsum("anc,bnc,nc->nab", motions, motions, held)
+    supports = np.einsum("anc,bnc,nc->nab", motions, motions, fixed)
     weight = total(diagonal.sum(axis=1))[:, None, None]
     return total(springs) / weight + total(supports) / numbers[:, None, None], centres
 

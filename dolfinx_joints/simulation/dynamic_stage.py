@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A dynamic stage as it goes: state, energies and counts, what monitors are told, the outcome."""
+"""Bookkeeping of a dynamic stage: state, energies, counts, records for monitors, outcome."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ _LONGEST_ERROR = 2000
 
 
 class DynamicRun:
-    """Bookkeeping of a dynamic stage: state, energies, counts, and the monitors that are told.
+    """State, energies and counts of a dynamic stage, and its monitors.
 
     Args:
         model: The model.
-        monitors: What watches the run.
-        watch: What watches slip and opening.
-        seconds: Wall time by phase [s], told to the monitors at the end.
+        monitors: Observers of the run.
+        watch: Observer of slip and opening.
+        seconds: Wall time by phase [s], passed to the monitors at the end.
         scheme: The time scheme.
         solver: Solver of the system.
         control: When steps are cut.
         state: The state to begin with.
         steps: Steps asked for.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
-        settings: How the stage is run, by name; told to the monitors.
+        settings: How the stage is run, by name; passed to the monitors.
 
     Attributes:
         state: Where the run is.
@@ -132,14 +132,14 @@ class DynamicRun:
             self._started.append(monitor)
 
     def take(self, dt: float) -> StepReport:
-        """Take a step and account for every piece of it."""
-        self._pieces = 0
-        for after, report, row in self._stepper.advance(self.state, dt):
+        """Take a step and account for every substep of it."""
+        self._substeps = 0
+        for after, report, row in self._stepper.substeps(self.state, dt):
             self._ledger.record(row)
             self.state = after
             if after.joints is not None:
                 self._watch.see(after.joints.state.gap)
-            self._pieces += 1
+            self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
             self._work.waxpy(-1.0, self.origin, after.displacement)
@@ -149,7 +149,7 @@ class DynamicRun:
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(self.step, report.solve, self._ledger.row, self._pieces - 1)
+        record = self._record(self.step, report.solve, self._ledger.row, self._substeps - 1)
         for monitor in self.monitors:
             monitor.record(record)
 
@@ -185,9 +185,9 @@ class DynamicRun:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Tell the monitors how the stage ended, whatever ended it."""
+        """Finish the monitors with the status of the stage, whatever ended it."""
         try:
-            with _heard(self._warnings):
+            with _warnings_kept(self._warnings):
                 yield
                 outcome = self.outcome()
                 if self.model.jointed.mesh.comm.rank == 0:
@@ -261,17 +261,17 @@ def check_beginning(
 
 
 @contextmanager
-def _heard(said: list[str]) -> Iterator[None]:
-    """Take down the warnings of a block, which are shown as they would be without."""
+def _warnings_kept(kept: list[str]) -> Iterator[None]:
+    """Keep the warnings of a block, which are shown as usual."""
     shown = warnings.showwarning
 
-    def hear(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+    def keep(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
         text = str(message)[:_LONGEST_WARNING]
-        if text not in said and len(said) < _MOST_WARNINGS:
-            said.append(text)
+        if text not in kept and len(kept) < _MOST_WARNINGS:
+            kept.append(text)
         shown(message, category, *where, **more)
 
-    warnings.showwarning = hear
+    warnings.showwarning = keep
     try:
         yield
     finally:
@@ -279,7 +279,7 @@ def _heard(said: list[str]) -> Iterator[None]:
 
 
 def warn_of(outcome: Outcome) -> None:
-    """Say what makes a run doubtful, at the line where the user's program asks for it."""
+    """Warn of what makes a run doubtful, at the line of the user's program that runs it."""
     if outcome.energy_error > LARGE_ENERGY_ERROR:
         warnings.warn(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "

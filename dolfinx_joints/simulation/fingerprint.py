@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What tells one run from another: model, loads, motion, scheme and step."""
+"""Facts that tell one run from another: model, loads, motion, scheme and step."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ def fingerprint(
         times: Times at which functions of time are compared [s].
     """
     weights = _weights(system, nodes, model.gdim)
-    facts: dict[str, Any] = {name: _told(value) for name, value in settings.items()}
+    facts: dict[str, Any] = {name: _as_text(value) for name, value in settings.items()}
     facts["node coordinates"] = nodes.positions
     matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
     for name, matrix in matrices.items():
         facts[f"{name} matrix"] = _energy(matrix, weights)
-    facts["Rayleigh damping"] = _told(system.rayleigh)
-    held = np.zeros(weights.getLocalSize())
-    held[system.constrained] = 1.0
-    facts["supports"] = _sum(model, held * weights.getArray(readonly=True))
+    facts["Rayleigh damping"] = _as_text(system.rayleigh)
+    fixed = np.zeros(weights.getLocalSize())
+    fixed[system.constrained] = 1.0
+    facts["supports"] = _sum(model, fixed * weights.getArray(readonly=True))
     facts["motion of the supports"] = np.array(
         [
             _sum(model, system.prescribed(float(t)) @ weights.getArray()[system.constrained])
@@ -71,7 +71,7 @@ def fingerprint(
     if system.contact is not None:
         contact = system.contact
         facts["joints"] = ", ".join(contact.operator.names)
-        facts["laws of the joints"] = "; ".join(_told(law) for law in contact.laws.values())
+        facts["laws of the joints"] = "; ".join(_as_text(law) for law in contact.laws.values())
         gap = np.linalg.norm(contact.initial_gap, axis=1)
         facts["joint points"] = contact.integrals(np.ones(len(gap)))
         facts["initial gaps"] = contact.integrals(gap)
@@ -99,7 +99,7 @@ def _alike(one: Floats, other: Floats) -> bool:
     return bool(np.allclose(one, other, rtol=SAME, atol=SAME * scale))
 
 
-def _told(value: Any) -> str:
+def _as_text(value: Any) -> str:
     """A value as text, without the address that Python shows of plain objects."""
     text = repr(value)
     return text if " at 0x" not in text else type(value).__qualname__

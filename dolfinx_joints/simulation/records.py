@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What stages of a run hand on: to monitors at each step, and to the caller at their end."""
+"""Results of stages: of each step for monitors, and of the stage for the caller."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dolfinx_joints.time_integration.substeps import StepCounts
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What a monitor sees of a step.
+    """Step as a monitor sees it.
 
     Attributes:
         stage: ``dynamic``; static stages are not monitored.
@@ -34,7 +34,7 @@ class Record:
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        halvings: Pieces that this step was cut into, less one.
+        halvings: Substeps that this step was cut into, less one.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
@@ -100,8 +100,8 @@ class Outcome:
         local_error: Largest estimated displacement error of a step relative to the largest
             displacement from the static state, 2-norms over all dofs.
         steps: Steps asked for.
-        counts: Pieces taken and tried; more than ``steps`` where steps were cut.
-        iterations: Newton iterations of all pieces taken.
+        counts: Accepted substeps, more than ``steps`` where steps were cut, and rejected attempts.
+        iterations: Newton iterations of all accepted substeps.
         solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
         end_point_laws: Kinds of laws that were asked for the end of steps although the scheme asks
             for whole steps, because they know nothing else.

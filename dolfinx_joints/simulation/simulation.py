@@ -63,7 +63,7 @@ class Simulation:
 
     Args:
         model: The model.
-        monitors: What watches the run.
+        monitors: Observers of the run.
         newton: Tolerances and limits of Newton's method.
         solver: ``auto``, ``condensed`` or ``monolithic``; see `make_solver`.
 
@@ -144,7 +144,7 @@ class Simulation:
 
         Args:
             joints: Names of the joints to be grouted, all of them unless given.
-            gap: What the grout leaves open [m].
+            gap: Opening that the grout leaves [m].
 
         Raises:
             JointsError: There was no static stage.
@@ -330,7 +330,7 @@ class Simulation:
         return run.outcome()
 
     def _step(self, run: DynamicRun, dt: float) -> None:
-        """One step, told to the monitors (collective)."""
+        """One step, recorded by the monitors (collective)."""
         with self._phase("time steps"):
             try:
                 report = run.take(dt)
@@ -370,10 +370,10 @@ class Simulation:
         )
 
     def _check_prescribed(self, system: MatrixSystem, u: PETSc.Vec) -> None:
-        """Refuse prescribed displacements that jump from the static state to time zero."""
+        """Check that prescribed displacements do not jump from the static state to time zero."""
         at_zero = system.prescribed(0.0)
-        held = u.getArray(readonly=True)[system.constrained]
-        jump = float(np.abs(at_zero - held).max(initial=0.0))
+        there = u.getArray(readonly=True)[system.constrained]
+        jump = float(np.abs(at_zero - there).max(initial=0.0))
         if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * max(u.norm(), 1e-12):
             raise ValueError(
                 "The displacements prescribed at t = 0 differ from those of the static state that "
@@ -386,12 +386,12 @@ class Simulation:
         counts = outcome.counts
         mean = outcome.iterations / max(counts.accepted, 1)
         balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
-        tried = f", {counts.rejected} more were tried and cut" if counts.rejected else ""
+        rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
         return (
             f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
             f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
-            f"displacement\n{outcome.steps} steps in {counts.accepted} pieces{tried}; "
-            f"{mean:.2f} Newton iterations per piece, {self._solver(outcome)}\n{phases}"
+            f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
+            f"{mean:.2f} Newton iterations per substep, {self._solver(outcome)}\n{phases}"
         )
 
     def _solver(self, outcome: Outcome) -> str:

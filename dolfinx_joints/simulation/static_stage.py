@@ -18,7 +18,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.records import StaticState
-from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions
 from dolfinx_joints.time_integration.products import Products
@@ -33,7 +33,7 @@ def march(
     *,
     inactive: bool,
     newton: SolverOptions,
-    kind: str,
+    kind: SolverKind,
     watch: SmallDisplacements,
 ) -> StaticState:
     """Equilibrium at each step of a path (collective).
@@ -47,7 +47,7 @@ def march(
         inactive: Whether joints carry nothing.
         newton: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
-        watch: What warns of large slip and opening.
+        watch: Observer of slip and opening.
 
     Raises:
         ConvergenceError: A load step did not converge.
@@ -66,20 +66,20 @@ def march(
     if system.water is not None and joints is not None:
         system.water.enter(joints.gap)
         solver = JointWaterIteration(system.water, solver)
-    held = system.constrained
+    fixed = system.constrained
     reports: list[SolveReport] = []
     elastic_force, load, b, x = (u.duplicate() for _ in range(4))
     system.stiffness.mult(u, elastic_force)
-    carried, held_before = _carried(internal_forces, before, elastic_force), u.getArray()[held]
+    carried, fixed_before = _carried(internal_forces, before, elastic_force), u.getArray()[fixed]
     for step, (time, share) in enumerate(path, start=1):
         system.load(time or 0.0, load, scale=share)
         at_supports = system.prescribed(time or 0.0, scale=share)
         if carried is not None and share < 1.0:
             load.axpy(1.0 - share, carried)
-            at_supports = at_supports + (1.0 - share) * held_before
+            at_supports = at_supports + (1.0 - share) * fixed_before
         b.waxpy(-1.0, elastic_force, load)
         x.set(0.0)
-        x.getArray()[held] = at_supports - u.array[held]
+        x.getArray()[fixed] = at_supports - u.array[fixed]
         try:
             response, report = solver.solve(STATIC, b, x, joints)
             products = Products(solver, STATIC, b, x, response)
@@ -123,7 +123,7 @@ def _carried(
 
 
 def check_acting(model: Model, loads: Any) -> None:
-    """Refuse loads of a static stage that are not the model's own.
+    """Check that the loads of a static stage are the model's own.
 
     Raises:
         ValueError: One is another.
@@ -137,7 +137,7 @@ def check_acting(model: Model, loads: Any) -> None:
 
 
 def check_grouted(static: StaticState | None) -> None:
-    """Refuse to go on with joints that carry nothing.
+    """Check that joints are active.
 
     Raises:
         JointsError: They are inactive.
@@ -150,7 +150,7 @@ def check_grouted(static: StaticState | None) -> None:
 
 
 def check_complete(static: StaticState | None) -> None:
-    """Refuse a static state without some of the loads, or with water from before the grout.
+    """Check that no load is missing in a static state, nor its water from before the grout.
 
     Raises:
         JointsError: Some are missing.

@@ -33,9 +33,9 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution, monolithic elsewhere, and in statics where blocks are held by nothing but
+            solution, monolithic elsewhere, and in statics where blocks are supported by nothing but
             joints of finite stiffness: near the limit of what they carry it goes further.
-        rule: What the time scheme will ask the laws for.
+        rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
 
     Raises:

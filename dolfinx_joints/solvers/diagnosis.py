@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Why a factorization failed, in words."""
+"""Error messages of factorizations that failed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import math
 from petsc4py import PETSc
 
 SINGULAR = (
-    "The matrix is singular to working precision: is every block held by supports, springs or a "
-    "closed joint?"
+    "The matrix is singular to working precision: is every block restrained by supports, "
+    "springs or a closed joint?"
 )
 NOT_FINITE = (
     "The matrix holds numbers that are not finite: look for NaN in a material, a law's tangent or "
@@ -21,8 +21,8 @@ NO_MEMORY = (
     "iterative solver"
 )
 NOT_FACTORED = (
-    "The matrix could not be factored (singular, or not positive definite: is every block held by "
-    "supports?)"
+    "The matrix could not be factored (singular, or not positive definite: is every block "
+    "restrained by supports?)"
 )
 
 # What PETSc calls a pivot that is zero or negative.
@@ -51,14 +51,14 @@ _MUMPS = {
 
 
 def why_singular(matrix: PETSc.Mat) -> str:
-    """A sentence on a matrix that gives no solution (collective)."""
+    """Error message on a matrix that gives no solution (collective)."""
     # The largest of absolute values would lose NaN; the sum of squares does not.
     finite = math.isfinite(matrix.norm(PETSc.NormType.NORM_FROBENIUS))
     return SINGULAR if finite else NOT_FINITE
 
 
-def in_words(pc: PETSc.PC) -> str:
-    """What the package says of its failure, in brackets and after a blank; '' if nothing."""
+def reported_by_package(pc: PETSc.PC) -> str:
+    """Reason that the package reports, in brackets and after a blank; '' if there is none."""
     if pc.getFactorSolverType() != "mumps":
         return ""
     factor = pc.getFactorMatrix()
@@ -66,12 +66,12 @@ def in_words(pc: PETSc.PC) -> str:
     if code >= 0:
         return ""
     number = -1_000_000 * size if size < 0 else size  # then it counts millions
-    told = _MUMPS.get(code, "see its user's guide").format(f"{number:,}".replace(",", " "))
-    return f" (MUMPS: {told}; INFOG(1) = {code}, INFOG(2) = {size})"
+    reason = _MUMPS.get(code, "see its user's guide").format(f"{number:,}".replace(",", " "))
+    return f" (MUMPS: {reason}; INFOG(1) = {code}, INFOG(2) = {size})"
 
 
 def of_error(error: PETSc.Error, matrix: PETSc.Mat) -> str:
-    """A sentence on an error of PETSc in a factorization (collective)."""
+    """Error message on an error of PETSc in a factorization (collective)."""
     if why_singular(matrix) == NOT_FINITE:
         return NOT_FINITE
     if error.ierr in _ZERO_PIVOT:
@@ -79,4 +79,4 @@ def of_error(error: PETSc.Error, matrix: PETSc.Mat) -> str:
     if error.ierr == _OUT_OF_MEMORY:
         return f"{NO_MEMORY}."
     last = str(error).strip().rsplit("\n", 1)[-1].removeprefix("[0] ")
-    return f"{NOT_FACTORED}; PETSc says: {last}."
+    return f"{NOT_FACTORED}; PETSc reports: {last}."

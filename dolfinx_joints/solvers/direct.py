@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.solvers.diagnosis import NO_MEMORY, in_words, of_error, why_singular
+from dolfinx_joints.solvers.diagnosis import NO_MEMORY, of_error, reported_by_package, why_singular
 from dolfinx_joints.solvers.multigrid import options_set
 
 Floats = NDArray[np.float64]
@@ -92,7 +92,7 @@ class DirectSolver:
             JointsError: The factorization failed.
         """
         factored = self._factor_if_stale()
-        with self._told():
+        with self._reported():
             self._ksp.solve(b, x)
         if self._ksp.getConvergedReason() < 0 or (factored and not self._solves(b, x)):
             self._stale = True
@@ -119,7 +119,7 @@ class DirectSolver:
         if right.shape[1] == 0:
             return right.copy()
         b, x = self._dense(right), self._dense(np.empty_like(right))
-        with self._told():
+        with self._reported():
             self._ksp.getPC().getFactorMatrix().matSolve(b, x)
         if factored and not self._solves_block(b, x):
             self._stale = True
@@ -161,13 +161,13 @@ class DirectSolver:
             self._options[WORKSPACE] = MORE_WORKSPACE
             failure = self._factor()
         if failure == OUT_OF_MEMORY:
-            raise JointsError(f"{NO_MEMORY}{in_words(self._ksp.getPC())}.")
+            raise JointsError(f"{NO_MEMORY}{reported_by_package(self._ksp.getPC())}.")
         if failure in ZERO_PIVOT:
             why = why_singular(self._matrix)
-            raise JointsError(why[:-1] + in_words(self._ksp.getPC()) + why[-1])
+            raise JointsError(why[:-1] + reported_by_package(self._ksp.getPC()) + why[-1])
         if failure:
-            told = in_words(self._ksp.getPC()) or f"; PETSc's reason is {failure}"
-            raise JointsError(f"The matrix could not be factored{told}.")
+            reason = reported_by_package(self._ksp.getPC()) or f"; PETSc's reason is {failure}"
+            raise JointsError(f"The matrix could not be factored{reason}.")
         self._stale = False
         return True
 
@@ -175,14 +175,14 @@ class DirectSolver:
         """Factor the matrix; PETSc's reason of a failure, or 0."""
         with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
-            with self._told():
+            with self._reported():
                 self._ksp.setFromOptions()
                 self._ksp.setUp()
         return int(self._ksp.getPC().getFailedReason())
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Say an error of PETSc in a sentence (collective)."""
+    def _reported(self) -> Iterator[None]:
+        """Raise an error of PETSc as one message (collective)."""
         try:
             yield
         except PETSc.Error as exc:

@@ -40,11 +40,11 @@ class EffectiveMatrix:
         linear: ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``, or ``auto``:
             iterative where A is symmetric and its factor is not expected to fit into memory,
             direct elsewhere.
-        added: What A holds besides.
+        added: Matrix added to A.
 
     Attributes:
         full: A.
-        held: A with rows and columns of constrained dofs replaced by a diagonal.
+        constrained: A with rows and columns of constrained dofs replaced by a diagonal.
         norm: Infinity norm of A.
         symmetric: Whether A is.
     """
@@ -69,9 +69,9 @@ class EffectiveMatrix:
         self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:
             self.full.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        self.held = self.full.copy()
-        rows = (system.constrained + self.held.getOwnershipRange()[0]).astype(PETSc.IntType)
-        self.held.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
+        self.constrained = self.full.copy()
+        rows = (system.constrained + self.constrained.getOwnershipRange()[0]).astype(PETSc.IntType)
+        self.constrained.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self.symmetric, self._moves = system.symmetric, system.values is not None
         self._linear, self._components = linear, system.components
@@ -80,7 +80,7 @@ class EffectiveMatrix:
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
-        """Solver of ``held``, made when first asked for and then kept (collective)."""
+        """Solver of ``constrained``, made when first asked for and then kept (collective)."""
         if self._solver is None:
             self._solver = self._made()
         return self._solver
@@ -88,17 +88,17 @@ class EffectiveMatrix:
     def _made(self) -> DirectSolver | IterativeSolver:
         if not self._iterates():
             mumps = self._linear == "mumps"
-            return DirectSolver(self.held, symmetric=self.symmetric, mumps=mumps)
-        self.held.setNearNullSpace(self._near)
-        return IterativeSolver(self.held)
+            return DirectSolver(self.constrained, symmetric=self.symmetric, mumps=mumps)
+        self.constrained.setNearNullSpace(self._near)
+        return IterativeSolver(self.constrained)
 
     def _iterates(self) -> bool:
         if self._linear != "auto":
             return self._linear == "iterative"
         if not self.symmetric:
             return False
-        comm = self.held.comm.tompi4py()
-        return not factor_fits(comm, self.held.getSize()[0], self._components)
+        comm = self.constrained.comm.tompi4py()
+        return not factor_fits(comm, self.constrained.getSize()[0], self._components)
 
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
@@ -119,15 +119,15 @@ class EffectiveMatrix:
             # Iterations leave rounding there: clamped points would open.
             x.pointwiseMult(x, unconstrained)
             return factored
-        held, pushed = x.duplicate(), b.duplicate()
-        held.pointwiseMult(x, unconstrained)
-        held.aypx(-1.0, x)
-        self.full.mult(held, pushed)
+        prescribed, pushed = x.duplicate(), b.duplicate()
+        prescribed.pointwiseMult(x, unconstrained)
+        prescribed.aypx(-1.0, x)
+        self.full.mult(prescribed, pushed)
         pushed.pointwiseMult(pushed, unconstrained)
         right.axpy(-1.0, pushed)
         factored = self.solver.solve(right, x)
         x.pointwiseMult(x, unconstrained)
-        x.axpy(1.0, held)
+        x.axpy(1.0, prescribed)
         return factored
 
     def destroy(self) -> None:
@@ -135,7 +135,7 @@ class EffectiveMatrix:
         if self._solver is not None:
             self._solver.destroy()
         self.full.destroy()
-        self.held.destroy()
+        self.constrained.destroy()
 
 
 class Cache:

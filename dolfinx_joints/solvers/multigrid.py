@@ -63,7 +63,7 @@ class IterativeSolver:
     _made = 0
 
     def __init__(self, matrix: PETSc.Mat) -> None:
-        """Nothing is set up yet."""
+        """Create the solver; it is set up at the first solve."""
         IterativeSolver._made += 1
         self._matrix = matrix
         self._blocked: PETSc.Mat | None = None
@@ -95,7 +95,7 @@ class IterativeSolver:
             raise JointsError(
                 f"The iterative linear solver gave up after {self.iterations} iterations, its "
                 f"residual {self._ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is "
-                "every block held by supports, springs or a closed joint?"
+                "every block restrained by supports, springs or a closed joint?"
             )
         return renewed
 

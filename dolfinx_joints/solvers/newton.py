@@ -45,7 +45,7 @@ class NewtonSolver:
     factors are kept for the last few sets of coefficients.
 
     Args:
-        system: What is to be solved.
+        system: The system.
         options: Tolerances and limits.
     """
 
@@ -83,7 +83,7 @@ class NewtonSolver:
             b: Right-hand side [N].
             x: Start of the iteration, with the constrained dofs at their values already [m].
             state: Joint state at the start of the step, None without joints.
-            rule: What the laws are asked for.
+            rule: Response that the laws are asked for.
 
         Returns:
             The joints' response and the report.
@@ -100,11 +100,11 @@ class NewtonSolver:
         return self._iterate(internal_forces, tangent, balance, x, state)
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: every solve starts from its arguments alone."""
+        """Empty: every solve starts from its arguments alone."""
         return {}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Take up nothing."""
+        """Keep nothing: there is no state."""
 
     def _iterate(
         self,
@@ -147,13 +147,13 @@ class NewtonSolver:
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 
-        Where the tangent is singular, because on the way a block is held by no closed and sticking
-        point or because plastic cells flow, a small part of the stiffness of closed joints and
-        elastic cells is added: the correction only, not the equilibrium, depends on it.
+        Where the tangent is singular, because on the way a block is supported by no closed and
+        sticking point or because plastic cells flow, a small part of the stiffness of closed joints
+        and elastic cells is added: the correction only, not the equilibrium, depends on it.
 
         Raises:
             ConvergenceError: A law gave a tangent that is not finite.
-            JointsError: The body is not held even so.
+            JointsError: The body is not supported even so.
         """
         for part in REGULARISATIONS:
             values = internal_forces.tangent(response, part)
@@ -236,7 +236,7 @@ class _Balance:
         self.scale = max(self._first_scale, self._trial_scale)
 
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
-        """What rounding may leave of A x, and of forces that follow from laws."""
+        """Rounding error of A x, and of forces that follow from laws."""
         largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
         laws = self._internal_forces.rounding(response, largest)
         bulk = self._matrix.norm * float(change.norm())

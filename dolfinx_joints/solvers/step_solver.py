@@ -93,7 +93,7 @@ class StepSolver(Protocol):
         """Solve for ``x`` in place; see `NewtonSolver.solve`."""
 
     def state_dict(self) -> dict[str, Any]:
-        """What later solves depend on beyond their arguments: names to arrays and numbers."""
+        """State that later solves depend on beyond their arguments: names to arrays and numbers."""
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what the ``state_dict`` of a solver of the same system gave (collective)."""
@@ -107,7 +107,7 @@ def solve_failure(
     residual: float,
     options: SolverOptions,
 ) -> ConvergenceError:
-    """What to raise when an iteration on joints and plastic cells did not converge (collective)."""
+    """Exception for an iteration on joints and plastic cells that did not converge (collective)."""
     return ConvergenceError(
         iteration=iteration,
         residual=residual,

@@ -36,7 +36,7 @@ class Tangent:
         product: TangentMatrix | None,
         options: Mapping[str, Any] | None,
     ) -> None:
-        """Nothing is added up yet."""
+        """Keep the parts; they are added at the first update."""
         self.effective = matrix
         self._product, self._options = product, options
         self._sum: _Sum | None = None
@@ -50,7 +50,7 @@ class Tangent:
             return self._sum.solver
         added = self._product.assemble(values)
         if self._sum is None:
-            self._sum = _Sum(self.effective.held, added, self._options)
+            self._sum = _Sum(self.effective.constrained, added, self._options)
         self._sum.add(added)
         self._last = values.copy()
         return self._sum.solver

@@ -31,8 +31,8 @@ class EnergyRow:
         input_by_load: Work of each load by name.
         viscous: Work done against the damping.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: What each joint took in besides, lost or (negative) made up by the time
-            scheme where it opens, closes or slides within a step, shape (number of joints,).
+        joint_numerical: Energy that each joint took in besides, lost or (negative) made up by the
+            time scheme where it opens, closes or slides within a step, shape (number of joints,).
         error: stored - stored at the start - input + viscous + friction + plastic.
         plastic: Plastic work of the bulk.
     """
@@ -70,7 +70,7 @@ class EnergyRow:
 
     @cached_property
     def imbalance(self) -> float:
-        """What no line accounts for: error + numerical, rounding where the solves are right."""
+        """Energy that no line accounts for: error + numerical, rounding where solves are right."""
         return self.error + self.numerical
 
 

@@ -83,9 +83,9 @@ def initial_state(
     system.mass.mult(a, reaction)
     reaction.axpy(-1.0, force)
     a.axpy(1.0, moving)
-    held = np.zeros(reaction.getLocalSize())
-    held[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
-    reaction.setArray(held)
+    fixed = np.zeros(reaction.getLocalSize())
+    fixed[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
+    reaction.setArray(fixed)
     momentum = v.duplicate()
     system.mass.mult(v, momentum)
     return DynamicState(
@@ -103,7 +103,7 @@ def initial_state(
 
 
 def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> None:
-    """Refuse a start from rest with massless parts, joints aside, out of balance (collective).
+    """Check that massless parts, joints aside, are in balance at a start from rest (collective).
 
     No inertia takes up that force: it would swing in them from step to step for ever.
     """

@@ -58,8 +58,8 @@ class _Midpoint:
             known.append((-1.0, state.remainder))
         b = combination(*known)
         x = combination((dt, state.velocity))
-        held = system.constrained
-        x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
+        fixed = system.constrained
+        x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt)
         turn.add(turn.momentum, b, -0.5 * rate)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
@@ -121,7 +121,7 @@ class ImplicitContact(_Midpoint):
 
 
 class _Turn:
-    """What prescribed dofs do besides the midpoint rule: their velocities are prescribed as well.
+    """Change that prescribed dofs make to the midpoint rule: their velocities are prescribed, too.
 
     Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
 
@@ -139,16 +139,16 @@ class _Turn:
         time: float,
         dt: float,
     ) -> None:
-        """Nothing where supports rest (collective)."""
+        """Find the change, none where supports rest (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         rates = system.prescribed_rates(time, 0.5 * dt)
         if rates is not None:
             self.velocity, self.momentum = x.duplicate(), x.duplicate()
-            held = system.constrained
-            by_rule = rate * x.array[held] - state.velocity.array[held]
+            fixed = system.constrained
+            by_rule = rate * x.array[fixed] - state.velocity.array[fixed]
             self.velocity.set(0.0)
-            self.velocity.getArray()[held] = rates[0] - by_rule
+            self.velocity.getArray()[fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
 
     @staticmethod

@@ -66,13 +66,13 @@ class _Alpha:
             (1.0 - self.gamma / self.beta, v), (dt * (1.0 - 0.5 * self.gamma / self.beta), a)
         )
         x = combination((dt, v), (0.5 * dt**2, a))
-        held = system.constrained
-        x.getArray()[held] = system.prescribed(time) - state.displacement.array[held]
+        fixed = system.constrained
+        x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         rates = system.prescribed_rates(time, 0.5 * dt)
         if rates is not None:
             # Inferred from their displacements alone, their accelerations would swing for ever.
-            a_known.getArray()[held] = rates[1] - of_mass * x.array[held]
-            v_known.getArray()[held] = rates[0] - of_damping * x.array[held]
+            a_known.getArray()[fixed] = rates[1] - of_mass * x.array[fixed]
+            v_known.getArray()[fixed] = rates[0] - of_damping * x.array[fixed]
         load = system.load(time, state.load.duplicate())
         b = self._right_hand_side(solver, state, load, a_known, v_known)
         before = None if state.joints is None else replace(state.joints.state, dt=dt)
@@ -114,7 +114,7 @@ class _Alpha:
         a_known: PETSc.Vec,
         v_known: PETSc.Vec,
     ) -> PETSc.Vec:
-        """What is known of the equation, over 1 - alpha_f, [N]."""
+        """Known part of the equation, over 1 - alpha_f, [N]."""
         system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
         b = combination((1.0, load), (old / share, state.load), (-1.0 / share, state.elastic_force))
         known = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))

@@ -61,9 +61,9 @@ class Products:
         if not np.isfinite(norm):
             raise ConvergenceError(iteration=1, residual=norm)
         self.reaction.set(0.0)
-        held = system.constrained
-        self.reaction.getArray()[held] = residual.getArray(readonly=True)[held]
-        residual.getArray()[held] = 0.0
+        fixed = system.constrained
+        self.reaction.getArray()[fixed] = residual.getArray(readonly=True)[fixed]
+        residual.getArray()[fixed] = 0.0
         self.remainder = residual
 
 

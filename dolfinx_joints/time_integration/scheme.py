@@ -53,15 +53,15 @@ class Scheme(Protocol):
     """A time scheme: parameters, and one step.
 
     Attributes:
-        rule: What it asks the laws for.
+        rule: Response that it asks the laws for.
     """
 
     @property
     def rule(self) -> Rule:
-        """See above."""
+        """Response that it asks the laws for."""
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Whether its balance is exact for a system: what is missing then tells of the solve."""
+        """Whether its balance is exact for a system, so that a solve may be judged by it."""
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float

@@ -28,9 +28,9 @@ class DynamicState:
         momentum: M v [N s].
         elastic_force: K u [N].
         joints: Response of the joints and of plastic cells, None without both.
-        remainder: What rounding left of the last step's equation at the unconstrained dofs, None at
-            the start [N]. Taken into the next step it does not add up over many of them.
-        water: What the water in ``load`` does at the local joint points (`Wetness`), shape (n,),
+        remainder: Rest that rounding left of the last step's equation at the unconstrained dofs,
+            None at the start [N]. Taken into the next step it does not add up over many of them.
+        water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
             None where no load depends on the joints.
     """
 

@@ -26,7 +26,7 @@ LARGEST_IMBALANCE = 1e-10
 @dataclass(frozen=True, kw_only=True)
 @checked
 class StepControl:
-    """When a step of length dt is cut, down to dt / 2^max_halvings.
+    """Rules by which a step of length dt is cut, down to dt / 2^max_halvings.
 
     A step is always cut where its solve fails, and where its energy lines do not add up although
     the scheme's do (then the solve is wrong). It is cut for accuracy as well where asked; at the
@@ -47,15 +47,15 @@ class StepControl:
 
 @dataclass(kw_only=True)
 class StepCounts:
-    """Steps taken and steps tried again shorter.
+    """Accepted substeps and rejected attempts.
 
     Attributes:
-        accepted: Steps taken.
-        landed: Of these, steps of the shortest length in which a point opened or closed.
-        failed: Tries whose solve failed.
-        unbalanced: Tries whose energy lines did not add up.
-        inaccurate: Tries with too large a local error.
-        crossed: Tries in which a point opened or closed.
+        accepted: Substeps accepted.
+        landed: Of these, substeps of the shortest length in which a point opened or closed.
+        failed: Attempts whose solve failed.
+        unbalanced: Attempts whose energy lines did not add up.
+        inaccurate: Attempts with too large a local error.
+        crossed: Attempts in which a point opened or closed.
     """
 
     accepted: int = 0
@@ -67,14 +67,14 @@ class StepCounts:
 
     @property
     def rejected(self) -> int:
-        """Tries in vain."""
+        """Rejected attempts."""
         return self.failed + self.unbalanced + self.inaccurate + self.crossed
 
 
 class Stepper:
-    """Takes steps of a given length, in pieces where need be.
+    """Takes steps of a given length, in substeps where need be.
 
-    Pieces stay on the levels dt / 2^k, so that few matrices are factored.
+    Substeps stay on the levels dt / 2^k, so that few matrices are factored.
 
     Args:
         scheme: The time scheme.
@@ -83,45 +83,45 @@ class Stepper:
         control: When steps are cut.
 
     Attributes:
-        counts: Steps taken and tried.
+        counts: Accepted substeps and rejected attempts.
     """
 
     def __init__(
         self, scheme: Scheme, solver: StepSolver, ledger: EnergyLedger, control: StepControl
     ) -> None:
-        """Nothing is done yet."""
+        """Keep the parts; no step is taken."""
         self._scheme, self._solver, self._ledger = scheme, solver, ledger
         self._control, self.counts = control, StepCounts()
         self._largest = 0.0
         self._level = 0
 
-    def advance(
+    def substeps(
         self, state: DynamicState, dt: float
     ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
-        """Accepted pieces from ``state`` over dt [s] with their energies (collective).
+        """Accepted substeps from ``state`` over dt [s] with their energies (collective).
 
         Raises:
-            ConvergenceError: The shortest piece allowed does not converge.
-            JointsError: The energy lines of the shortest piece allowed do not add up.
+            ConvergenceError: The shortest substep allowed does not converge.
+            JointsError: The energy lines of the shortest substep allowed do not add up.
         """
         finest = 2**self._control.max_halvings
-        start, done = state.time, 0  # done counts pieces of the shortest length
+        start, done = state.time, 0  # done counts substeps of the shortest length
         while done < finest:
-            pieces = finest >> self._level
-            shortest = pieces == 1
+            length = finest >> self._level
+            shortest = length == 1
             try:
-                after, report = self._try(state, dt * pieces / finest)
+                after, report = self._attempt(state, dt * length / finest)
             except ConvergenceError as failure:
                 self.counts.failed += 1
                 if shortest:
-                    raise located(failure, time=state.time + dt * pieces / finest) from None
+                    raise located(failure, time=state.time + dt * length / finest) from None
                 self._level += 1
                 continue
             row = self._ledger.after(after, report)
-            if self._refuses(state, after, report, row, shortest=shortest):
+            if self._rejects(state, after, report, row, shortest=shortest):
                 self._level += 1
                 continue
-            done += pieces
+            done += length
             if done == finest and after.time != start + dt:
                 after = replace(after, time=start + dt)
             state = after
@@ -130,7 +130,7 @@ class Stepper:
             if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
                 self._level -= 1
 
-    def _try(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
+    def _attempt(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
         """A step of the scheme, under the water that the state at its start leads to."""
         water = self._solver.system.water
         if water is None or state.joints is None or state.water is None:
@@ -140,7 +140,7 @@ class Stepper:
         return replace(after, water=water.codes), report
 
     def state_dict(self) -> dict[str, Any]:
-        """What later steps depend on."""
+        """State that later steps depend on."""
         return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
@@ -148,7 +148,7 @@ class Stepper:
         self._largest, self._level = memory["largest"], memory["level"]
         self.counts = StepCounts(**memory["counts"])
 
-    def _refuses(
+    def _rejects(
         self,
         before: DynamicState,
         after: DynamicState,
@@ -157,7 +157,7 @@ class Stepper:
         *,
         shortest: bool,
     ) -> bool:
-        """Whether a try is to be cut (collective)."""
+        """Whether an attempt is rejected (collective)."""
         if self._scheme.conserves(self._solver.system):
             scale = max(self._ledger.scale, row.stored, abs(row.input))
             missing = abs(row.imbalance - self._ledger.row.imbalance)
@@ -195,14 +195,14 @@ class Stepper:
         return f" (joint {worst!r} did the largest work)" if worst else ""
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
-        """Whether the local error is above the tolerance, this try's displacement included."""
+        """Whether the local error is above the tolerance, this attempt's displacement included."""
         tolerance = self._control.tolerance
         if tolerance is None:
             return False
         return report.local_error > tolerance * max(self._largest, after.displacement.norm())
 
     def _calm(self, report: StepReport) -> bool:
-        """Whether a piece of twice the length would do: the local error grows with its cube."""
+        """Whether a substep of twice the length would do: the local error grows with its cube."""
         tolerance = self._control.tolerance
         return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
 

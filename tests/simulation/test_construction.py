@@ -318,7 +318,7 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
 def test_a_block_that_does_not_stand_is_refused(wall):
     """Supports on one side of the wall leave two blocks loose; rollers leave all three."""
     message = (
-        r"The block around \(6, 1, 3\) m, at joint_1, joint_2, is held by its supports alone "
+        r"The block around \(6, 1, 3\) m, at joint_1, joint_2, is restrained by its supports alone "
         r"against 0 of 6 rigid motions"
     )
     with pytest.raises(JointsError, match=message):

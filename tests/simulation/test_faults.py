@@ -292,29 +292,34 @@ class Failed:
     ],
 )
 def test_codes_of_mumps_in_words(code, size, words):
-    from dolfinx_joints.solvers.diagnosis import in_words
+    from dolfinx_joints.solvers.diagnosis import reported_by_package
 
-    assert words in in_words(Failed(code, size))
+    assert words in reported_by_package(Failed(code, size))
 
 
 def test_what_petsc_says_of_other_failures():
     # Codes of petscerror.h: 55 is no memory, 76 an error of a library that PETSc calls.
     from petsc4py import PETSc
 
-    from dolfinx_joints.solvers.diagnosis import NO_MEMORY, NOT_FACTORED, in_words, of_error
+    from dolfinx_joints.solvers.diagnosis import (
+        NO_MEMORY,
+        NOT_FACTORED,
+        of_error,
+        reported_by_package,
+    )
 
     matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
     assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
     told = of_error(PETSc.Error(76), matrix)
-    assert told.startswith(f"{NOT_FACTORED}; PETSc says: ")
+    assert told.startswith(f"{NOT_FACTORED}; PETSc reports: ")
     assert told.endswith(".")
     assert "\n" not in told
     # What is said in MUMPS's words is of MUMPS, and of a failure.
-    assert in_words(Failed(0, 0)) == ""
+    assert reported_by_package(Failed(0, 0)) == ""
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.getPC().setType("lu")
     ksp.getPC().setFactorSolverType("petsc")
-    assert in_words(ksp.getPC()) == ""
+    assert reported_by_package(ksp.getPC()) == ""
 
 
 def test_a_failure_without_a_sentence_has_petscs_reason(monkeypatch):
@@ -389,12 +394,12 @@ def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
 
 
 def test_a_warning_is_kept_once_and_shown_each_time():
-    from dolfinx_joints.simulation.dynamic_stage import _heard
+    from dolfinx_joints.simulation.dynamic_stage import _warnings_kept
 
     said = []
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
-        with _heard(said):
+        with _warnings_kept(said):
             for text in ("slip", "slip", "opening"):
                 warnings.warn(text, stacklevel=1)
     assert said == ["slip", "opening"]
@@ -672,11 +677,11 @@ def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
 def test_parameters_are_told_without_addresses_and_numpy():
     from functools import partial
 
-    from dolfinx_joints.monitors.manifest import told
+    from dolfinx_joints.monitors.manifest import as_json
 
-    assert told(np.int64(200)) == 200
-    assert told(np.float32(0.5)) == 0.5
-    text = told(partial(shaking, group="crest"))
+    assert as_json(np.int64(200)) == 200
+    assert as_json(np.float32(0.5)) == 0.5
+    text = as_json(partial(shaking, group="crest"))
     assert "0x" not in text
     assert "function shaking" in text
     assert "group='crest'" in text

@@ -241,7 +241,7 @@ def test_iterative_and_direct_solvers_agree(wall, effective):
         assert matrix.solver.solve(b, x)
         assert not matrix.solver.solve(b, x)
         residual = b.duplicate()
-        matrix.held.mult(x, residual)
+        matrix.constrained.mult(x, residual)
         residual.axpy(-1.0, b)
         assert residual.norm() <= 1e-12 * b.norm()
         found[kind] = x
@@ -255,12 +255,12 @@ def test_iterative_and_direct_solvers_agree(wall, effective):
 def test_rigid_modes_spare_iterations(wall):
     # In statics a slender wall is hard for multigrid that knows translations only.
     matrix = EffectiveMatrix(wall, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0))
-    b = load(matrix.held)
+    b = load(matrix.constrained)
     x, counts = b.duplicate(), []
     for modes in (None, wall.stiffness.getNearNullSpace()):
         if modes is not None:
-            matrix.held.setNearNullSpace(modes)
-        solver = IterativeSolver(matrix.held)
+            matrix.constrained.setNearNullSpace(modes)
+        solver = IterativeSolver(matrix.constrained)
         solver.solve(b, x)
         counts.append(solver.iterations)
     assert 3 <= counts[1] <= 0.8 * counts[0], counts
@@ -268,9 +268,9 @@ def test_rigid_modes_spare_iterations(wall):
 
 def test_an_iterative_block_is_its_columns(wall):
     matrix = EffectiveMatrix(wall, STEP, linear="iterative")
-    right = columns(matrix.held, 2)
+    right = columns(matrix.constrained, 2)
     found = matrix.solver.solve_block(right)
-    np.testing.assert_allclose(product(matrix.held, found), right, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(product(matrix.constrained, found), right, rtol=0, atol=1e-11)
     matrix.destroy()
 
 

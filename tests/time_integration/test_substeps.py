@@ -29,7 +29,7 @@ from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, locate
 
 
 class Reluctant:
-    """A scheme that refuses steps longer than ``limit(time)`` and keeps count."""
+    """A scheme that fails at steps longer than ``limit(time)`` and keeps count."""
 
     rule = "step"
 
@@ -85,7 +85,7 @@ def test_halving_carries_through_and_ends_on_time(limit, count):
 
 
 def test_halving_grows_back():
-    # Short steps are needed in the first eighth only; afterwards the pieces double again:
+    # Short steps are needed in the first eighth only; afterwards the substeps double again:
     # 1/8, 1/8, 1/4, 1/2.
     scheme = Reluctant(lambda time: 0.125 if time < 0.1 else 1.0)
     take(stepper(scheme, control=StepControl(max_halvings=3)), 1.0)
@@ -171,11 +171,11 @@ def bounce(dt, periods, control, scheme=None):
     steps, ledger, state = stepper(scheme or EnergyConsistent(), system, control)
     error = 0.0
     for _ in range(round(periods * OSCILLATOR.period / dt)):
-        pieces = take((steps, ledger, state), dt)
-        for piece in pieces:
-            exact = OSCILLATOR.displacement(piece.time)
-            error = max(error, abs(piece.displacement.array[0] - exact) / OSCILLATOR.amplitude)
-        state = pieces[-1]
+        substeps = take((steps, ledger, state), dt)
+        for substep in substeps:
+            exact = OSCILLATOR.displacement(substep.time)
+            error = max(error, abs(substep.displacement.array[0] - exact) / OSCILLATOR.amplitude)
+        state = substeps[-1]
     return error, steps.counts, ledger
 
 

@@ -56,7 +56,7 @@ class Condensed:
         self._system, self._contact, self._options = system, system.contact, options
         self._operator, self._weight = operator, weight
         self.static, self.used = not effective.mass, False
-        self._recalled: Mapping[str, Any] = {}
+        self._restored: Mapping[str, Any] = {}
         self._effective = effective
         self._body = EffectiveMatrix(system, effective, linear=options.linear)
         self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
@@ -101,18 +101,18 @@ class Condensed:
             self._stuck() if known else None,
             self._operator.comm.tompi4py(),
         )
-        if self._recalled:
-            corrections.load_state_dict(self._recalled)
+        if self._restored:
+            corrections.load_state_dict(self._restored)
         return corrections
 
     def state_dict(self) -> dict[str, Any]:
-        """What later corrections depend on, nothing before the first."""
+        """State that later corrections depend on, empty before the first."""
         made = "corrections" in self.__dict__
-        return self.corrections.state_dict() if made else dict(self._recalled)
+        return self.corrections.state_dict() if made else dict(self._restored)
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave, once corrections are asked for."""
-        self._recalled = memory
+        self._restored = memory
 
     def _stuck(self) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
@@ -143,6 +143,6 @@ def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
     except JointsError:
         return False
     rest = load.duplicate()
-    matrix.held.mult(moved, rest)
+    matrix.constrained.mult(moved, rest)
     rest.axpy(-1.0, load)
     return bool(rest.norm() <= 1e-6 * load.norm())

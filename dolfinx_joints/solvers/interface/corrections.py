@@ -45,7 +45,7 @@ LARGEST_TIED = 6000
 PRODUCTS = 15
 
 # W costs 2.3 m^3 operations, of which ten fit into the time of one entry of a product. It is made
-# when a quarter of that has been spent in vain: most runs go on for long.
+# when a quarter of that has been spent without it: most runs go on for long.
 OPERATIONS_PER_ENTRY = 40.0
 
 # A pivot of I + T0 S, whose diagonal is one, that is rounding.
@@ -85,7 +85,7 @@ class Corrections:
         """Nothing is made yet."""
         self._split, self._rough, self._stuck, self._comm = split, rough, stuck, comm
         self._exact = isinstance(split, RowMatrix)
-        self._held: Rows = np.empty(0, dtype=np.int64)
+        self._kept: Rows = np.empty(0, dtype=np.int64)
         self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Part | None = None
         self._tied: _Tied | None = None
@@ -138,7 +138,7 @@ class Corrections:
         self, residual: Floats, tangent: Floats, active: Rows, tolerance: float
     ) -> Correction:
         rows, block = self._block_of(active)
-        points = self._held
+        points = self._kept
         step = residual.copy()
         step[rows] = 0.0
         right, others = residual[rows], np.flatnonzero(step)
@@ -157,13 +157,13 @@ class Corrections:
     def _block_of(self, active: Rows) -> tuple[Rows, Part]:
         """Rows and part of S of a set that holds the active points, kept while it does."""
         inside = self._inside[active].all()
-        if self._block is None or not inside or len(self._held) > 2 * len(active) + 20:
+        if self._block is None or not inside or len(self._kept) > 2 * len(active) + 20:
             self._block = self._hold(active)
-        return _rows_of(self._held), self._block
+        return _rows_of(self._kept), self._block
 
     def _hold(self, points: Rows) -> Part:
         """The part of S of a set to be kept."""
-        self._held = points
+        self._kept = points
         self._inside[:] = False
         self._inside[points] = True
         size = 3 * len(points)
@@ -174,15 +174,15 @@ class Corrections:
         return (rough or self._split).block(_rows_of(points))
 
     def state_dict(self) -> dict[str, Any]:
-        """What later corrections depend on beyond their arguments."""
-        held = {} if self._block is None else {"held": self._held}
-        return {"missed": self._missed, **held}
+        """State that later corrections depend on beyond their arguments."""
+        kept = {} if self._block is None else {"kept": self._kept}
+        return {"missed": self._missed, **kept}
 
     def load_state_dict(self, memory: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
         self._missed = memory["missed"]
-        if "held" in memory:
-            self._block = self._hold(memory["held"])
+        if "kept" in memory:
+            self._block = self._hold(memory["kept"])
 
 
 def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:

@@ -112,19 +112,19 @@ class LowRankMatrix:
         columns: Gives the columns of some unknowns, shape (3 rows, k), for their numbers, shape
             (k,). Called once for each panel, in the same order on all ranks.
         points: Coordinates of all points, shape (n, 3), [m].
-        rows: Range of the points whose rows are held; all unless given.
+        rows: Range of the points whose rows are kept; all unless given.
         scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
         joint: Number of the joint of each point, shape (n,).
         tolerance: Largest error of a block relative to the unit diagonal.
-        dtype: What blocks are held in and multiplied with, float64 or float32.
+        dtype: Type that blocks are kept in and multiplied with, float64 or float32.
         leaf: Largest number of points in a cluster that is not cut.
-        symmetric: Whether the matrix is; where all rows are held, only one of two mirrored blocks
+        symmetric: Whether the matrix is; where all rows are kept, only one of two mirrored blocks
             then is.
 
     Attributes:
         shape: Rows and columns.
         nbytes: Memory of the blocks [bytes].
-        symmetric: Whether only one of two mirrored blocks is held.
+        symmetric: Whether only one of two mirrored blocks is kept.
     """
 
     def __init__(
@@ -141,18 +141,20 @@ class LowRankMatrix:
         symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel."""
-        held = np.arange(len(points))[slice(None) if rows is None else rows]
-        self.symmetric = symmetric and len(held) == len(points)
-        self.shape = (3 * len(held), 3 * len(points))
+        kept = np.arange(len(points))[slice(None) if rows is None else rows]
+        self.symmetric = symmetric and len(kept) == len(points)
+        self.shape = (3 * len(kept), 3 * len(points))
         self._tolerance, self._dtype = tolerance, np.dtype(dtype)
         order, across = clusters(points, leaf, joint)
         down, self._trees = order, across
         if not self.symmetric:
-            labels = None if joint is None else np.asarray(joint)[held]
-            down, self._trees = clusters(points[held], leaf, labels)
+            labels = None if joint is None else np.asarray(joint)[kept]
+            down, self._trees = clusters(points[kept], leaf, labels)
         self._down, self._across = _unknowns(down), _unknowns(order)
-        scale = np.where(scale > 0.0, scale, 1.0)  # held points do not move: zero rows and columns
-        self._scales = scale[_unknowns(held)][self._down], scale[self._across]
+        scale = np.where(
+            scale > 0.0, scale, 1.0
+        )  # clamped points do not move: zero rows and columns
+        self._scales = scale[_unknowns(kept)][self._down], scale[self._across]
         self._start_over()
         for tree in across:
             for panel in tree.leaves():
@@ -218,7 +220,7 @@ class LowRankMatrix:
 
         Args:
             tolerance: Largest error of a block relative to the unit diagonal.
-            dtype: What its blocks are held in and multiplied with.
+            dtype: Type that its blocks are kept in and multiplied with.
         """
         rough = copy(self)
         rough._tolerance, rough._dtype = tolerance, np.dtype(dtype)
@@ -248,7 +250,7 @@ class LowRankMatrix:
         return out
 
     def rows(self, numbers: Ints) -> Floats:
-        """Some of the rows, shape (k, 3 n), for their numbers among those held, shape (k,)."""
+        """Some of the rows, shape (k, 3 n), for their numbers among those kept, shape (k,)."""
         place = np.empty(self.shape[0], dtype=np.int64)
         place[self._down] = np.arange(self.shape[0])
         places = place[numbers]

@@ -102,7 +102,7 @@ class JointStep:
         )
 
     def sweep(self, at: Iterate, colours: Colours) -> Iterate:
-        """Each point solved with the others' forces held, one colour after the other (collective).
+        """Each point solved with the others' forces fixed, one colour after the other (collective).
 
         Nonlinear Gauss-Seidel in blocks: near points, which open and close together, see what
         their neighbours have just done.

@@ -65,12 +65,12 @@ class InterfaceSolver:
 
     Gives what `NewtonSolver` gives. The compliance costs one back-substitution per joint unknown
     for each set of coefficients; after that a step costs two of them, however many iterations the
-    joints need. Where blocks are held by nothing but joints, statics put springs across the joints;
-    what they carry is taken off the law's tractions again, so that the solution does not depend on
-    them.
+    joints need. Where blocks are supported by nothing but joints, statics put springs across the
+    joints; what they carry is taken off the law's tractions again, so that the solution does not
+    depend on them.
 
     Args:
-        system: What is to be solved; all its laws offer ``condensed_backward_euler``.
+        system: The system; all its laws offer ``condensed_backward_euler``.
         options: Tolerances and limits.
     """
 
@@ -148,7 +148,7 @@ class InterfaceSolver:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """What the next steps start from: matrices kept, forces of the last step and before it."""
+        """State that the next steps start from: matrices, forces of the last step and before."""
         kept = self._condensed.items()
         matrices = {
             str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}
@@ -276,9 +276,9 @@ class InterfaceSolver:
             if given_up:
                 # A tangent that is not finite shows in the iterate after the one that has it.
                 tried = (at.response, before.response)
-                told = next((r for r in tried if self._contact.not_finite(r)), at.response)
+                spoilt = next((r for r in tried if self._contact.not_finite(r)), at.response)
                 joints = JointInternalForces(self._contact)
-                raise solve_failure(joints, told, step.state, iteration, relative, self.options)
+                raise solve_failure(joints, spoilt, step.state, iteration, relative, self.options)
             if iteration:
                 inner = min(first, (size / last) ** 2)
             last = size

@@ -97,7 +97,7 @@ class UnitForces:
         is quick.
         """
         comm = self._operator.comm.tompi4py()
-        estimate = diagonal_compliance(self._operator, self._effective.held.getDiagonal())
+        estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
         every = np.concatenate(comm.allgather(estimate))
         points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
         numbers = (3 * points[:, None] + np.arange(3)).ravel()

@@ -272,7 +272,7 @@ def march(cell: Cell, scheme: Scheme, steps: int) -> Outcome:
     failure, newton, growth = "", 0, 0.0
     try:
         for _ in range(steps):
-            for after, report, row in stepper.advance(state, cell.dt * start.period):
+            for after, report, row in stepper.substeps(state, cell.dt * start.period):
                 state = after
                 ledger.record(row)
                 given = max(given, first + abs(row.input))

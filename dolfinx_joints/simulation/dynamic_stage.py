@@ -285,11 +285,11 @@ def warn_of(outcome: Outcome) -> None:
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
             "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
             "smaller step.",
-            stacklevel=5,
+            stacklevel=6,
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:
         warnings.warn(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one.",
-            stacklevel=5,
+            stacklevel=6,
         )

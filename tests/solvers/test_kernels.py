@@ -24,7 +24,7 @@ from plates import compressed, kernel, plates
 
 from dolfinx_joints.laws import discrete_gradient as midpoint_law
 from dolfinx_joints.laws import return_mapping as end_point_law
-from dolfinx_joints.solvers.interface import corrections
+from dolfinx_joints.solvers.interface import corrections, gmres
 from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.solvers.interface import residual as joint_step
 from dolfinx_joints.solvers.interface import row_matrix as row_matrices
@@ -62,6 +62,28 @@ def check(
     for one, other in zip(compiled, written, strict=True):
         check_same(one, other)
     return compiled
+
+
+# And the products that they take: as many as there are different eigenvalues to be told apart.
+MATRICES = {
+    "near the identity": (np.eye(9) + 0.05 * RANDOM.normal(size=(9, 9)), 9),
+    "identity, done at once": (np.eye(4), 1),
+    "singular": (np.diag([1.0, 2.0, 0.0, 3.0]), 4),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_gmres(monkeypatch, name):
+    matrix, expected = MATRICES[name]
+    right = np.arange(1.0, len(matrix) + 1)
+
+    def work():
+        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20)
+
+    x, products = check(monkeypatch, gmres, work)
+    assert products == expected
+    if name != "singular":
+        np.testing.assert_allclose(matrix @ x, right, rtol=1e-10)
 
 
 @pytest.mark.parametrize("share", ["all rows", "some rows"])

@@ -31,7 +31,7 @@ from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, locate
 class Reluctant:
     """A scheme that fails at steps longer than ``limit(time)`` and keeps count."""
 
-    rule = "step"
+    rule = "discrete_gradient"
 
     def conserves(self, system: Any) -> bool:
         return True
@@ -56,7 +56,7 @@ def vector(system, values):
 def stepper(scheme, system=None, control=None, *, time=0.0, v0=1.0):
     """A stepper of a mass on a spring (or of a system), its ledger, and its first state."""
     system = system or MatrixSystem.from_arrays(mass=1.0, stiffness=1.0)
-    solver = make_solver(system, rule="step")
+    solver = make_solver(system, rule="discrete_gradient")
     state = initial_state(solver, time=time, velocity=vector(system, v0))
     ledger = EnergyLedger(system)
     ledger.start(state)
@@ -67,7 +67,7 @@ def take(work, dt):
     """The states of one step; ``work`` is what `stepper` gave, its state is not replaced."""
     steps, ledger, start = work
     states = []
-    for state, _, row in steps.advance(start, dt):
+    for state, _, row in steps.substeps(start, dt):
         ledger.record(row)
         states.append(state)
     return states

@@ -120,7 +120,7 @@ def march(system, velocity, *, courant, size, scheme):
     total = system.contact.integral(np.ones(len(system.contact.operator.areas)))
     times, pressures = [], []
     for _ in range(round((BAR.end + 2e-5) / dt)):
-        for after, report, row in stepper.advance(state, dt):
+        for after, report, row in stepper.substeps(state, dt):
             state = after
             ledger.record(row)
             # Schemes that answer for a whole step give its mean traction.

@@ -79,7 +79,7 @@ def march(system, scheme, dt, steps, *, kind="auto", v0=None, control=None) -> R
     rows, reports = [ledger.start(states[0])], []
     stepper = Stepper(scheme, solver, ledger, control or StepControl())
     for _ in range(steps):
-        for state, report, row in stepper.advance(states[-1], dt):
+        for state, report, row in stepper.substeps(states[-1], dt):
             rows.append(ledger.record(row))
             states.append(state)
             reports.append(report)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.solvers.interface.compliance import Part, Split
-from dolfinx_joints.solvers.interface.gmres import Gmres
+from dolfinx_joints.solvers.interface.gmres import gmres
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ class Corrections:
         self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Part | None = None
         self._tied: _Tied | None = None
-        self._missed, self._finest, self._gmres = 0.0, 0.0, Gmres()
+        self._missed, self._finest = 0.0, 0.0
 
     def solve(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
         """Solve (I + T S) d = r (collective).
@@ -145,7 +145,7 @@ class Corrections:
         here = tangent[points]
         if len(others):
             right = right - _turned(here, self._split.product(step, others)[rows])
-        step[rows], products = self._gmres.solve(
+        step[rows], products = gmres(
             lambda v: v + _turned(here, block.product(v)),
             right,
             tolerance=max(tolerance, self._finest),
@@ -209,7 +209,7 @@ class _Tied:
 
     def __init__(self, matrix: RowMatrix, stuck: Floats) -> None:
         """Keep W and T0."""
-        self._matrix, self._stuck, self._gmres = matrix, stuck, Gmres()
+        self._matrix, self._stuck = matrix, stuck
 
     def solve(
         self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float
@@ -222,7 +222,7 @@ class _Tied:
             block = self._matrix.block(rows)
             change = tangent[changed].copy()
             change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
-            y, products = self._gmres.solve(
+            y, products = gmres(
                 lambda v: v + block.product(_turned(change, v)),
                 known[rows],
                 tolerance=tolerance,

@@ -1,76 +1,92 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES of PETSc for the small systems of the joints, which differ from the identity by little."""
+"""GMRES for the small systems of the joints, which differ from the identity by little."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 Floats = NDArray[np.float64]
 
-
-class _Products:
-    """A matrix given by its product with a vector, as PETSc calls it."""
-
-    apply: Callable[[Floats], Floats] | None = None
-    count = 0
-
-    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Multiply: y = A x."""
-        assert self.apply is not None
-        self.count += 1
-        y.setArray(self.apply(x.getArray(readonly=True)))
+# What is left of a direction that depends on the others, relative to it.
+ROUNDING = 1e-14
 
 
-class Gmres:
-    """GMRES without restarts (Saad and Schultz 1986), the same on every rank.
+def gmres(
+    apply: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int
+) -> tuple[Floats, int]:
+    """Solve A x = b from x = 0 without restarts (Saad and Schultz 1986).
 
-    PETSc's objects are kept as long as systems are of one size.
+    Args:
+        apply: A times a vector; the same on every rank.
+        right: b, shape (n,).
+        tolerance: Largest residual accepted, relative to b in the 2-norm.
+        most: Products spent at most; the best solution found is then returned.
+
+    Returns:
+        x, and the number of products.
     """
+    size = float(np.sqrt(right @ right))
+    most = min(most, len(right))
+    if size == 0.0 or most == 0:
+        return right.copy(), 0
+    basis = np.empty((most + 1, len(right)))
+    triangle, turns = np.zeros((most, most)), np.empty((most, 2))
+    left = np.zeros(most + 1)
+    basis[0], left[0] = right / size, size
+    for j in range(most):
+        ended = _orthogonalise(basis, triangle, turns, left, apply(basis[j]), j)
+        if ended or abs(left[j + 1]) <= tolerance * size:
+            break
+    return _combined(basis, triangle, left, j + 1), j + 1
 
-    def __init__(self) -> None:
-        """Nothing is made yet."""
-        self._products, self._size = _Products(), -1
 
-    def solve(
-        self, apply: Callable[[Floats], Floats], right: Floats, *, tolerance: float, most: int
-    ) -> tuple[Floats, int]:
-        """Solve A x = b from x = 0.
+@njit(cache=True)
+def _orthogonalise(
+    basis: Floats, triangle: Floats, turns: Floats, left: Floats, new: Floats, j: int
+) -> bool:
+    """Add a direction and rotate its column of the Hessenberg matrix; whether it is the last."""
+    column = np.zeros(j + 2)
+    whole = np.sqrt((new * new).sum())
+    for _ in range(2):  # twice: a single pass loses orthogonality
+        for i in range(j + 1):
+            part = 0.0
+            for k in range(len(new)):
+                part += basis[i, k] * new[k]
+            column[i] += part
+            for k in range(len(new)):
+                new[k] -= part * basis[i, k]
+    length = np.sqrt((new * new).sum())
+    column[j + 1] = length
+    for i in range(j):
+        c, s = turns[i]
+        a, b = column[i], column[i + 1]
+        column[i], column[i + 1] = c * a + s * b, c * b - s * a
+    norm = np.hypot(column[j], length)
+    if norm <= ROUNDING * whole:  # singular: what this direction would add is rounding, made large
+        norm, length = 0.0, 0.0
+    turns[j, 0], turns[j, 1] = (column[j] / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
+    column[j] = norm
+    triangle[: j + 1, j] = column[: j + 1]
+    left[j + 1] = -turns[j, 1] * left[j]
+    left[j] *= turns[j, 0]
+    if length > 0.0:
+        basis[j + 1] = new / length
+    return not length > ROUNDING * whole
 
-        Args:
-            apply: A times a vector.
-            right: b, shape (n,).
-            tolerance: Largest residual accepted, relative to b in the 2-norm.
-            most: Products spent at most; the best solution found is then returned.
 
-        Returns:
-            x, and the number of products.
-        """
-        if not right.any():
-            return right.copy(), 0
-        if len(right) != self._size:
-            self._make(len(right))
-        most = min(most, self._size)
-        self._ksp.setGMRESRestart(most)
-        self._ksp.setTolerances(rtol=tolerance, atol=0.0, divtol=PETSc.INFINITY, max_it=most)
-        self._right.setArray(right)
-        self._products.apply, self._products.count = apply, 0
-        self._ksp.solve(self._right, self._solution)
-        self._products.apply = None  # it may hold much memory
-        if self._ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_NANORINF:
-            self._solution.set(np.nan)
-        return self._solution.getArray().copy(), self._products.count
-
-    def _make(self, size: int) -> None:
-        self._size, comm = size, PETSc.COMM_SELF
-        matrix = PETSc.Mat().createPython((size, size), self._products, comm=comm)
-        matrix.setUp()
-        self._solution, self._right = matrix.createVecs()
-        self._ksp = PETSc.KSP().create(comm)
-        self._ksp.setType(PETSc.KSP.Type.GMRES)
-        self._ksp.getPC().setType(PETSc.PC.Type.NONE)
-        self._ksp.setOperators(matrix)
+@njit(cache=True)
+def _combined(basis: Floats, triangle: Floats, left: Floats, count: int) -> Floats:
+    """The solution in the space found so far."""
+    weights, solution = np.zeros(count), np.zeros(basis.shape[1])
+    for i in range(count - 1, -1, -1):
+        rest = left[i]
+        for k in range(i + 1, count):
+            rest -= triangle[i, k] * weights[k]
+        weights[i] = rest / triangle[i, i] if triangle[i, i] != 0.0 else 0.0
+        solution += weights[i] * basis[i]
+    return solution

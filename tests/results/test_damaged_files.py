@@ -20,7 +20,6 @@ from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.checkpoint_file import read_checkpoint, write_checkpoint
 
 
-
 def results_file(path):
     with ResultsWriter(path, {"title": "wall"}) as writer:
         writer.static("mesh/nodes", np.zeros((2, 3)), "m", "nodes")

@@ -76,7 +76,7 @@ class Addition:
         last: Sections below them.
         note: Sentence at the end of the summary.
         reference: Run that pictures draw behind the one that they show, and that stands first.
-        main: Run that pictures show; the first one unless given.
+        main: Run that pictures show; without it those of `linear_and_jointed`.
     """
 
     first: Sequence[Section] = ()
@@ -116,6 +116,15 @@ class Content:
 def components(runs: Iterable[Run]) -> list[Component]:
     """Components of the displacement that any of the runs has."""
     return max((run.components for run in runs), key=len)
+
+
+def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
+    """Of two runs the one without joints and the one with; None and the first run of others."""
+    with_joints = [run for run in runs if run.results.joints]
+    if len(runs) == 2 and len(with_joints) == 1:
+        (main,) = with_joints
+        return next(run for run in runs if run is not main), main
+    return None, runs[0]
 
 
 @contextmanager

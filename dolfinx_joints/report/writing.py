@@ -18,7 +18,7 @@ from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.report import body_sections, response_sections, run_sections
 from dolfinx_joints.report.page import Drawings, Html, Section, bullets, page, paragraph, plain
 from dolfinx_joints.report.response_sections import largest_displacement, widest_opening
-from dolfinx_joints.report.runs import Addition, Content, Run, opened
+from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
 SECTIONS: tuple[Callable[[Content], Section], ...] = (
     run_sections.parameters,
@@ -66,10 +66,13 @@ def write(
     with opened(results) as runs, damage, _written(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
-        first = [run for run in (added.reference, added.main) if run]
+        reference, main = linear_and_jointed(runs)
+        if added.main:
+            reference, main = added.reference, added.main
+        first = [reference, main] if reference else []
         ordered = [*first, *(run for run in runs if run not in first)]
         drawings = Drawings(picture_folder(target))
-        content = Content(ordered, drawings, added.main or runs[0], added.reference)
+        content = Content(ordered, drawings, main, reference)
         made = [make(content) for make in (*SECTIONS, *(SECTIONS_OF_BODY if with_3d else ()))]
         closing = [run_sections.warnings(content), run_sections.versions(content)]
         sections = [*added.first, *made, *added.last, *closing]

@@ -309,6 +309,13 @@ def test_bad_input_has_one_message(tmp_path):
     assert not (tmp_path / "out.html").exists()
 
 
+def test_a_run_without_joints_stands_behind_one_with_joints(tmp_path):
+    files = [write_run(tmp_path / f"{n}.h5", n, seconds=0.02) for n in ("joints", "linear")]
+    with runs.opened(files) as (joints, linear):
+        assert runs.linear_and_jointed([joints, linear]) == (linear, joints)
+        assert runs.linear_and_jointed([linear, joints, joints]) == (None, linear)
+
+
 def test_names_are_as_short_as_they_can_be(tmp_path):
     files = [tmp_path / name for name in ("a/linear.h5", "b/linear.h5", "b/joints.h5")]
     for path in files:

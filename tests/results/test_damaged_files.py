@@ -162,7 +162,7 @@ def test_a_damaged_file_of_a_killed_run_is_read_to_an_end(tmp_path):
     content[content.index(b"OHDR", content.index(b"OHDR") + 1) + 8] ^= 1
     path.write_bytes(content)
     with pytest.raises(ResultsError, match=r"given\.h5 (is damaged|cannot be read)"):
-        Results(path)
+        describe(path)
 
 
 @pytest.mark.parametrize("kind", ["results", "checkpoint"])

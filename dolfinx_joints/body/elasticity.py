@@ -120,7 +120,7 @@ class ElasticBody:
         return self.first_lame * ufl.tr(eps) * identity + 2.0 * self.shear_modulus * eps
 
     def blocked_stress(self, strain: Any) -> Any:
-        """Pressure that an isotropic strain such as a thermal one makes where it is held (UFL).
+        """Pressure that an isotropic strain such as a thermal one makes where it is clamped (UFL).
 
         (3 lambda + 2 mu) times the strain, 2 lambda + 2 mu in plane stress, [Pa]. NaN in
         orthotropic cells, where it is no pressure.

@@ -161,7 +161,7 @@ class PlasticBulk:
         return stress
 
     def elastic_correction(self, state: Any) -> float:
-        """What plastic strains take off u.K u / 2, the energy of an elastic body [J] (collective).
+        """Change of u.K u / 2 by plastic strains, the energy of an elastic body [J] (collective).
 
         (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
         """
@@ -190,21 +190,21 @@ class PlasticBulk:
             return bulk.ravel()
         return np.concatenate([self._joints.tangent(response, part).ravel(), bulk.ravel()])
 
-    def tangent_matrix(self, free: PETSc.Vec) -> PlasticTangent:
-        """What makes a matrix of point tangents (collective)."""
-        joints = None if self._joints is None else self._joints.tangent_matrix(free)
-        return PlasticTangent(StrainTangent(self.operator, free), joints)
+    def tangent_matrix(self, unconstrained: PETSc.Vec) -> PlasticTangent:
+        """The builder of a matrix of point tangents (collective)."""
+        joints = None if self._joints is None else self._joints.tangent_matrix(unconstrained)
+        return PlasticTangent(StrainTangent(self.operator, unconstrained), joints)
 
     def counts(self, response: PlasticResponse) -> StatusCounts | None:
         """Joint points by status on all ranks, None without joints (collective)."""
         return None if self._joints is None else self._joints.counts(response)
 
     def rounding(self, response: PlasticResponse, change: float) -> float:
-        """What rounding may leave of the forces of the joints, over eps [N] (collective)."""
+        """Rounding left in the forces of the joints, over eps [N] (collective)."""
         return 0.0 if self._joints is None else self._joints.rounding(response, change)
 
     def failure(self, response: PlasticResponse, state: PlasticState) -> dict[str, Any]:
-        """What to say of a solve that did not converge (collective)."""
+        """Facts of a solve that did not converge, for its message (collective)."""
         facts = {} if self._joints is None else self._joints.failure(response, state)
         return facts | {"yielding": self.yielding(response)}
 
@@ -232,7 +232,7 @@ class PlasticTangent:
     """
 
     def __init__(self, bulk: StrainTangent, joints: JointTangent | None) -> None:
-        """Nothing is added up yet."""
+        """Take the builders of both parts."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
         self._sum: PETSc.Mat | None = None
 

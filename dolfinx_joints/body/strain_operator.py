@@ -125,7 +125,7 @@ class StrainTangent:
 
     Args:
         operator: The strain operator.
-        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
+        unconstrained: 1 for unconstrained and 0 for constrained dofs, whose rows and columns of
             the result are zero.
 
     Attributes:
@@ -133,12 +133,12 @@ class StrainTangent:
         num_points: Points of this rank.
     """
 
-    def __init__(self, operator: StrainOperator, free: PETSc.Vec) -> None:
+    def __init__(self, operator: StrainOperator, unconstrained: PETSc.Vec) -> None:
         """Set up the products (collective)."""
         self.comm, self._volumes = operator.comm, operator.volumes
         self.num_points = len(operator.volumes)
         self._operator = operator.matrix.copy()
-        self._operator.diagonalScale(R=free)
+        self._operator.diagonalScale(R=unconstrained)
         rows = operator.matrix.getSizes()[0]
         self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(SIZE, 0), comm=operator.comm)
         start, stop = self._points.getOwnershipRange()

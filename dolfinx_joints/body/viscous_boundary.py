@@ -25,7 +25,7 @@ class ViscousBoundary:
 
     Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping, with density and
     wave speeds of the cells behind each facet; massless cells give none. It takes waves that arrive
-    along the normal altogether, and holds nothing in statics. These cells must be isotropic.
+    along the normal altogether, and carries nothing in statics. These cells must be isotropic.
 
     Attributes:
         group: Name of the facet group.

@@ -136,7 +136,7 @@ class FreeField:
         return [(f, factor) for f, factor in found if f.norm() > ROUNDING * largest]
 
     def _check_levels(self, count: float) -> None:
-        """Refuse a frequency that asks for more forces than anybody can keep."""
+        """Check that the frequency does not ask for too many forces."""
         if count > MOST_LEVELS:
             raise ValueError(
                 f"FreeField: highest_frequency is {self.highest_frequency:g} Hz, which asks for "

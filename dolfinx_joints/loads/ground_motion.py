@@ -57,12 +57,12 @@ class BaseMotion:
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], NDArray[np.float64]]:
-    """What moves a model, of a motion in space: in the plane x and z, the vertical axis there is y.
+    """The components of a motion that move a model: in the plane x and z, z along its axis y.
 
     Args:
         motion: Function of time; of two numbers (x, up) in the plane all are taken.
         gdim: Axes of the model.
-        name: What the motion is called where it gives something else than ``gdim`` numbers.
+        name: Name of the motion in error messages.
     """
 
     def moved(time: float) -> NDArray[np.float64]:
@@ -78,7 +78,7 @@ def in_axes(
 
 
 def check_motion(motion: Any, gdim: int) -> None:
-    """Refuse a ground motion that gives no acceleration vector.
+    """Check that a ground motion gives acceleration vectors.
 
     Raises:
         ValueError: It is no function, or gives fewer than ``gdim`` numbers.

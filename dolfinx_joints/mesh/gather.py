@@ -66,7 +66,7 @@ def gather_mesh(
 
 
 def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, name: str) -> None:
-    """Refuse tags of other entities or of another mesh (collective)."""
+    """Check that tags are of these entities and of this mesh (collective)."""
     from dolfinx.mesh import MeshTags
 
     with raised_together(mesh.comm):

@@ -112,7 +112,7 @@ class JointedMesh:
         return self.cell_tags.indices[np.isin(self.cell_tags.values, tags)]
 
     def ds(self, name: str) -> ufl.Measure:
-        """Surface measure of a named group, for forms of the user's own."""
+        """Surface measure of a named group, for user-defined forms."""
         import ufl
 
         tags = _tags_of(self.facet_groups, name, "facet")
@@ -200,7 +200,7 @@ def split_mesh(
 
 @dataclass(frozen=True, kw_only=True)
 class _Prepared:
-    """What rank 0 hands to `_distribute`."""
+    """The split mesh on rank 0, for `_distribute`."""
 
     shape: CellShape
     cells: Ints
@@ -214,7 +214,7 @@ class _Prepared:
 
 
 def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
-    """Split a mesh held by rank 0 and tag its groups."""
+    """Split a mesh on rank 0 and tag its groups."""
     listed = isinstance(joints, list | tuple) and all(isinstance(name, str) for name in joints)
     if joints is not None and not listed:
         raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
@@ -408,10 +408,10 @@ def local_facets(
     mesh.topology.create_entities(tdim - 1)
     mesh.topology.create_connectivity(tdim, tdim - 1)
     mesh.topology.create_connectivity(tdim - 1, tdim)
-    held = np.flatnonzero(cell_of[slots[:, 0]] >= 0)
+    here = np.flatnonzero(cell_of[slots[:, 0]] >= 0)
     facets_of_cell = mesh.topology.connectivity(tdim, tdim - 1).array.reshape(
         -1, len(CellShape(name=mesh.topology.cell_name(), degree=1).facet_vertices)
     )
-    local = facets_of_cell[cell_of[slots[held, 0]], slots[held, 1]]
+    local = facets_of_cell[cell_of[slots[here, 0]], slots[here, 1]]
     facets, first = np.unique(local, return_index=True)
-    return facets.astype(np.int32), held[first]
+    return facets.astype(np.int32), here[first]

@@ -193,7 +193,7 @@ def split_cells(
 
 
 def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: Floats) -> None:
-    """Refuse joint facets that do not separate two cells or stand in two joints."""
+    """Check that joint facets separate two cells and stand in one joint."""
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
         where = ", ".join(f"{v:.4g}" for v in x[facets[wrong[0]]].mean(axis=0))

@@ -21,8 +21,8 @@ on a joint reach through a length L of the body unchanged, L being the distance 
 
 (1) and (2) are rigorous for closed and sticking joints. (3) rests on an assumption that holds on
 average only: within a chain of bars the square of the stress in the middle of a block, where the
-joint is, exceeds its mean by a term of second order. The frequency is therefore said to drop by
-epsilon/2 instead of 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a
+joint is, exceeds its mean by a term of second order. The drop of the frequency is therefore
+taken as epsilon/2, not 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a
 body stands on a single joint at its foot, the stresses fall off to its free end: a third of its
 height is then to be taken for L, a fifth where it bends (the mean of the squares of force and
 moment under a uniform load, relative to those at the foot).
@@ -33,11 +33,12 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import annotated_types as at
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.friction import FrictionNoTension
 
 if TYPE_CHECKING:
@@ -50,12 +51,19 @@ if TYPE_CHECKING:
 # errors of 1e-15 to 5e-15 k_n h/E: ten digits remain up to this ratio.
 LARGEST_RATIO = 1e5
 
+Stiffness = Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+Modulus = Annotated[float, at.Gt(0), at.Unit("Pa")]
+Poisson = Annotated[float, at.Interval(gt=-1, lt=0.5)]
+Length = Annotated[float, at.Gt(0), at.Unit("m")]
+Pressure = Annotated[float, at.Ge(0), at.Unit("Pa")]
+
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class StiffnessProposal:
     """Joint stiffnesses and what follows from them; `propose_stiffness` chooses them.
 
-    Made by hand, it judges stiffnesses of the user's own.
+    Made by hand, it judges user-defined stiffnesses.
 
     Attributes:
         normal_stiffness: k_n [Pa/m].
@@ -67,30 +75,20 @@ class StiffnessProposal:
         friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
         element_size: Cell size h at the joints [m], if the loss of digits is to be judged.
         governed_by: The bound that fixed k_n, empty if none did.
-
-    Raises:
-        ValueError: A value is out of its range.
     """
 
-    normal_stiffness: float
-    shear_stiffness: float
-    young: float
-    poisson: float
-    block_size: float
-    pressure: float
+    normal_stiffness: Stiffness
+    shear_stiffness: Stiffness
+    young: Modulus
+    poisson: Poisson
+    block_size: Length
+    pressure: Pressure
     friction_angle_deg: float | None = None
-    element_size: float | None = None
+    element_size: Length | None = None
     governed_by: str = ""
 
     def __post_init__(self) -> None:
-        """Check the values."""
-        hold_floats(self)
-        units = {"normal_stiffness": "Pa/m", "shear_stiffness": "Pa/m"}
-        for name, unit in units.items():
-            _check_positive(name, getattr(self, name), unit)
-        _check_body(self.young, self.poisson, self.block_size, self.pressure)
-        if self.element_size is not None:
-            _check_positive("element_size", self.element_size, "m")
+        """Check the friction angle."""
         if self.friction_angle_deg is not None:
             self.law(self.friction_angle_deg)
 
@@ -147,7 +145,7 @@ class StiffnessProposal:
         )
 
     def report(self) -> str:
-        """What was chosen and what it costs, in a few lines."""
+        """Stiffnesses and their costs, in a few lines."""
         governed = f" ({self.governed_by} governs)" if self.governed_by else ""
         lines = [
             f"k_n = {self.normal_stiffness:.3g} Pa/m, "
@@ -170,16 +168,17 @@ class StiffnessProposal:
         return "\n".join(lines)
 
 
+@checked
 def propose_stiffness(
     *,
-    young: float,
-    poisson: float,
-    block_size: float,
-    pressure: float,
-    added_compliance: float = 0.01,
-    overlap: float = 1e-4,
+    young: Modulus,
+    poisson: Poisson,
+    block_size: Length,
+    pressure: Pressure,
+    added_compliance: Annotated[float, at.Gt(0)] = 0.01,
+    overlap: Length = 1e-4,
     friction_angle_deg: float | None = None,
-    element_size: float | None = None,
+    element_size: Length | None = None,
 ) -> StiffnessProposal:
     """The softest joint that keeps compliance and interpenetration below their bounds.
 
@@ -195,13 +194,7 @@ def propose_stiffness(
         overlap: Bound on the interpenetration [m].
         friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
         element_size: Cell size at the joints [m], if the loss of digits is to be judged.
-
-    Raises:
-        ValueError: A value is out of its range.
     """
-    _check_body(young, poisson, block_size, pressure)
-    _check_positive("added_compliance", added_compliance)
-    _check_positive("overlap", overlap, "m")
     oedometric, shear = _moduli(young, poisson)
     bounds = {
         "the added compliance": oedometric / (added_compliance * block_size),
@@ -249,15 +242,3 @@ def _moduli(young: float, poisson: float) -> tuple[float, float]:
     """Oedometric modulus M and shear modulus G [Pa]."""
     shear = young / (2.0 * (1.0 + poisson))
     return 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson), shear
-
-
-def _check_positive(name: str, value: float, unit: str = "") -> None:
-    check_number(name, value, lambda v: v > 0, "positive and finite", unit=unit)
-
-
-def _check_body(young: float, poisson: float, block_size: float, pressure: float) -> None:
-    """Refuse what `propose_stiffness` and `StiffnessProposal` both refuse."""
-    _check_positive("young", young, "Pa")
-    check_number("poisson", poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
-    _check_positive("block_size", block_size, "m")
-    check_number("pressure", pressure, lambda v: v >= 0, "zero or more and finite", unit="Pa")

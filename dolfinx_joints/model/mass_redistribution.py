@@ -24,13 +24,16 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
-from dolfinx_joints.common.parameters import check_count, finite, numbers_of, shown
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import finite, numbers_of, shown
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
@@ -63,7 +66,7 @@ class Redistribution:
     Attributes:
         mass: M' [kg].
         massless: Nodes without mass, on all ranks.
-        kept: Joint nodes that keep their mass, on all ranks: those that supports hold altogether,
+        kept: Joint nodes that keep their mass, on all ranks: those whose dofs are all constrained,
             and those with fewer than two layers of other nodes behind them.
     """
 
@@ -72,8 +75,9 @@ class Redistribution:
     kept: int
 
 
+@checked
 def redistribute(
-    system: MatrixSystem, coordinates: ArrayLike, *, rings: int = RINGS
+    system: MatrixSystem, coordinates: ArrayLike, *, rings: Annotated[int, at.Ge(1)] = RINGS
 ) -> MatrixSystem:
     """The system with mass redistributed (collective); its damping and loads stay as they are.
 
@@ -86,16 +90,15 @@ def redistribute(
         ValueError: The system has no joints, or the coordinates do not fit to its dofs.
     """
     check_system(system)
-    check_count("rings", rings, 1, "one ring or more is needed")
     if system.contact is None:
         raise ValueError("The system has no joints; there is no mass to redistribute.")
     x = numbers_of(coordinates)
     dofs = system.mass.getLocalSize()[0]
     shape = (dofs // system.components, system.components)
     if x is None or x.shape != shape or not finite(x):
-        said = shown(coordinates) if x is None else f"an array of shape {x.shape}"
+        given = shown(coordinates) if x is None else f"an array of shape {x.shape}"
         raise ValueError(
-            f"coordinates is {said}; it needs {dofs // system.components} nodes with "
+            f"coordinates is {given}; it needs {dofs // system.components} nodes with "
             f"{system.components} finite components."
         )
     done = redistributed_mass(
@@ -131,12 +134,12 @@ def redistributed_mass(
     size = np.linalg.norm(inward, axis=1)
     largest = max(comm.allgather(float(size.max(initial=0.0))))
     on_joint = size > ROUNDING * largest
-    held = np.zeros(inward.size, dtype=bool)
-    held[constrained] = True
-    held_nodes = held.reshape(-1, dim).all(axis=1)
-    wanted = np.flatnonzero(on_joint & ~held_nodes)
+    fixed = np.zeros(inward.size, dtype=bool)
+    fixed[constrained] = True
+    clamped = fixed.reshape(-1, dim).all(axis=1)
+    wanted = np.flatnonzero(on_joint & ~clamped)
     pattern = as_aij(stiffness)
-    found = _Sources(pattern, coordinates, on_joint & ~held_nodes, wanted, rings)
+    found = _Sources(pattern, coordinates, on_joint & ~clamped, wanted, rings)
     pattern.destroy()
     exists = found.extrapolate(inward[wanted])
     short = int(sum(comm.allgather(int((~exists).sum()))))

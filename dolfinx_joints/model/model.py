@@ -86,7 +86,7 @@ class Model:
         body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         rayleigh: Factors of M and K in C.
-        dashpots: What C holds besides, None for nothing [N s/m].
+        dashpots: The rest of C, None for nothing [N s/m].
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
         loads: The loads.
 

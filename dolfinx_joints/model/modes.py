@@ -6,13 +6,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.common.parameters import check_count
 from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import compat
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
@@ -38,7 +40,7 @@ class Modes:
     def effective_mass(self) -> NDArray[np.float64]:
         """Effective modal masses per axis, shape (n, gdim), [kg].
 
-        Those of all modes add up to the mass that the supports leave free.
+        Those of all modes add up to the mass at unconstrained dofs.
         """
         return self.participation**2
 
@@ -60,7 +62,8 @@ class Modes:
         return "\n".join([*lines, f"all             {total}"])
 
 
-def modes(system: MatrixSystem, count: int) -> Modes:
+@checked
+def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     """The lowest modes with all joints closed and sticking (collective).
 
     Args:
@@ -68,19 +71,20 @@ def modes(system: MatrixSystem, count: int) -> Modes:
         count: Number of modes.
 
     Raises:
-        ValueError: ``count`` is not positive, or there are fewer free unknowns with mass.
+        ValueError: There are fewer unconstrained dofs with mass.
         ConvergenceError: SLEPc found fewer modes.
         JointsError: SLEPc cannot work on the matrices.
     """
     from slepc4py import SLEPc
 
     check_system(system)
-    check_count("count", count, 1, "at least one mode must be asked for", most=_most(system))
+    if count > _most(system):
+        raise ValueError(f"count is {count}; the system has {_most(system)} modes.")
     stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
     if system.contact is not None:
-        free = stiffness.createVecRight()
-        free.set(1.0)
-        joint = JointTangent(system.contact.operator, free)
+        every = stiffness.createVecRight()
+        every.set(1.0)
+        joint = JointTangent(system.contact.operator, every)
         stiffness.axpy(1.0, joint.assemble(system.contact.closed_tangent()))
     rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
     stiffness.zeroRowsColumns(rows, diag=1.0)
@@ -112,10 +116,10 @@ def modes(system: MatrixSystem, count: int) -> Modes:
 
 
 def _most(system: MatrixSystem) -> int:
-    """Number of free dofs with mass, as many as there are modes (collective)."""
-    held = np.union1d(system.constrained, system.massless)
-    free = system.mass.getLocalSize()[0] - len(held)
-    return int(sum(system.mass.comm.tompi4py().allgather(free)))
+    """Number of unconstrained dofs with mass, as many as there are modes (collective)."""
+    without = np.union1d(system.constrained, system.massless)
+    left = system.mass.getLocalSize()[0] - len(without)
+    return int(sum(system.mass.comm.tompi4py().allgather(left)))
 
 
 def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:

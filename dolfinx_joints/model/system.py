@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What can be solved and marched: matrices, joints, loads and constraints, from any source."""
+"""The algebraic system that is solved and marched: matrices, joints, loads, constraints."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class MatrixSystem:
         mass: M [kg].
         stiffness: K of the bulk and its springs [N/m].
         rayleigh: Factors of M and K in C.
-        dashpots: What C holds besides, None for nothing [N s/m].
+        dashpots: The rest of C, None for nothing [N s/m].
         contact: The joints, or None.
         bulk: Cells with plastic materials, whose elastic part K holds, or None.
         patterns: Nodal forces [N] with their factors of time [s].
@@ -141,7 +141,7 @@ class MatrixSystem:
 
     @cached_property
     def internal_forces(self) -> InternalForces | None:
-        """What resists by laws: joints, plastic cells, or both; None for a linear system."""
+        """Internal forces by laws: of joints, plastic cells, or both; None for a linear system."""
         if self.bulk is not None:
             return self.bulk
         return None if self.contact is None else JointInternalForces(self.contact)
@@ -252,7 +252,7 @@ class MatrixSystem:
 
 
 def check_system(system: Any) -> None:
-    """Refuse what is no system, such as the model that makes one.
+    """Check that it is a system, not the model that makes one.
 
     Raises:
         ValueError: It is none.

@@ -140,9 +140,7 @@ def test_shapes_are_normalised_and_participation_adds_up(column, comm):
 
 def test_asking_for_what_is_not_there(column):
     system = Model(column(joints=[]), material=BAR, supports=AXIAL).system()
-    with pytest.raises(ValueError, match="count is 0; at least one mode must be asked for."):
-        modes(system, 0)
-    with pytest.raises(ValueError, match=f"count is {4 * CELLS + 1}; it must be {4 * CELLS} at"):
+    with pytest.raises(ValueError, match=f"the system has {4 * CELLS} modes"):
         modes(system, 4 * CELLS + 1)
 
 

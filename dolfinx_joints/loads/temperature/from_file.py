@@ -6,20 +6,21 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import TemperatureError
-from dolfinx_joints.common.parameters import check_number
 
 if TYPE_CHECKING:
     from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Floats = NDArray[np.float64]
 
-# What a file may have, so that another kind of file is refused before it fills the memory.
+# Largest file, so that another kind of file does not fill the memory.
 LARGEST_FILE = 500_000_000  # bytes
 LARGEST_NUMBER = 1e9  # of coordinates [m] and temperatures, where squares lose no point
 
@@ -108,7 +109,13 @@ def _row(path: Path, number: int, fields: list[str], columns: list[str]) -> list
     return values
 
 
-def temperature_from_file(path: str | Path, jointed: JointedMesh, *, reach: float = 1.0) -> Any:
+@checked
+def temperature_from_file(
+    path: str | Path,
+    jointed: JointedMesh,
+    *,
+    reach: Annotated[float, at.Ge(0), at.Unit("m")] = 1.0,
+) -> Any:
     """Temperatures of a file at the nodes of a mesh (collective).
 
     Linear between the points; a node outside of what they span takes the value of the nearest one,
@@ -123,14 +130,12 @@ def temperature_from_file(path: str | Path, jointed: JointedMesh, *, reach: floa
         A DOLFINx function of the degree of the mesh, a `Temperature.value`.
 
     Raises:
-        ValueError: ``reach`` is negative.
         TemperatureError: The file cannot be used, or a node lies too far outside its points.
     """
     from dolfinx import fem
 
     from dolfinx_joints.common.mpi import on_root, raised_together
 
-    check_number("reach", reach, lambda v: v >= 0, "zero or more", unit="m")
     mesh = jointed.mesh
     axes = mesh.geometry.dim
     points, values = on_root(mesh.comm, lambda: read_temperature_points(path, axes))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Temperatures as loads: what they would strain a free body, held by equivalent forces."""
+"""Temperatures as loads: equivalent forces of the strains of an unrestrained body."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Temperature:
             check_number(name, value, lambda _: True, "finite")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Forces that stretch a free body as the temperature does (collective)."""
+        """Forces that stretch an unrestrained body as the temperature does (collective)."""
         where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
         v = ufl.TestFunction(model.V)
         force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
@@ -67,7 +67,7 @@ class Temperature:
         return [(force, self.factor)]
 
     def blocked_stress(self, model: LoadedBody) -> Any:
-        """Pressure that it makes in a body held still (UFL), [Pa]."""
+        """Pressure that it makes in a clamped body (UFL), [Pa]."""
         from dolfinx import fem
 
         expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
@@ -126,7 +126,7 @@ def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
 def check_temperatures(
     jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
 ) -> None:
-    """Refuse temperatures where their stress is no pressure, or unknown to a plastic law.
+    """Check that temperatures act where their stress is a pressure, not on plastic cells.
 
     Raises:
         ValueError: One acts on cells that are not isotropic and elastic.

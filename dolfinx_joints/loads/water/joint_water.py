@@ -183,7 +183,7 @@ class JointWater:
 
 
 class Wetness(IntEnum):
-    """What the water does at a joint point."""
+    """State of the water at a joint point."""
 
     CLOSED = 0  # the pressure of the closed joint; also points of joints without water
     FULL = 1  # the pressure of the reservoir
@@ -228,14 +228,14 @@ class WaterInJoint:
         return number_at(f"{self.name}: factor", self.load.factor, time)
 
     def by_opening(self, gap: Floats) -> Codes:
-        """What a gap (n, 3) [m] leads to, CLOSED in other joints (collective)."""
+        """Codes that a gap (n, 3) [m] leads to, CLOSED in other joints (collective)."""
         wet = self._open(gap)
         if self._paths is not None:
             wet = self._paths.reached(wet)
         return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """What a time step from a state leads to, CLOSED in other joints (collective)."""
+        """Codes that a time step from a state leads to, CLOSED in other joints (collective)."""
         if self.load.in_dynamics == "follows":
             return self.by_opening(gap)
         own = np.where(self.here, codes, Wetness.CLOSED).astype(np.int8)
@@ -292,7 +292,7 @@ def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
 
 
 def label(load: Uplift | JointWater) -> str:
-    """What messages call a load."""
+    """Name of a load in error messages."""
     return f"{type(load).__name__} in {shown(load.joint)}"
 
 

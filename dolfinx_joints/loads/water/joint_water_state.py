@@ -62,7 +62,7 @@ class JointWaters:
     """
 
     def __init__(self, model: LoadedBody, loads: Mapping[str, Any]) -> None:
-        """Nothing is open yet (collective)."""
+        """Begin with closed joints (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
@@ -79,7 +79,7 @@ class JointWaters:
 
     @property
     def codes(self) -> Codes:
-        """See above."""
+        """Wetness of the local points at the end of the step."""
         return self._end.codes
 
     def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
@@ -88,7 +88,7 @@ class JointWaters:
         return self._end.codes
 
     def by_opening(self, gap: Floats) -> Codes:
-        """What a gap (n, 3) [m] leads to (collective)."""
+        """Codes that a gap (n, 3) [m] leads to (collective)."""
         return self._together([part.by_opening(gap) for part in self._parts])
 
     def begin_step(self, codes: Codes, gap: Floats) -> None:
@@ -122,7 +122,7 @@ class JointWaters:
         }
 
     def facts(self, times: Floats) -> dict[str, Any]:
-        """What tells these loads from others, by name (collective)."""
+        """Facts that distinguish these loads from others, by name (collective)."""
         contact = self._model.contact
         assert contact is not None
         found: dict[str, Any] = {}

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Added mass of a reservoir by finite elements, of incompressible water unless told otherwise.
+"""Added mass of a reservoir by finite elements, of incompressible water by default.
 
 The reservoir is the wet face moved horizontally upstream: its floor and banks are the traces of the
 face's edges, so the valley has the same cross-section all along. It matches the face by
@@ -181,7 +181,7 @@ class ReservoirMass:
         return unit
 
     def _check_top(self, highest: float, lowest: float) -> None:
-        """Refuse a face that ends below the level."""
+        """Check that the face reaches up to the level."""
         if lowest < self.level and highest < self.level - ON_LEVEL * (highest - lowest):
             raise ValueError(
                 f"{self}: the level is {self.level:g} m, but the face ends at {highest:g} m; it "
@@ -189,7 +189,7 @@ class ReservoirMass:
             )
 
     def _check_looks(self, comm: Any, areas: Floats, upstream: Floats) -> None:
-        """Refuse parts that do not look upstream (collective)."""
+        """Check that all parts look upstream (collective)."""
         size = np.linalg.norm(areas, axis=1)
         off = areas @ upstream < STEEPEST * size
         sums = np.sum(comm.allgather((float(size[off].sum()), float(size.sum()))), axis=0)
@@ -202,7 +202,7 @@ class ReservoirMass:
             )
 
     def _check_regions(self, lids: int) -> None:
-        """Refuse water without a surface."""
+        """Check that all water has a surface."""
         if lids:
             raise ValueError(
                 f"{self}: {lids} separate regions of the face do not reach up to the level, "
@@ -210,7 +210,7 @@ class ReservoirMass:
             )
 
     def _check_size(self, nodes: int, dofs: int, free: float) -> None:
-        """Refuse what does not fit into memory."""
+        """Check that the matrix fits into memory."""
         needed = 8.0 * SLAB_MATRICES * nodes**2 + MASS_BYTES * dofs**2
         if needed > SHARE * free:
             raise ValueError(
@@ -269,7 +269,7 @@ class _Face:
         return each[comm.rank][np.searchsorted(own, self._nodes)], count
 
     def wet_parts(self, numbers: Ints) -> _WetParts:
-        """What lies below the level."""
+        """The parts below the level."""
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
@@ -341,15 +341,15 @@ def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
 
 def _to_all(comm: Any, work: Any) -> tuple[Ints, Floats]:
     """Numbers and a matrix that rank 0 finds, on all ranks (collective)."""
-    held: list[Floats] = []
+    here: list[Floats] = []
 
     def on_first() -> tuple[Ints, int]:
         dofs, matrix = work()
-        held.append(np.ascontiguousarray(matrix))
+        here.append(np.ascontiguousarray(matrix))
         return dofs, len(matrix)
 
     dofs, rows = on_root(comm, on_first)
-    matrix = held[0] if held else np.empty((rows, len(dofs)))
+    matrix = here[0] if here else np.empty((rows, len(dofs)))
     comm.Bcast(matrix, root=0)
     return dofs, matrix
 

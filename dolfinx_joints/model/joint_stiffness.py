@@ -21,11 +21,11 @@ on a joint reach through a length L of the body unchanged, L being the distance 
 
 (1) and (2) are rigorous for closed and sticking joints. (3) rests on an assumption that holds on
 average only: within a chain of bars the square of the stress in the middle of a block, where the
-joint is, exceeds its mean by a term of second order. The drop of the frequency is therefore
-taken as epsilon/2, not 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a
-body stands on a single joint at its foot, the stresses fall off to its free end: a third of its
-height is then to be taken for L, a fifth where it bends (the mean of the squares of force and
-moment under a uniform load, relative to those at the foot).
+joint is, exceeds its mean by a term of second order. The drop of the frequency is therefore taken
+as epsilon/2, not 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a body
+stands on a single joint at its foot, the stresses fall off to its free end: a third of its height
+is then to be taken for L, a fifth where it bends (the mean of the squares of force and moment under
+a uniform load, relative to those at the foot).
 """
 
 from __future__ import annotations

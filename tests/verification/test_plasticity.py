@@ -317,7 +317,7 @@ def test_what_it_does_not_do_is_said(comm, new_path):
         Simulation(model).dynamics(dt=1e-3, steps=1, scheme=ImplicitContact())
     with pytest.raises(CheckpointError, match="do not hold the state of plastic cells"):
         Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=Checkpoints(new_path("c.h5")))
-    with pytest.raises(JointsError, match="of a body with plastic cells cannot be free, nor"):
+    with pytest.raises(JointsError, match="of a body with plastic cells cannot be inactive, nor"):
         Simulation(model).statics(joints="inactive")
     with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
         SurfaceStress(model, NodeNumbering(model.V))

@@ -19,7 +19,8 @@ MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and 
 DEMO_ARGS ?=
 PAPER_ARGS ?=
 STUDY_ARGS ?=
-MUTANTS_ARGS ?=
+MUTANTS ?= 320
+MUTANTS_SEED ?= 1992
 BENCHMARKS = $(sort $(wildcard benchmarks/[!_]*.py))
 BENCH_ARGS ?= --quick
 DEMOS = $(basename $(notdir $(sort $(wildcard demos/[0-9]*.py))))
@@ -42,8 +43,8 @@ COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
 COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
-MUTANTS_TOOL := mutants-1
-MUTANTS_NEEDS := --no-deps 'cosmic-ray==8.7.*' 'parso==0.8.*' 'attrs==26.*' 'stevedore==5.*' 'coverage==7.*'
+MUTANTS_TOOL := mutants-2
+MUTANTS_NEEDS := 'cosmic-ray==8.7.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
 MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy \
 	--cache-dir "$(TOOLS)/mypy-cache"
@@ -124,9 +125,28 @@ coverage: ## Lines and branches of the package that the tests but the slow ones 
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage combine -q build/coverage
 	$(call with_tool,$(COVERAGE_TOOL)) -m coverage report --fail-under=95
 
-mutants: ## Put small faults into laws, joints, schemes and solvers; do the tests notice?
+# In a copy of the last commit, whose tests are watched first. Settings: tests/mutants.toml.
+MUTANTS_TESTS = $(addprefix tests/,laws joints time_integration solvers simulation \
+	model/test_model.py model/test_mass_redistribution.py \
+	$(patsubst %,verification/test_%.py,law_paths sliding_block bouncing_bar bar_on_wall \
+	plasticity loose_blocks shaking_base))
+IN_COPY = cd build/mutants && NUMBA_CACHE_DIR=build/kernels \
+	PYTHONPATH="tests:$(TOOLS)/$(MUTANTS_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
+COSMIC_RAY = $(IN_COPY) -m cosmic_ray.cli
+mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTANTS=320 of them
 	@$(call install_tool,$(MUTANTS_TOOL),$(MUTANTS_NEEDS))
-	$(call with_tool,$(MUTANTS_TOOL)) tests/mutants.py $(MUTANTS_ARGS)
+	rm -rf build/mutants
+	git clone -q --shared . build/mutants
+	mkdir build/mutants/build
+	find -L build/mutants/dolfinx_joints -name '*.py' -exec touch -d @0 {} +
+	-$(IN_COPY) -m coverage run --source=dolfinx_joints -m pytest -q -p mutants \
+		-p no:cacheprovider -m "not slow" $(MUTANTS_TESTS)
+	$(COSMIC_RAY) init tests/mutants.toml build/session
+	$(IN_COPY) -m cosmic_ray.tools.filters.operators_filter build/session tests/mutants.toml
+	$(IN_COPY) tests/mutants.py sample build/session $(MUTANTS) $(MUTANTS_SEED)
+	$(COSMIC_RAY) exec tests/mutants.toml build/session
+	$(IN_COPY) -m cosmic_ray.tools.report --surviving-only --show-diff build/session
+	$(IN_COPY) -m cosmic_ray.tools.survival_rate build/session
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done

@@ -96,6 +96,7 @@ def test_stiffness_range(capsys):
     assert all(result["open"] > 0.1 for result in found["results"])
 
 
+@pytest.mark.slow
 def test_compliances(capsys):
     assert (
         compliances.main(["--quick", "--kinds", "dense", "compressed", "matrix-free", "--json"])
@@ -114,6 +115,7 @@ def test_compliances(capsys):
     assert free == 0.0
 
 
+@pytest.mark.slow
 def test_compliances_that_differ_are_shown(monkeypatch, capsys):
     monkeypatch.setattr(compliances, "LARGEST_DIFFERENCE", -1.0)
     assert compliances.main(["--quick", "--kinds", "dense"]) == 1

@@ -148,7 +148,7 @@ def test_faces_with_different_centres(tmp_path, cell):
 
 
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
-@pytest.mark.parametrize("spread", [None, 0.0])
+@pytest.mark.parametrize("spread", [pytest.param(None, marks=pytest.mark.slow), 0.0])
 @pytest.mark.parametrize("text", [CYLINDER, ECCENTRIC], ids=["cylinder", "eccentric"])
 def test_foundation(tmp_path, text, spread, cell, order, element):
     file, options = write(tmp_path, text), {"size": 10, "order": order, "cell": cell, "joints": 3}

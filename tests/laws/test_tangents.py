@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Consistent tangents of all laws against differences, over random states with the corners.
 
-10^4 states of each law, and 10^5 where time does not matter: the compiled laws leave extended
+2500 states of each law, and 10^5 where time does not matter: the compiled laws leave extended
 precision to the interpreter.
 
 The differences are taken in extended precision (64 bits of mantissa), with a step that is small
@@ -20,7 +20,7 @@ from dolfinx_joints.laws.law import JointState, Status
 
 K_N, K_S = 1e12, 2e12  # Pa/m
 UM = 1e-6
-COUNTS = [10_000, pytest.param(100_000, marks=pytest.mark.slow)]
+COUNTS = [2_500, pytest.param(100_000, marks=pytest.mark.slow)]
 TOLERANCE = 1e-8
 
 pytestmark = pytest.mark.skipif(

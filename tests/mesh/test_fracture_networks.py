@@ -44,9 +44,13 @@ SHAPES = [
 
 
 def every(shapes, seeds):
-    """Each shape with each seed of its dimension."""
+    """Each shape with each seed of its dimension, most of them slow."""
     return [
-        pytest.param(shape, seed, id=f"{shape.name}{shape.degree}-{seed}")
+        pytest.param(
+            *(shape, seed),
+            id=f"{shape.name}{shape.degree}-{seed}",
+            marks=[pytest.mark.slow] if seed >= 15 else [],
+        )
         for shape in shapes
         for seed in range(seeds[shape.dim])
     ]

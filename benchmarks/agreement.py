@@ -29,7 +29,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_joints as dj
-from benchmarks._scenes import TIME_STEP, Scene, dam, wall
+from benchmarks.shared.scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.step_solver import StepSolver

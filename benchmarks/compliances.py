@@ -28,8 +28,15 @@ from typing import Any, get_args
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks._measure import StepWatch, free_memory, load_average, peak_mb, progress, reset_peak
-from benchmarks._scenes import TIME_STEP, Scene, wall
+from benchmarks.shared.measure import (
+    StepWatch,
+    free_memory,
+    load_average,
+    peak_mb,
+    progress,
+    reset_peak,
+)
+from benchmarks.shared.scenes import TIME_STEP, Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.effective_matrix import LinearSolver
 from dolfinx_joints.solvers.interface import condensed

@@ -26,8 +26,8 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import March, disturbance, load_average, march, print_disturbance
-from benchmarks._scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
+from benchmarks.shared.measure import March, disturbance, load_average, march, print_disturbance
+from benchmarks.shared.scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import SolverKind
 

@@ -26,7 +26,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 import dolfinx_joints as dj
-from benchmarks._measure import (
+from benchmarks.shared.measure import (
     BACK_SUBSTITUTION,
     FACTOR,
     Phases,
@@ -36,7 +36,7 @@ from benchmarks._measure import (
     progress,
     run_alone,
 )
-from benchmarks._scenes import TIME_STEP, wall
+from benchmarks.shared.scenes import TIME_STEP, wall
 from dolfinx_joints.solvers.effective_matrix import LinearSolver
 
 DIVISIONS, JOINTS = (116, 24, 116), 1

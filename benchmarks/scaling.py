@@ -33,9 +33,9 @@ import numpy as np
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import load_average, march, print_disturbance
-from benchmarks._parts import PARTS, Clocks, SplitWatch
-from benchmarks._scenes import Scene, wall
+from benchmarks.shared.measure import load_average, march, print_disturbance
+from benchmarks.shared.parts import PARTS, Clocks, SplitWatch
+from benchmarks.shared.scenes import Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 
 SETUP = ("mesh", "assembly", "statics", "factor", "compliance")

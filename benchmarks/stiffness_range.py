@@ -22,8 +22,8 @@ from typing import Any, get_args
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._measure import free_memory
-from benchmarks._scenes import TIME_STEP, Scene, dam, wall
+from benchmarks.shared.measure import free_memory
+from benchmarks.shared.scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Record

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks._problems import (
+from benchmarks.shared.problems import (
     BOUNCING,
     MIDPOINT,
     ON_WALL,

@@ -21,13 +21,11 @@ from benchmarks import (
     compliances,
     jointed_wall,
     large,
-    long_run,
-    ranks,
     scaling,
     stiffness_range,
 )
-from benchmarks._parts import PARTS, Clocks
-from benchmarks._scenes import wall
+from benchmarks.shared.parts import PARTS, Clocks
+from benchmarks.shared.scenes import wall
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
@@ -40,17 +38,6 @@ def printed(capsys):
     """The JSON object of the last line, on rank 0; None elsewhere."""
     lines = capsys.readouterr().out.splitlines()
     return json.loads(lines[-1]) if MPI.COMM_WORLD.rank == 0 else None
-
-
-@pytest.mark.mpi
-def test_equal_on_all_ranks(capsys, monkeypatch):
-    assert ranks.main(["--scenes", "tiny", "--steps", "5", "--json"]) == 0
-    if MPI.COMM_WORLD.rank == 0:
-        assert printed(capsys)["tiny"]["ranks"] == MPI.COMM_WORLD.size
-    # No two programs agree to the last bit of everything, one rank with itself does.
-    if MPI.COMM_WORLD.size > 1:
-        monkeypatch.setattr(ranks, "BOUND", 1e-18)
-        assert ranks.main(["--scenes", "tiny", "--steps", "5"]) == 1
 
 
 @pytest.mark.mpi
@@ -185,20 +172,6 @@ def test_efficiency_of_ranks():
     assert found["jointed"] == pytest.approx(0.75)
     assert found["mesh"] == pytest.approx(0.5)
     assert "compliance" not in found
-
-
-@pytest.mark.slow
-def test_long_run(capsys, monkeypatch):
-    assert long_run.main(["--steps", "3000", "--json"]) == 0
-    rows = printed(capsys)
-    assert [row["writing"] for row in rows] == ["nothing", "files"]
-    for row in rows:
-        assert len(row["resident_mb"]) == 3
-        assert row["ledger"] < 1e-9
-        # 4 x 1 x 2 cells; each of 3 joints doubles its 2 x 3 nodes.
-        assert row["joint_points"] == 3 * 2 * 3
-    monkeypatch.setattr(long_run, "LARGEST_GROWTH", -1e3)
-    assert not any(map(long_run.passed, rows))
 
 
 @pytest.mark.slow

@@ -8,7 +8,8 @@
       h0    v
     ////////  wall; x is measured upward from the end that strikes
 
-`benchmarks._problems.BouncingBar` is the exact motion in travelling waves, derived there. Two bars:
+`benchmarks.shared.problems.BouncingBar` is the exact motion in travelling waves, derived there.
+Two bars:
 
 - L 10 m, E 900 Pa, rho 1 kg/m^3, g 10 m/s^2, h0 5 m: falls for sqrt(2 h0/g) = 1 s to 10 m/s. With
   c = 30 m/s the contact lasts 2L/c = 2/3 s under rho c (10 + 10 t') = 300 + 300 t' N, the flight
@@ -27,7 +28,7 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from benchmarks._problems import (
+from benchmarks.shared.problems import (
     BOUNCING,
     MIDPOINT,
     ON_WALL,

@@ -21,8 +21,8 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks._scenes import wall
 from benchmarks.jointed_wall import measure
+from benchmarks.shared.scenes import wall
 from dolfinx_joints.geometry.ambiesta import ambiesta
 
 pytestmark = pytest.mark.slow

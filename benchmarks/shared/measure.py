@@ -23,7 +23,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_joints as dj
-from benchmarks._scenes import TIME_STEP, Scene
+from benchmarks.shared.scenes import TIME_STEP, Scene
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
@@ -296,7 +296,7 @@ def run_alone(program: str, *arguments: str) -> dict[str, Any]:
         SystemExit: It failed.
     """
     command = [sys.executable, "-m", f"benchmarks.{program}", *arguments, "--json"]
-    root = Path(__file__).resolve().parents[1]
+    root = Path(__file__).resolve().parents[2]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=root)
     lines = done.stdout.rstrip("\n").split("\n")
     if not lines[-1].startswith("["):

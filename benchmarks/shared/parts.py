@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks._measure import StepWatch, petsc_seconds, slowest
-from benchmarks._scenes import Scene
+from benchmarks.shared.measure import StepWatch, petsc_seconds, slowest
+from benchmarks.shared.scenes import Scene
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.simulation.records import Record
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix

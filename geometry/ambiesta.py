@@ -19,18 +19,18 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.geometry.arch import ArchDam, Sector, chosen, mid_crest
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.geometry.arch import ArchDam, Sector, mid_crest
 from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
-    MAX_JOINTS,
-    MAX_LAYERS,
-    check_elements,
-    flag,
+    Cell,
+    Length,
+    NumberOfJoints,
+    NumberOfLayers,
+    Order,
+    Share,
     mesh_path,
-    positive,
-    share,
-    whole,
 )
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
@@ -43,16 +43,17 @@ from dolfinx_joints.geometry.meshing.extrusion import (
 __all__ = ["ArchDam", "ambiesta", "main", "mid_crest"]
 
 
+@checked
 def ambiesta(
     out: str | os.PathLike[str],
     *,
-    size: float = 5.5,
-    order: int = 2,
-    cell: str = "hex",
-    joints: int = 11,
-    active_height: float = 0.75,
+    size: Length = 5.5,
+    order: Order = 2,
+    cell: Cell = "hex",
+    joints: NumberOfJoints = 11,
+    active_height: Share = 0.75,
     crest_arch: bool = True,
-    layers: int = 1,
+    layers: NumberOfLayers = 1,
     parameters: ArchDam | None = None,
     gui: bool = False,
 ) -> Path:
@@ -90,13 +91,7 @@ def ambiesta(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell)
-    size = positive("size", size)
-    joints = whole("joints", joints, 0, MAX_JOINTS)
-    layers = whole("layers", layers, 1, MAX_LAYERS)
-    active_height = share("active_height", active_height)
-    flag("crest_arch", crest_arch)
-    dam = chosen(parameters)
+    dam = parameters or ArchDam()
     sector = Sector(dam, 1.0 if crest_arch else active_height)
     plane = _elevation(sector, size, cell, joints, active_height)
     solid = extrude(plane, np.linspace(0, 1, layers + 1), ("upstream", "downstream"))

@@ -9,17 +9,20 @@ In space x points downstream, y across the valley and z up.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.geometry.meshing.arguments import finite, positive
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.geometry.meshing.arguments import Length
 from dolfinx_joints.geometry.meshing.extrusion import FloatArray
+
+HalfAngle = Annotated[float, at.Interval(gt=0, lt=90), at.Unit("degrees")]
 
 
 class CircularArches(ABC):
@@ -57,6 +60,7 @@ class CircularArches(ABC):
 
 
 @dataclass(frozen=True)
+@checked
 class ArchDam(CircularArches):
     """An arch dam whose horizontal sections are circular; the defaults resemble Ambiesta dam.
 
@@ -90,35 +94,25 @@ class ArchDam(CircularArches):
         ValueError: if a number is out of range, or the thickness is somewhere.
     """
 
-    height: float = 57.0
-    base_half_angle: float = 21.5
-    crest_half_angle: float = 50.0
-    base_half_chord: float = 12.0
-    crest_half_chord: float = 63.47
-    chord_exponent: float = 0.6
-    base_thickness: float = 9.0
-    crest_thickness: float = 2.0
+    height: Length = 57.0
+    base_half_angle: HalfAngle = 21.5
+    crest_half_angle: HalfAngle = 50.0
+    base_half_chord: Length = 12.0
+    crest_half_chord: Length = 63.47
+    chord_exponent: Annotated[float, at.Gt(0)] = 0.6
+    base_thickness: Length = 9.0
+    crest_thickness: Length = 2.0
     thickening: float = 0.3
     thickening_decay: float = 0.6
     overhang: float = 0.36
     overhang_return: float = 0.62
 
     def __post_init__(self) -> None:
-        for field in fields(self)[:8]:
-            unit = {"angle": "degrees", "exponent": "-"}.get(field.name.split("_")[-1], "m")
-            positive(field.name, getattr(self, field.name), unit)
-        for field in fields(self)[8:]:
-            finite(field.name, getattr(self, field.name), -10, 10, "-")
-        for name in ("base_half_angle", "crest_half_angle"):
-            if getattr(self, name) >= 90:
-                raise ValueError(f"{name} is {getattr(self, name)!r}, but it must be below 90.")
         if self.crest_half_chord <= self.base_half_chord:
             raise ValueError(
                 f"crest_half_chord is {self.crest_half_chord!r}, but it must be above "
                 f"base_half_chord ({self.base_half_chord!r})."
             )
-        for field in fields(self):
-            object.__setattr__(self, field.name, float(getattr(self, field.name)))
         zeta = np.linspace(0, 1, 51)[:, None]
         thickness = self.thickness(zeta, np.linspace(0, 1, 21))
         wrong = ~((thickness > 0) & (thickness < self.radius(zeta))).all(axis=1)
@@ -139,13 +133,11 @@ class ArchDam(CircularArches):
         Raises:
             ValueError: if one of them is not allowed, or there is no such parameter.
         """
-        length = positive("The length of the crest", length)
         names = {field.name for field in fields(cls)} - {"crest_half_chord"}
         if unknown := sorted(set(others) - names):
             raise ValueError(f"{unknown[0]!r} is no parameter: {', '.join(sorted(names))}.")
         degrees = others.get("crest_half_angle", cls.crest_half_angle)
-        angle = math.radians(positive("crest_half_angle", degrees, "degrees"))
-        return cls(crest_half_chord=length * math.sin(angle) / (2 * angle), **others)
+        return cls(crest_half_chord=0.5 * length * float(np.sinc(degrees / 180)), **others)
 
     @property
     def crest_length(self) -> float:
@@ -255,25 +247,11 @@ class Sector:
         return s
 
 
-def chosen(parameters: ArchDam | None) -> ArchDam:
-    """Return the shape of a dam, the default one for None.
-
-    Raises:
-        ValueError: if it is no such shape.
-    """
-    if parameters is not None and not isinstance(parameters, ArchDam):
-        raise ValueError(f"parameters is {shown(parameters)}, but it must be an ArchDam.")
-    return ArchDam() if parameters is None else parameters
-
-
 def mid_crest(parameters: ArchDam | None = None) -> tuple[float, float, float]:
     """Return the upstream edge of the crest at the crown, (x, y, z) [m].
 
     Args:
         parameters: the shape; None for the default dam.
-
-    Raises:
-        ValueError: if it is no such shape.
     """
-    x, y, z = chosen(parameters).point(0.0, 0.0, 1.0)
+    x, y, z = (parameters or ArchDam()).point(0.0, 0.0, 1.0)
     return float(x), float(y), float(z)

@@ -16,7 +16,6 @@ from itertools import pairwise
 import numpy as np
 
 from dolfinx_joints.geometry.arch import Sector
-from dolfinx_joints.geometry.meshing.arguments import LONGEST, finite, positive
 from dolfinx_joints.geometry.meshing.extrusion import (
     BoolArray,
     FloatArray,
@@ -51,11 +50,6 @@ class Block:
     size: float
 
     def __post_init__(self) -> None:
-        positive("foundation", self.depth)
-        if self.spread is not None:
-            finite("spread", self.spread, 0, LONGEST, "m")
-            if self.spread > 0:
-                positive("spread", self.spread)
         sector = self.sectors[1]
         turn = float(np.degrees(max(s.half_angle for s in self.sectors.values())))
         deepest = (_MAX_TURN / turn - 1) * sector.dam.height

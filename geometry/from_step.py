@@ -21,21 +21,14 @@ if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import (
-    check_elements,
-    check_fine,
-    input_path,
-    mapping,
-    mesh_path,
-    positive,
-)
+from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
 from dolfinx_joints.geometry.meshing.step_file import check_step_file
 from dolfinx_joints.geometry.meshing.step_options import (
     UNNAMED_SURFACE,
     Plane,
-    check_pairs,
     check_word,
     is_plane,
     is_point,
@@ -49,13 +42,14 @@ _NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids witho
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3}
 
 
+@checked
 def from_step(
     out: str | os.PathLike[str],
     step: str | os.PathLike[str],
     *,
-    size: float,
-    joint_size: float | None = None,
-    order: int = 2,
+    size: Length,
+    joint_size: Length | None = None,
+    order: Order = 2,
     solids: Mapping[str, Sequence[float]] | None = None,
     joints: Mapping[str, tuple[str, str]] | None = None,
     tied: Sequence[tuple[str, str]] = (),
@@ -93,15 +87,7 @@ def from_step(
     """
     path = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, "tet")
-    size = positive("size", size)
-    joint_size = None if joint_size is None else positive("joint_size", joint_size)
-    solids, joints, surfaces = (
-        mapping(what, value)
-        for what, value in (("solids", solids), ("joints", joints), ("surfaces", surfaces))
-    )
-    check_pairs(joints, tied)
-    step = input_path("step", step)
+    step = Path(step)
     described = check_step_file(step)
     with gmsh_model.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
@@ -113,9 +99,9 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(step, described), solids)
-            faces = _joints(volumes, joints, tied)
-            faces |= _surfaces(volumes, surfaces)
+            volumes = _volumes(_import(step, described), solids or {})
+            faces = _joints(volumes, joints or {}, tied)
+            faces |= _surfaces(volumes, surfaces or {})
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
@@ -234,6 +220,8 @@ def _joints(
     wanted += [("A tied pair", pair) for pair in tied]
     seen: set[frozenset[str]] = set()
     for what, pair in wanted:
+        if isinstance(pair, str) or len(pair) != 2:
+            raise ValueError(f"{what} is {pair!r}, but it must be a pair of names.")
         if frozenset(pair) not in touching:
             raise ValueError(
                 f"{what} is between {shown(pair[0])[1:-1]} and {shown(pair[1])[1:-1]}, which do "

@@ -12,22 +12,23 @@ import os
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Literal
 
+import annotated_types as at
 import numpy as np
 from scipy.optimize import brentq
 
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
-    CELLS,
+    Length,
+    Order,
     cells_along,
-    check_elements,
     check_fine,
-    finite,
     mesh_path,
-    positive,
 )
 from dolfinx_joints.geometry.meshing.extrusion import (
     FloatArray,
@@ -40,20 +41,19 @@ from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 PLANE_CELLS = ("quad", "tri")
 
-_LEAST_GROWTH = 1.001  # below it cells hardly grow, and there are as many as without
 
-
+@checked
 def inclined_crack(
     out: str | os.PathLike[str],
     *,
-    half_length: float = 1.0,
-    angle: float = 45.0,
-    extent: float = 40.0,
-    lean: float = 25.0,
-    size: float = 0.1,
-    growth: float = 1.5,
-    order: int = 1,
-    cell: str = "hex",
+    half_length: Length = 1.0,
+    angle: Annotated[float, at.Unit("degrees")] = 45.0,
+    extent: Annotated[float, at.Interval(ge=2, le=1e4)] = 40.0,
+    lean: Annotated[float, at.Interval(ge=-60, le=60), at.Unit("degrees")] = 25.0,
+    size: Length = 0.1,
+    growth: Annotated[float, at.Interval(ge=1.001, le=3)] = 1.5,
+    order: Order = 1,
+    cell: Literal["quad", "tri", "hex", "tet"] = "hex",
     gui: bool = False,
 ) -> Path:
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
@@ -84,15 +84,7 @@ def inclined_crack(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell, (*PLANE_CELLS, *CELLS))
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
-    half_length, size = positive("half_length", half_length), positive("size", size)
-    extent = finite("extent", extent, 2, 1e4, "-")
-    growth = finite("growth", growth, 1, 3, "-")
-    if growth < _LEAST_GROWTH:
-        raise ValueError(f"growth is {growth!r}, but it must be at least {_LEAST_GROWTH}.")
-    lean = finite("lean", lean, -60, 60, "degrees")
-    angle = finite("angle", angle, -360, 360, "degrees")
     plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
     points = _placed(plane.points, angle, lean)
     plane = replace(plane, points=points)

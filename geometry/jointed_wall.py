@@ -7,42 +7,45 @@ python3 geometry/jointed_wall.py --divisions 40 8 40 --out wall.msh
 
 from __future__ import annotations
 
+import operator
 import os
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
-    MAX_JOINTS,
+    Cell,
+    Length,
+    NumberOfJoints,
+    Order,
     cells_along,
-    check_elements,
     check_fine,
     mesh_path,
-    positive,
-    triple,
-    whole,
 )
 from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
 
 
+@checked
 def jointed_wall(
     out: str | os.PathLike[str],
     *,
-    length: float = 20.0,
-    thickness: float = 4.0,
-    height: float = 20.0,
-    joints: int = 3,
-    divisions: Sequence[int] = (20, 4, 20),
-    size: float | None = None,
-    order: int = 1,
-    cell: str = "hex",
+    length: Length = 20.0,
+    thickness: Length = 4.0,
+    height: Length = 20.0,
+    joints: NumberOfJoints = 3,
+    divisions: Annotated[tuple[int, int, int], at.Ge(1)] = (20, 4, 20),
+    size: Length | None = None,
+    order: Order = 1,
+    cell: Cell = "hex",
     gui: bool = False,
 ) -> Path:
     """Mesh the box x in [0, length], y in [0, thickness], z in [0, height], and its joints.
@@ -71,15 +74,9 @@ def jointed_wall(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell)
-    length, thickness, height = (
-        positive(what, value)
-        for what, value in (("length", length), ("thickness", thickness), ("height", height))
-    )
-    blocks = whole("joints", joints, 0, MAX_JOINTS) + 1
-    n_x, n_y, n_z = triple("divisions", divisions)
+    blocks = joints + 1
+    n_x, n_y, n_z = map(operator.index, divisions)
     if size is not None:
-        size = positive("size", size)
         n_x = blocks * cells_along(length / blocks, size)
         n_y, n_z = (cells_along(h, size) for h in (thickness, height))
     if n_x % blocks:

@@ -10,16 +10,17 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from dolfinx_joints.common.parameters import real, shown
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.arch import Sector
 from dolfinx_joints.geometry.arch_elevation import fitted_level, half_elevation
 from dolfinx_joints.geometry.arch_foundation import (
@@ -30,13 +31,12 @@ from dolfinx_joints.geometry.arch_foundation import (
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
-    MAX_LAYERS,
-    check_elements,
-    flag,
+    Cell,
+    Length,
+    NumberOfLayers,
+    Order,
+    Share,
     mesh_path,
-    positive,
-    share,
-    whole,
 )
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, PlaneMesh, extrude
 from dolfinx_joints.geometry.section_table import SectionTable, read_sections
@@ -45,18 +45,19 @@ _SIDES = (1, -1)
 _CLOSEST = 1e-6  # of the angle of the crest, between two joints
 
 
+@checked
 def sections_dam(
     out: str | os.PathLike[str],
     table: SectionTable | str | os.PathLike[str],
     *,
-    size: float = 5.0,
-    order: int = 2,
-    cell: str = "hex",
-    layers: int = 1,
+    size: Length = 5.0,
+    order: Order = 2,
+    cell: Cell = "hex",
+    layers: NumberOfLayers = 1,
     joints: int | Sequence[float] = 9,
-    active_height: float = 1.0,
-    foundation: float | None = None,
-    spread: float | None = None,
+    active_height: Share = 1.0,
+    foundation: Length | None = None,
+    spread: Annotated[float, at.Ge(0), at.Unit("m")] | None = None,
     perimetral: bool = False,
     gui: bool = False,
 ) -> Path:
@@ -97,15 +98,10 @@ def sections_dam(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell)
-    size = positive("size", size)
-    layers = whole("layers", layers, 1, MAX_LAYERS)
-    active_height = share("active_height", active_height)
-    flag("perimetral", perimetral)
     if perimetral and foundation is None:
         raise ValueError("perimetral is True, but without a foundation there is no such joint.")
     if spread is not None and foundation is None:
-        raise ValueError(f"spread is {shown(spread)}, but there is no foundation to spread.")
+        raise ValueError(f"spread is {spread:g}, but there is no foundation to spread.")
     if not isinstance(table, SectionTable):
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
@@ -140,21 +136,18 @@ def sections_dam(
 def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
     """Return the coordinate a of each joint by name [m]."""
     left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
-    if np.ndim(joints) == 1:
-        given: Any = np.asarray(joints).tolist()
-        good = isinstance(given, list) and len(given) <= MAX_JOINTS
-        given = list(map(real, given)) if good else given
-        apart = _CLOSEST * (left + right)
-        bounds = [-right, *given, left] if good else [0, 0]
-        if not all(before + apart < after for before, after in pairwise(bounds)):
+    if isinstance(joints, int):
+        if not 0 <= joints <= MAX_JOINTS:
+            raise ValueError(f"joints is {joints}, but there must be 0 to {MAX_JOINTS}.")
+        angles = -right + (left + right) * np.arange(1, joints + 1) / (joints + 1)
+    else:
+        angles = np.asarray(joints, dtype=float)
+        apart = np.diff([-right, *angles, left]) > _CLOSEST * (left + right)
+        if not apart.all() or len(angles) > MAX_JOINTS:
             raise ValueError(
                 f"joints is {shown(joints)}, but the angles must rise and lie between "
                 f"-{right:.4g} and {left:.4g} degrees, the ends of the crest."
             )
-        angles = np.array(given, dtype=float)
-    else:
-        count = whole("joints", joints, 0, MAX_JOINTS)
-        angles = -right + (left + right) * np.arange(1, count + 1) / (count + 1)
     angles = np.where(np.abs(angles) < 1e-9 * (left + right), 0.0, angles)
     radius = sectors[1].radius
     return {f"joint_{k}": radius * float(np.radians(a)) for k, a in enumerate(angles, start=1)}

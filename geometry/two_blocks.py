@@ -17,28 +17,24 @@ import numpy as np
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
-from dolfinx_joints.geometry.meshing.arguments import (
-    cells_along,
-    check_elements,
-    finite,
-    mesh_path,
-    positive,
-)
+from dolfinx_joints.geometry.meshing.arguments import Cell, Length, Order, cells_along, mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import PlaneMesh, edges_between, extrude, grid
 
 
+@checked
 def two_blocks(
     out: str | os.PathLike[str],
     *,
-    length: float = 1.0,
-    width: float = 1.0,
-    lower_height: float = 1.0,
-    upper_height: float = 1.0,
+    length: Length = 1.0,
+    width: Length = 1.0,
+    lower_height: Length = 1.0,
+    upper_height: Length = 1.0,
     angle: float = 0.0,
-    size: float = 0.25,
-    order: int = 1,
-    cell: str = "hex",
+    size: Length = 0.25,
+    order: Order = 1,
+    cell: Cell = "hex",
     gui: bool = False,
 ) -> Path:
     """Mesh two blocks, x in [0, length], y in [0, width], z in [0, lower + upper height].
@@ -67,22 +63,10 @@ def two_blocks(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell)
-    size = positive("size", size)
-    length, width, lower_height, upper_height = (
-        positive(what, value)
-        for what, value in (
-            ("length", length),
-            ("width", width),
-            ("lower_height", lower_height),
-            ("upper_height", upper_height),
-        )
-    )
     n_x, n_y, n_lower, n_upper = (
         cells_along(h, size) for h in (length, width, lower_height, upper_height)
     )
     limit = float(np.degrees(np.arctan(2 * min(lower_height, upper_height) / length)))
-    angle = finite("angle", angle, -90, 90, "degrees")
     if not abs(angle) < limit:
         raise ValueError(
             f"angle is {angle:g}, but it must be between -{limit:.4g} and {limit:.4g} degrees, "

@@ -8,26 +8,28 @@ python3 geometry/voussoir_arch.py --voussoirs 15 --thickness 1.2 --out arch.msh
 from __future__ import annotations
 
 import math
+import operator
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 
 if not __package__:  # run as a script: make the package importable
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import (
     MAX_JOINTS,
+    Cell,
+    Length,
+    Order,
     cells_along,
-    check_elements,
     check_fine,
     mesh_path,
-    positive,
-    triple,
-    whole,
 )
 from dolfinx_joints.geometry.meshing.extrusion import (
     FloatArray,
@@ -39,18 +41,19 @@ from dolfinx_joints.geometry.meshing.extrusion import (
 from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 
+@checked
 def voussoir_arch(
     out: str | os.PathLike[str],
     *,
-    radius: float = 10.0,
-    thickness: float = 1.2,
-    half_angle: float = 90.0,
-    voussoirs: int = 15,
-    width: float | None = None,
-    divisions: Sequence[int] = (2, 2, 1),
-    size: float | None = None,
-    order: int = 1,
-    cell: str = "hex",
+    radius: Length = 10.0,
+    thickness: Length = 1.2,
+    half_angle: Annotated[float, at.Interval(gt=0, le=120), at.Unit("degrees")] = 90.0,
+    voussoirs: Annotated[int, at.Interval(ge=1, le=MAX_JOINTS)] = 15,
+    width: Length | None = None,
+    divisions: Annotated[tuple[int, int, int], at.Ge(1)] = (2, 2, 1),
+    size: Length | None = None,
+    order: Order = 1,
+    cell: Cell = "hex",
     gui: bool = False,
 ) -> Path:
     """Mesh an arch about the origin, its crown above it, and a cell of abutment at either end.
@@ -84,22 +87,13 @@ def voussoir_arch(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    check_elements(order, cell)
-    radius, thickness = positive("radius", radius), positive("thickness", thickness)
     if thickness >= 2 * radius:
         raise ValueError(
             f"thickness is {thickness:g}, but it must be below twice the radius, {2 * radius:g}."
         )
-    half_angle = positive("half_angle", half_angle, "degrees")
-    if half_angle > 120:
-        raise ValueError(f"half_angle is {half_angle:g}, but it must be at most 120.")
-    voussoirs = whole("voussoirs", voussoirs, 1, MAX_JOINTS)
-    lengths = [2 * math.radians(half_angle) * radius / voussoirs, thickness]
-    width = None if width is None else positive("width", width)
-    lengths.append(1.0 if width is None else width)
-    n_along, n_through, n_across = triple("divisions", divisions)
+    lengths = [2 * math.radians(half_angle) * radius / voussoirs, thickness, width or 1.0]
+    n_along, n_through, n_across = map(operator.index, divisions)
     if size is not None:
-        size = positive("size", size)
         n_along, n_through, n_across = (cells_along(length, size) for length in lengths)
     check_fine(n_along * voussoirs * n_through * (1 if width is None else n_across))
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.geometry.meshing.arguments import flag, input_path, mesh_path
+from dolfinx_joints.geometry.meshing.arguments import mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
 from dolfinx_joints.mesh.gmsh_syntax import check_msh
 
@@ -134,7 +134,6 @@ def save(path: Path, gui: bool) -> None:
 
 def check_window(gui: Any) -> None:
     """Raise ValueError unless Gmsh's window is not asked for, or can be opened."""
-    flag("gui", gui)
     if gui and not any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         raise ValueError("gui is True, but there is no screen to show a window on.")
 
@@ -250,7 +249,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
     Raises:
         ValueError: if there is no such file, or it holds no solids.
     """
-    file = input_path("path", path)
+    file = Path(path)
     check_file(file, f"There is no mesh file {str(file)!r}.")
     check_msh(file)
     with gmsh_session():

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,19 +17,6 @@ Plane = tuple[str, float | str]  # axis "x", "y" or "z"; its value [m], "min" or
 
 UNNAMED_SURFACE = "outside"
 FARTHEST = 1e9  # of coordinates [m], of the file's own unit where it is read
-
-
-def check_pairs(joints: Mapping[str, Any], tied: Any) -> None:
-    """Raise ValueError unless joints and ties are pairs of names."""
-    if isinstance(tied, str) or not isinstance(tied, Sequence):
-        raise ValueError(f"tied is {shown(tied)}, but it must be a list of pairs of names.")
-    for what, pair in (
-        *((f"Joint {shown(name)}", pair) for name, pair in joints.items()),
-        *(("A tied pair", pair) for pair in tied),
-    ):
-        names = [] if isinstance(pair, str) or not isinstance(pair, Sequence) else list(pair)
-        if len(names) != 2 or not all(isinstance(name, str) for name in names):
-            raise ValueError(f"{what} is {shown(pair)}, but it must be a pair of names.")
 
 
 def is_point(point: Any) -> bool:

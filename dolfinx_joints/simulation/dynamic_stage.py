@@ -17,6 +17,9 @@ from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERRO
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.loads.free_field import FreeField
+from dolfinx_joints.loads.ground_motion import check_motion, in_axes
+from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
@@ -258,6 +261,24 @@ def check_beginning(
             check_nodal(name, vector, model.mass)
     if velocity is not None and start is not None:
         raise ValueError("velocity and start are both given; start holds a velocity already.")
+
+
+def ground_motion(
+    model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
+) -> Callable[[float], Any] | None:
+    """Ground acceleration in the axes of the model.
+
+    Raises:
+        ValueError: It gives something else, or a free field moves the ground already.
+    """
+    if motion is None:
+        return None
+    check_motion(motion, model.gdim)
+    if any(isinstance(load, FreeField) for load in (*model.loads, *loads)):
+        raise ValueError(
+            "motion is given beside a FreeField, which moves the ground already; give one."
+        )
+    return in_axes(motion, model.gdim)
 
 
 @contextmanager

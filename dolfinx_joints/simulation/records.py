@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.laws.law import Response
+from dolfinx_joints.model.model import Model
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.states import DynamicState
@@ -117,3 +118,31 @@ class Outcome:
     iterations: int
     solver: str
     end_point_laws: tuple[str, ...]
+
+
+def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:
+    """Energy error, accuracy, iterations and seconds by phase of a run, as text."""
+    phases = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
+    counts = outcome.counts
+    mean = outcome.iterations / max(counts.accepted, 1)
+    balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
+    rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
+    return (
+        f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
+        f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
+        f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
+        f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n{phases}"
+    )
+
+
+def _solver(outcome: Outcome, model: Model) -> str:
+    """The solver of a run, and which laws left no choice."""
+    missing = () if model.contact is None else model.contact.without_local("backward_euler")
+    text = f"{outcome.solver} solver"
+    if outcome.solver == "monolithic" and missing:
+        text += f" (no local solution in {', '.join(missing)})"
+    if model.bulk is not None:
+        text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
+    if outcome.end_point_laws:
+        text += f", end-point law in {', '.join(outcome.end_point_laws)}"
+    return text

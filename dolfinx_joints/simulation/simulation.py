@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import annotated_types as at
 import numpy as np
@@ -24,14 +24,15 @@ from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.loads.free_field import FreeField
-from dolfinx_joints.loads.ground_motion import BaseMotion, check_motion, in_axes
+from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning
+from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
+from dolfinx_joints.simulation.construction import check_may_be_inactive, grouted
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.records import Outcome, StaticState
+from dolfinx_joints.simulation.records import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.static_stage import (
     check_acting,
     check_complete,
@@ -45,9 +46,6 @@ from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, located
-
-if TYPE_CHECKING:
-    from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
@@ -123,8 +121,6 @@ class Simulation:
         check_acting(self.model, acting)
         inactive = joints == "inactive"
         if inactive:
-            from dolfinx_joints.simulation.construction import check_may_be_inactive
-
             check_may_be_inactive(self.model, self.static, acting)
         shares = np.arange(1, steps + 1) / steps
         return self._statics([(None, float(share)) for share in shares], acting, inactive=inactive)
@@ -150,8 +146,6 @@ class Simulation:
             JointsError: There was no static stage.
             MeshError: A name stands for no joint.
         """
-        from dolfinx_joints.simulation.construction import grouted
-
         if self.static is None:
             raise JointsError(
                 "There is nothing to grout yet: run statics(joints='inactive') before."
@@ -213,8 +207,6 @@ class Simulation:
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
-        from dolfinx_joints.simulation.checkpoint import static_keeper
-
         static_keeper(path, self.model).save_static(self.static)
 
     def load_static(self, path: str | Path) -> StaticState:
@@ -226,8 +218,6 @@ class Simulation:
         Raises:
             CheckpointError: There is no such file, it is damaged, or of another model.
         """
-        from dolfinx_joints.simulation.checkpoint import static_keeper
-
         self.static = static_keeper(path, self.model).load_static()
         return self.static
 
@@ -276,15 +266,11 @@ class Simulation:
         check_beginning(
             self.model, loads, scheme=scheme, control=control, velocity=velocity, start=start
         )
+        known = isinstance(checkpoint, Checkpoints | None)
+        check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
-        if motion is not None:
-            check_motion(motion, self.model.gdim)
-            motion = in_axes(motion, self.model.gdim)
-            if any(isinstance(load, FreeField) for load in (*self.model.loads, *loads)):
-                raise ValueError(
-                    "motion is given beside a FreeField, which moves the ground already; give one."
-                )
+        motion = ground_motion(self.model, motion, loads)
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         if not resume and start is None:
             check_grouted(self.static)
@@ -382,30 +368,7 @@ class Simulation:
 
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""
-        phases = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
-        counts = outcome.counts
-        mean = outcome.iterations / max(counts.accepted, 1)
-        balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
-        rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
-        return (
-            f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
-            f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
-            f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
-            f"{mean:.2f} Newton iterations per substep, {self._solver(outcome)}\n{phases}"
-        )
-
-    def _solver(self, outcome: Outcome) -> str:
-        """The solver of a run, and which laws left no choice."""
-        contact = self.model.contact
-        missing = () if contact is None else contact.without_local("backward_euler")
-        text = f"{outcome.solver} solver"
-        if outcome.solver == "monolithic" and missing:
-            text += f" (no local solution in {', '.join(missing)})"
-        if self.model.bulk is not None:
-            text += f" (plastic cells of {', '.join(self.model.bulk.kinds)})"
-        if outcome.end_point_laws:
-            text += f", end-point law in {', '.join(outcome.end_point_laws)}"
-        return text
+        return closing_lines(outcome, self.model, self.seconds)
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:

@@ -16,6 +16,7 @@ from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.construction import inactive_response
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
@@ -94,8 +95,6 @@ def march(
         reports.append(report)
     watch.warn("in a static stage")
     if inactive and model.contact is not None:
-        from dolfinx_joints.simulation.construction import inactive_response
-
         response = inactive_response(model.contact, u)
     absent = [one for one in model.loads if not any(one is other for other in acting)]
     free_petsc_garbage(model.jointed.mesh.comm)

@@ -20,11 +20,7 @@ Floats = NDArray[np.float64]
 
 
 def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
-    """Monitor points by name.
-
-    Raises:
-        ValueError: They are something else.
-    """
+    """Monitor points by name."""
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of(
         "points", points, named and len(points) > 0, "coordinates by name of one or more points"
@@ -91,9 +87,6 @@ class PointProbe:
 
     Attributes:
         positions: Coordinates of the nodes found, shape (n, 3), [m].
-
-    Raises:
-        MeshError: A point is farther from every node than a tenth of the body's size.
     """
 
     def __init__(

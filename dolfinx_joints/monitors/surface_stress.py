@@ -44,9 +44,6 @@ class SurfaceStress:
     Attributes:
         nodes: Numbers of the vertices, rising, the same on every rank, shape (n,).
         own: Positions in ``nodes`` of those of this rank, shape (own,).
-
-    Raises:
-        ValueError: The model is plane or has plastic cells.
     """
 
     def __init__(self, model: Model, nodes: NodeNumbering, facets: Ints | None = None) -> None:
@@ -195,9 +192,6 @@ class StressEnvelopes:
         nodes: Numbers of the vertices, shape (n,).
         arch: Arch directions, shape (n, 3), NaN where there are none.
         cantilever: Cantilever directions likewise.
-
-    Raises:
-        MeshError: There is no such group, or it has no exterior facets.
     """
 
     def __init__(
@@ -235,9 +229,6 @@ def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) 
         model: The model.
         nodes: Numbers the nodes.
         groups: Names of facet groups.
-
-    Raises:
-        MeshError: There is no such group, or it has no exterior facets.
     """
     found = []
     for group in groups:

@@ -160,11 +160,7 @@ class CheckpointKeeper:
         self._nodes, self._facts = nodes, facts
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
-        """Write a checkpoint every so many steps (collective).
-
-        Raises:
-            CheckpointError: It cannot be written.
-        """
+        """Write a checkpoint every so many steps (collective)."""
         if run.step % self._every:
             return
         tree = {
@@ -178,11 +174,7 @@ class CheckpointKeeper:
         on_root(self._comm, lambda: write_checkpoint(self._path, tree))
 
     def save_static(self, static: StaticState) -> None:
-        """Write the end of a static stage alone (collective).
-
-        Raises:
-            CheckpointError: It cannot be written.
-        """
+        """Write the end of a static stage alone (collective)."""
         tree = {"run": self._facts, "static": self._kept(static)}
 
         def write() -> None:
@@ -192,11 +184,7 @@ class CheckpointKeeper:
         on_root(self._comm, write)
 
     def load_static(self) -> StaticState:
-        """State that `save_static` wrote (collective).
-
-        Raises:
-            CheckpointError: There is no such file, it is damaged, or of another model.
-        """
+        """State that `save_static` wrote (collective)."""
 
         def read() -> Tree:
             tree = read_checkpoint(self._path, ("run", "static"))
@@ -208,11 +196,7 @@ class CheckpointKeeper:
         return self._static(on_root(self._comm, read)["static"])
 
     def load(self, monitors: Sequence[Any]) -> _Saved:
-        """Content of the last checkpoint (collective).
-
-        Raises:
-            CheckpointError: There is none, it is damaged, or of another run.
-        """
+        """Content of the last checkpoint (collective)."""
 
         def read() -> Tree:
             tree = read_checkpoint(self._path, PARTS)

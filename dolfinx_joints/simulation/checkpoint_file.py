@@ -37,9 +37,6 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
     Args:
         path: The file; ``PATH.part`` beside it is written first.
         tree: Names to arrays, to what JSON can hold, or to further trees.
-
-    Raises:
-        CheckpointError: It cannot be written.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -74,10 +71,6 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     Args:
         path: The file.
         names: Names that the tree must have.
-
-    Raises:
-        CheckpointError: There is no such file, it is damaged, not a checkpoint or of a newer
-            version.
     """
     check_file(path, f"There is no checkpoint {path}.", CheckpointError)
     with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):

@@ -52,10 +52,6 @@ def grouted(
         before: The state that the grout comes to.
         names: Joints to be grouted, all of them unless given.
         gap: Opening that the grout leaves [m].
-
-    Raises:
-        MeshError: A name stands for no joint.
-        JointsError: The body has plastic cells.
     """
     known = model.jointed.joint_names
     for name in names or ():
@@ -104,12 +100,7 @@ def _chosen(rows: Rows, one: Response, other: Response) -> Response:
 
 
 def check_may_be_inactive(model: Model, before: StaticState | None, acting: Sequence[Load]) -> None:
-    """Check that joints may be inactive: new, and blocks stand without them (collective).
-
-    Raises:
-        JointsError: They have, or a block would; a load is water in an inactive joint, or the body
-            has plastic cells.
-    """
+    """Check that joints may be inactive: new, and blocks stand without them (collective)."""
     _check_elastic(model)
     for load in acting:
         if isinstance(load, JointLoad):
@@ -132,11 +123,7 @@ def _check_elastic(model: Model) -> None:
 
 
 def check_blocks_stand(model: Model) -> None:
-    """Check that no block would move if its joints carried nothing (collective).
-
-    Raises:
-        JointsError: The supports of a block leave it a rigid motion.
-    """
+    """Check that no block would move if its joints carried nothing (collective)."""
     comm, block = model.jointed.mesh.comm, block_of_nodes(NodeNumbering(model.V))
     owned = model.V.dofmap.index_map.size_local
     points = model.V.tabulate_dof_coordinates()[:owned, : model.gdim]

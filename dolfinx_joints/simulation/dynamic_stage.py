@@ -246,11 +246,7 @@ class DynamicRun:
 def check_beginning(
     model: Model, loads: Any, *, scheme: Any, control: Any, velocity: Any, start: Any
 ) -> None:
-    """Check the arguments of a dynamic stage against their classes and the model (collective).
-
-    Raises:
-        ValueError: A value is of another kind or of another model, or two exclude each other.
-    """
+    """Check the arguments of a dynamic stage against their classes and the model (collective)."""
     check_loads(model.jointed, loads)
     check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
     check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
@@ -266,11 +262,7 @@ def check_beginning(
 def ground_motion(
     model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
 ) -> Callable[[float], Any] | None:
-    """Ground acceleration in the axes of the model.
-
-    Raises:
-        ValueError: It gives something else, or a free field moves the ground already.
-    """
+    """Ground acceleration in the axes of the model."""
     if motion is None:
         return None
     check_motion(motion, model.gdim)

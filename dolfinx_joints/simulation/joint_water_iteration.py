@@ -50,11 +50,7 @@ class JointWaterIteration:
         state: JointState | None,
         rule: Rule = "backward_euler",
     ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` and the water; ``b`` is left with its forces (collective).
-
-        Raises:
-            JointsError: Openings and pressures do not come to agree.
-        """
+        """Solve for ``x`` and the water; ``b`` is left with its forces (collective)."""
         self._step += 1
         start, seen = x.copy(), [self._water.codes]
         while True:

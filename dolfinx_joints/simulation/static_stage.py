@@ -49,9 +49,6 @@ def march(
         newton: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
-
-    Raises:
-        ConvergenceError: A load step did not converge.
     """
     system = model.system(only=acting)
     internal_forces = system.internal_forces
@@ -122,11 +119,7 @@ def _carried(
 
 
 def check_acting(model: Model, loads: Any) -> None:
-    """Check that the loads of a static stage are the model's own.
-
-    Raises:
-        ValueError: One is another.
-    """
+    """Check that the loads of a static stage are the model's own."""
     for load in loads:
         if not any(load is one for one in model.loads):
             raise ValueError(
@@ -136,11 +129,7 @@ def check_acting(model: Model, loads: Any) -> None:
 
 
 def check_grouted(static: StaticState | None) -> None:
-    """Check that joints are active.
-
-    Raises:
-        JointsError: They are inactive.
-    """
+    """Check that joints are active."""
     if static is not None and static.joints_inactive:
         raise JointsError(
             "The joints are still inactive; call grout() to close them, grout([]) to leave all of "
@@ -149,11 +138,7 @@ def check_grouted(static: StaticState | None) -> None:
 
 
 def check_complete(static: StaticState | None) -> None:
-    """Check that no load is missing in a static state, nor its water from before the grout.
-
-    Raises:
-        JointsError: Some are missing.
-    """
+    """Check that no load is missing in a static state, nor its water from before the grout."""
     if static is not None and static.missing:
         raise JointsError(
             f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "

@@ -37,10 +37,6 @@ def make_solver(
             joints of finite stiffness: near the limit of what they carry it goes further.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
-
-    Raises:
-        JointsError: ``condensed`` was asked for, or a joint is rigid, and a law cannot be solved
-            locally.
     """
     contact = system.contact
     if system.bulk is not None:

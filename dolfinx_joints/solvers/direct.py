@@ -86,11 +86,7 @@ class DirectSolver:
         self._stale = True
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; whether the matrix was factored for it (collective).
-
-        Raises:
-            JointsError: The factorization failed.
-        """
+        """Solve A x = b; whether the matrix was factored for it (collective)."""
         factored = self._factor_if_stale()
         with self._reported():
             self._ksp.solve(b, x)
@@ -111,9 +107,6 @@ class DirectSolver:
 
         Returns:
             Owned rows of X, of the same shape, [m].
-
-        Raises:
-            JointsError: The factorization failed.
         """
         factored = self._factor_if_stale()
         if right.shape[1] == 0:

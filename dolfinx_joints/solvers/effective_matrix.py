@@ -57,11 +57,7 @@ class EffectiveMatrix:
         linear: LinearSolver = "auto",
         added: PETSc.Mat | None = None,
     ) -> None:
-        """Add the matrices up (collective).
-
-        Raises:
-            ValueError: ``linear`` is ``iterative`` and A is not symmetric.
-        """
+        """Add the matrices up (collective)."""
         if linear == "iterative" and not system.symmetric:
             raise ValueError(
                 "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."

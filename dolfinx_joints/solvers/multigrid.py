@@ -83,9 +83,6 @@ class IterativeSolver:
             b: Right-hand side.
             x: Solution.
             tolerance: Residual relative to b.
-
-        Raises:
-            JointsError: The iteration did not converge.
         """
         renewed = self._set_up()
         self._ksp.setTolerances(rtol=tolerance)

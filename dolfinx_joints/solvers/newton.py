@@ -87,10 +87,6 @@ class NewtonSolver:
 
         Returns:
             The joints' response and the report.
-
-        Raises:
-            ConvergenceError: Newton did not converge; ``x`` is then of no use.
-            JointsError: A factorization failed.
         """
         tangent: Tangent = self._tangents(effective)
         internal_forces = self._internal_forces
@@ -150,10 +146,6 @@ class NewtonSolver:
         Where the tangent is singular, because on the way a block is supported by no closed and
         sticking point or because plastic cells flow, a small part of the stiffness of closed joints
         and elastic cells is added: the correction only, not the equilibrium, depends on it.
-
-        Raises:
-            ConvergenceError: A law gave a tangent that is not finite.
-            JointsError: The body is not supported even so.
         """
         for part in REGULARISATIONS:
             values = internal_forces.tangent(response, part)

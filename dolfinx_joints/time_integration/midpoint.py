@@ -40,11 +40,7 @@ class _Midpoint:
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s] (collective).
-
-        Raises:
-            ConvergenceError: The joints did not converge.
-        """
+        """One step of length dt [s] (collective)."""
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
         if system.bulk is not None and self.rule != "discrete_gradient":
             raise ValueError(

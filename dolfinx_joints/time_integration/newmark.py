@@ -51,11 +51,7 @@ class _Alpha:
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s] (collective).
-
-        Raises:
-            ConvergenceError: Newton did not converge.
-        """
+        """One step of length dt [s] (collective)."""
         system, time = solver.system, state.time + dt
         share = 1.0 - self.alpha_f
         of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)

@@ -34,11 +34,7 @@ class Products:
         x: PETSc.Vec,
         joints: Response | None,
     ) -> None:
-        """Multiply (collective).
-
-        Raises:
-            ConvergenceError: The residual is not finite.
-        """
+        """Multiply (collective)."""
         system = solver.system
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
         system.mass.mult(x, self.mass)

@@ -98,12 +98,7 @@ class Stepper:
     def substeps(
         self, state: DynamicState, dt: float
     ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
-        """Accepted substeps from ``state`` over dt [s] with their energies (collective).
-
-        Raises:
-            ConvergenceError: The shortest substep allowed does not converge.
-            JointsError: The energy lines of the shortest substep allowed do not add up.
-        """
+        """Accepted substeps from ``state`` over dt [s] with their energies (collective)."""
         finest = 2**self._control.max_halvings
         start, done = state.time, 0  # done counts substeps of the shortest length
         while done < finest:

@@ -212,11 +212,7 @@ class Compliance:
 
 
 def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:
-    """The kind of compliance to be made.
-
-    Raises:
-        ValueError: It cannot be compressed.
-    """
+    """The kind of compliance to be made."""
     if kind == "compressed" and joints.points is None:
         raise ValueError(
             "compliance is 'compressed', but the places of the joint points are not known: this "

@@ -249,11 +249,7 @@ class InterfaceSolver:
         x.axpy(1.0, change)
 
     def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
-        """The solution, iterations, and residual relative to the largest force.
-
-        Raises:
-            ConvergenceError: The residual did not become small enough.
-        """
+        """The solution, iterations, and residual relative to the largest force."""
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         enough = 1e-14 if step.condensed.static else 0.01 * tolerance

@@ -29,24 +29,13 @@ NOT_FACTORED = (
 _ZERO_PIVOT = (71, 81)
 _OUT_OF_MEMORY = 55
 
-# INFOG(1) of MUMPS, from its user's guide. INFOG(2) is a size where `{}` stands.
+# INFOG(1) of MUMPS, from its user's guide; the other codes stand there.
 _MUMPS = {
-    -2: "its number of entries is out of range",
-    -5: "allocation of {} real numbers failed in the analysis",
-    -6: "structurally singular, of rank {}",
-    -7: "allocation of {} integers failed in the analysis",
-    -8: "integer workspace too small",
-    -9: "real workspace too small by {} numbers",
-    -10: "numerically singular after {} pivots",
-    -11: "real workspace too small for a solution by {} numbers",
-    -13: "allocation of {} numbers failed in the factorization",
-    -14: "integer workspace too small for a solution",
-    -16: "its number of unknowns, {}, is out of range",
-    -17: "send buffer too small",
-    -19: "the memory allowed is too small by {} numbers",
-    -20: "receive buffer too small",
+    -6: "structurally singular",
+    -9: "real workspace too small",
+    -10: "numerically singular",
+    -13: "allocation failed in the factorization",
     -40: "not positive definite",
-    -51: "an integer of the ordering is too large for 32 bits, {}",
 }
 
 
@@ -65,8 +54,7 @@ def reported_by_package(pc: PETSc.PC) -> str:
     code, size = factor.getMumpsInfog(1), factor.getMumpsInfog(2)
     if code >= 0:
         return ""
-    number = -1_000_000 * size if size < 0 else size  # then it counts millions
-    reason = _MUMPS.get(code, "see its user's guide").format(f"{number:,}".replace(",", " "))
+    reason = _MUMPS.get(code, "see its user's guide")
     return f" (MUMPS: {reason}; INFOG(1) = {code}, INFOG(2) = {size})"
 
 

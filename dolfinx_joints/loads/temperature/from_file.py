@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,9 +19,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Largest file, so that another kind of file does not fill the memory.
-LARGEST_FILE = 500_000_000  # bytes
-LARGEST_NUMBER = 1e9  # of coordinates [m] and temperatures, where squares lose no point
+# Of coordinates [m] and temperatures, where squares lose no point.
+LARGEST_NUMBER = 1e9
 
 
 def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Floats]:
@@ -42,38 +40,29 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
         TemperatureError: There is no such file, it is no text of this kind, or its points span no
             body.
     """
-    path = Path(path)
-    columns = [*"xyz"[:axes], "T"]
+    columns = ",".join([*"xyz"[:axes], "T"])
     try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise TemperatureError(
-                f"{path} has {size} bytes; a file of temperatures may have {LARGEST_FILE}."
-            )
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TemperatureError(f"{path} cannot be read as text: {error}.") from None
-    rows, started = [], False
-    for number, line in enumerate(lines, start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        try:
-            fields = [field.strip() for field in next(csv.reader([line]))]
-        except csv.Error as error:
-            raise TemperatureError(f"{path}, line {number}: {error}.") from None
-        if not started:
-            started = True
-            if fields != columns:
-                raise TemperatureError(
-                    f"{path}, line {number}: the columns are {','.join(fields)[:60]}; they must be "
-                    f"{','.join(columns)}, in m and the degrees of the references."
-                )
-            continue
-        rows.append(_row(path, number, fields, columns))
-    if not started:
-        raise TemperatureError(f"{path} is empty; its first line must be {','.join(columns)}.")
-    table = np.array(rows, dtype=np.float64).reshape(-1, axes + 1)
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not lines or lines[0].replace(" ", "") != columns:
+        raise TemperatureError(
+            f"{path}: the columns are {lines[0][:60] if lines else 'missing'}; they must be "
+            f"{columns}, in m and the degrees of the references."
+        )
+    try:
+        table = np.array([line.split(",") for line in lines[1:]], dtype=np.float64)
+    except ValueError as error:
+        raise TemperatureError(
+            f"{path} is no table of {axes + 1} numbers a line: {error}."
+        ) from None
+    table = table.reshape(len(lines) - 1, -1)
     points = table[:, :axes]
+    if table.size and (table.shape[1] != axes + 1 or not (np.abs(table) <= LARGEST_NUMBER).all()):
+        raise TemperatureError(
+            f"{path} must hold {axes + 1} finite numbers a line, {LARGEST_NUMBER:g} at most."
+        )
     spread = np.linalg.matrix_rank(points - points[:1], tol=1e-9) if len(points) else 0
     if spread < axes:
         raise TemperatureError(
@@ -84,29 +73,6 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
     if counts.max() > 1:
         raise TemperatureError(f"{path} names {int((counts > 1).sum())} points more than once.")
     return points, table[:, axes]
-
-
-def _row(path: Path, number: int, fields: list[str], columns: list[str]) -> list[float]:
-    """Numbers of a line."""
-    if len(fields) != len(columns):
-        raise TemperatureError(
-            f"{path}, line {number}: {len(fields)} values, the columns are {','.join(columns)}."
-        )
-    values = []
-    for name, text in zip(columns, fields, strict=True):
-        try:  # Python itself reads 1_0 and digits of any script
-            value = float(text if text.isascii() and "_" not in text else "")
-        except ValueError:
-            raise TemperatureError(
-                f"{path}, line {number}: {name} is {text[:40]!r}; it must be a number."
-            ) from None
-        if not abs(value) <= LARGEST_NUMBER:
-            raise TemperatureError(
-                f"{path}, line {number}: {name} is {text[:40]}; it must be finite, and "
-                f"{LARGEST_NUMBER:g} at most."
-            )
-        values.append(value)
-    return values
 
 
 @checked

@@ -15,7 +15,7 @@ columns, one is a component and two are time and a component.
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from dolfinx_joints.motions.record_text import (
 )
 
 _KEY = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
+Keys = dict[str, tuple[int, str]]  # number of the line and value
 _STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its place
 
 
@@ -95,9 +96,9 @@ def _first_row(text: RecordText) -> int:
     return number
 
 
-def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
+def _keys(text: RecordText) -> Keys:
     """Line number and value of each key above the numbers."""
-    keys: dict[str, tuple[int, str]] = {}
+    keys: Keys = {}
     for number in range(1, _first_row(text)):
         match = _KEY.match(text.lines[number - 1].strip())
         if match is None:
@@ -111,33 +112,33 @@ def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
     return keys
 
 
-def _unit(text: RecordText, keys: dict[str, tuple[int, str]], user: Columns) -> str:
+def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> Any:
+    """The value from the file or from the user, an error where they differ."""
+    if None not in (here, given) and here != given:
+        text.fail(keys[key][0], f"{key} is {here} here, but {given} was given.")
+    return given if here is None else here
+
+
+def _unit(text: RecordText, keys: Keys, user: Columns) -> str:
     here = None
     if "unit" in keys:
         number, written = keys["unit"]
         here = unit_named(written, f"{text.path}, line {number}")
     given = None if user.unit is None else unit_named(user.unit, "unit")
-    if here is None and given is None:
+    unit: str | None = _agreed(text, keys, "unit", here, given)
+    if unit is None:
         raise RecordError(
             f"{text.path} does not give the unit of its columns; pass unit=, or write "
             "'# unit: cm/s^2' above the numbers."
         )
-    if None not in (here, given) and here != given:
-        text.fail(keys["unit"][0], f"the unit is {here}, but unit={shown(user.unit)} was given.")
-    return here or given or ""
+    return unit
 
 
-def _names(text: RecordText, keys: dict[str, tuple[int, str]], user: Columns) -> list[str]:
+def _names(text: RecordText, keys: Keys, user: Columns) -> list[str]:
     """Content of each column; by default one is a component, two are time and a component."""
     here = keys["columns"][1].lower().split() if "columns" in keys else None
     given = None if user.columns is None else [str(name).lower() for name in user.columns]
-    if here is not None and given is not None and here != given:
-        text.fail(
-            keys["columns"][0],
-            f"the columns are {shown(' '.join(here), str)}, but columns="
-            f"{shown(' '.join(given))} was given.",
-        )
-    names = here or given
+    names: list[str] | None = _agreed(text, keys, "columns", here, given)
     if names is None:
         width = len(text.words(_first_row(text))) if _first_row(text) <= len(text.lines) else 0
         if width not in (1, 2):
@@ -157,28 +158,26 @@ def _names(text: RecordText, keys: dict[str, tuple[int, str]], user: Columns) ->
 
 def _step(
     text: RecordText,
-    keys: dict[str, tuple[int, str]],
+    keys: Keys,
     user: Columns,
     time: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
     first: int,
 ) -> float:
     """Time between rows [s]."""
     here = text.positive(*keys["dt"], "dt") if "dt" in keys else None
-    if None not in (here, user.dt) and here != user.dt:
-        text.fail(keys["dt"][0], f"dt is {here} s, but dt={user.dt} was given.")
-    dt = here or user.dt
+    dt: float | None = _agreed(text, keys, "dt", here, user.dt)
     if time.shape[1] == 0:
         if dt is None:
             raise RecordError(
                 f"{text.path} has no column of time; pass dt=, or write '# dt: 0.01' above the "
                 "numbers."
             )
-        return float(dt)
+        return dt
     times = time[:, 0]
     mean = float((times[-1] - times[0]) / (len(times) - 1))
     if mean <= 0.0:
         text.fail(first, f"the times must rise, got {times[0]} to {times[-1]} s.")
-    step = mean if dt is None else float(dt)
+    step = mean if dt is None else dt
     missed = np.abs(times - times[0] - step * np.arange(len(times)))
     if missed.max() > _STEP_TOLERANCE * step:
         row = int(np.argmax(missed > _STEP_TOLERANCE * step))

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
-from dolfinx_joints.common.parameters import check_flag, check_path
+from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.measures import JOINT_MEASURES, joint_measures
 from dolfinx_joints.postprocessing.resultants import (
@@ -47,6 +48,7 @@ class Table:
     rows: list[list[Any]]
 
 
+@checked
 def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
     """Write what a results file holds as CSV files.
 
@@ -73,17 +75,13 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
     Raises:
         ResultsError: A file exists, or cannot be written.
-        ValueError: An argument is of another kind.
     """
     check_path("folder", folder)
-    check_flag("overwrite", overwrite)
     folder, tables = Path(folder), tables_of(results)
     if not tables:
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
     there = [str(path) for path in paths.values() if os.path.exists(path)]
-    if os.path.exists(folder) and not os.path.isdir(folder):
-        raise ResultsError(f"{folder} is a file; the tables need a folder.")
     if there and not overwrite:
         raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
     try:
@@ -99,26 +97,21 @@ def tables_of(results: Results) -> dict[str, Table]:
     """The tables of `write_csv` by name, those for which the file holds something."""
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
-    with damage_reported(results.path, ResultsError, OTHER):
-        return _tables(results, streams)
-
-
-def _tables(results: Results, streams: set[str]) -> dict[str, Table]:
-    """The tables of what a file has recorded in these streams."""
     found = {}
-    if "histories" in streams:
-        found["histories"] = _histories(results)
-    if "energy" in streams:
-        found["energy"] = _plain(results, "energy")
-    if "states" in streams and results.joints:
-        found["joints"] = _joints(results)
-        found["resultants"] = _resultants(results)
-    if "resultants" in streams:
-        found["blocks"] = _blocks(results)
-    if "envelopes" in streams:
-        found["envelopes"] = _envelopes(results)
-    if "modes/frequency" in results.statics:
-        found["modes"] = _modes(results)
+    with damage_reported(results.path, ResultsError, OTHER):
+        if "histories" in streams:
+            found["histories"] = _histories(results)
+        if "energy" in streams:
+            found["energy"] = _plain(results, "energy")
+        if "states" in streams and results.joints:
+            found["joints"] = _joints(results)
+            found["resultants"] = _resultants(results)
+        if "resultants" in streams:
+            found["blocks"] = _blocks(results)
+        if "envelopes" in streams:
+            found["envelopes"] = _envelopes(results)
+        if "modes/frequency" in results.statics:
+            found["modes"] = _modes(results)
     return found
 
 

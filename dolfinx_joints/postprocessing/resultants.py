@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.parameters import check_number
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import check_joint, check_results
 
@@ -65,7 +66,27 @@ class JointGeometry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointResultants:
+class _Resultants:
+    """Forces and moments, with those of water in joints where there is some."""
+
+    force: Floats
+    moment: Floats
+    water_force: Floats | None = None
+    water_moment: Floats | None = None
+
+    @property
+    def total_force(self) -> Floats:
+        """Force with that of the water, shape (..., 3), [N]."""
+        return self.force if self.water_force is None else self.force + self.water_force
+
+    @property
+    def total_moment(self) -> Floats:
+        """Moment with that of the water, shape (..., 3), [N m]."""
+        return self.moment if self.water_moment is None else self.moment + self.water_moment
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointResultants(_Resultants):
     """Forces that a joint transmits to its + side, at the records of a run or in one state.
 
     Of a run all arrays begin with an axis of records; of one state they are without it.
@@ -86,23 +107,9 @@ class JointResultants:
     joint: str
     time: Floats | None
     geometry: JointGeometry
-    force: Floats
-    moment: Floats
-    water_force: Floats | None = None
-    water_moment: Floats | None = None
     contact: Floats
     bond: Floats
     friction: float
-
-    @property
-    def total_force(self) -> Floats:
-        """Force with that of the water, shape (..., 3), [N]."""
-        return self.force if self.water_force is None else self.force + self.water_force
-
-    @property
-    def total_moment(self) -> Floats:
-        """Moment about the centroid with that of the water, shape (..., 3), [N m]."""
-        return self.moment if self.water_moment is None else self.moment + self.water_moment
 
     @property
     def normal_force(self) -> Floats:
@@ -150,7 +157,7 @@ class JointResultants:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockResultants:
+class BlockResultants(_Resultants):
     """Forces of its joints on each block, cells that are connected without crossing a joint.
 
     Attributes:
@@ -166,20 +173,6 @@ class BlockResultants:
     time: Floats
     mass: Floats
     centre: Floats
-    force: Floats
-    moment: Floats
-    water_force: Floats | None = None
-    water_moment: Floats | None = None
-
-    @property
-    def total_force(self) -> Floats:
-        """Force with that of the water, shape (records, blocks, 3), [N]."""
-        return self.force if self.water_force is None else self.force + self.water_force
-
-    @property
-    def total_moment(self) -> Floats:
-        """Moment with that of the water, shape (records, blocks, 3), [N m]."""
-        return self.moment if self.water_moment is None else self.moment + self.water_moment
 
 
 def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
@@ -194,8 +187,12 @@ def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
     return force
 
 
+@checked
 def joint_resultants(
-    results: Results, joint: str, *, friction_angle_deg: float | None = None
+    results: Results,
+    joint: str,
+    *,
+    friction_angle_deg: Annotated[float, at.Interval(ge=0.0, lt=90.0)] | None = None,
 ) -> JointResultants:
     """Resultants of a joint at every step if the run recorded them, else at its stored states.
 
@@ -207,7 +204,6 @@ def joint_resultants(
 
     Raises:
         ResultsError: There is no such joint.
-        ValueError: The angle is not from 0 to below 90 degrees.
     """
     check_joint(results, joint)
     friction, cohesion = _strength(results, joint, friction_angle_deg)
@@ -298,7 +294,6 @@ def _strength(results: Results, joint: str, angle: float | None) -> tuple[float,
     cohesion = float(law.get("cohesion", 0.0))
     if angle is None:
         return np.nan, cohesion
-    check_number("friction_angle_deg", angle, lambda v: 0 <= v < 90, "from 0 to below 90 degrees")
     return math.tan(math.radians(angle)), cohesion
 
 

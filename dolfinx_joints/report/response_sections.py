@@ -88,11 +88,11 @@ def response_spectra(content: Content) -> Section:
         return nothing("accelerations", title, "accelerations")
     rows: list[list[Any]] = []
     pieces: list[Html] = []
-    ground = _ground_spectrum(runs[0])
+    ground = _spectrum(runs[0], None)
     for number, name in enumerate(_points(runs)):
         having = [run for run in runs if name in run.results.point_names]
         rows += [_acceleration_row(run, name) for run in having]
-        spectra = {run.label: _point_spectrum(run, name) for run in having}
+        spectra = {run.label: _spectrum(run, name) for run in having}
         spectra["ground"] = ground
         names = components(having)
         curves = [
@@ -321,18 +321,16 @@ def _acceleration_row(run: Run, name: str) -> list[Any]:
     return [f"{name}, {run.label}", *largest]
 
 
-def _point_spectrum(run: Run, name: str) -> Floats:
-    """Pseudo-accelerations of all components, shape (periods, components), [m/s^2]."""
-    histories = [
-        measures.acceleration_history(run.results, name, component) for component in run.components
-    ]
-    time = histories[0][0]
-    dt, values = equally_spaced(time, np.stack([a for _, a in histories], axis=1))
-    return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration
+def _spectrum(run: Run, name: str | None) -> Floats:
+    """Pseudo-accelerations of a point or, without a name, of the ground.
 
-
-def _ground_spectrum(run: Run) -> Floats:
-    """Likewise of the ground."""
-    ground = run.results.series("histories", "ground_acceleration")[:, : len(run.components)]
-    dt, values = equally_spaced(run.results.time("histories"), ground)
+    Shape (periods, components), [m/s^2].
+    """
+    if name is None:
+        times: Floats = run.results.time("histories")
+        values = run.results.series("histories", "ground_acceleration")[:, : len(run.components)]
+    else:
+        each = [measures.acceleration_history(run.results, name, c) for c in run.components]
+        times, values = each[0][0], np.stack([a for _, a in each], axis=1)
+    dt, values = equally_spaced(times, values)
     return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration

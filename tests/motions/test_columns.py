@@ -68,11 +68,11 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
     ("header", "options", "message"),
     [
         ("", {}, "does not give the unit of its columns; pass unit=, or write '# unit: cm/s"),
-        ("# unit: g\n", {"unit": "gal"}, "line 1: the unit is g, but unit='gal' was given"),
+        ("# unit: g\n", {"unit": "gal"}, "line 1: unit is g here, but gal was given"),
         ("# unit: g\n# Units = gal\n", {}, "line 2: unit is there again; line 1 has 'g'"),
         ("# unit: g\n", {"dt": "0.02"}, "dt is '0.02'; it must be positive and finite"),
         ("", {"unit": "kN"}, "unit: 'kN' is no known unit of acceleration; known are m/s"),
-        ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 s, but dt=0.01 was given"),
+        ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 here, but 0.01 was given"),
         ("# unit: g\n# dt: fast\n", {}, "line 2: dt 'fast' is not a finite number"),
         ("# unit: g\n# dt: -1\n", {}, "line 2: dt must be positive, got -1"),
         ("# unit: g\n# dt: 0.03\n# columns: time N\n", {}, "line 5: the times must rise by equal"),
@@ -83,7 +83,7 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
         (
             "# unit: g\n# columns: time N\n",
             {"columns": ["time", "E"]},
-            "line 2: the columns are time n, but columns='time e' was given",
+            "line 2: columns is ['time', 'n'] here, but ['time', 'e'] was given",
         ),
     ],
 )

@@ -179,17 +179,6 @@ def test_a_folder_that_cannot_be_made(tmp_path):
         write_csv(results, tmp_path / "file" / "in")
 
 
-def test_a_folder_that_is_a_file(tmp_path):
-    place = tmp_path / "tables.csv"
-    place.write_text("mine")
-    with (
-        Results(write_run(tmp_path / "r.h5")) as results,
-        pytest.raises(ResultsError, match=r"tables\.csv is a file; the tables need a folder\.$"),
-    ):
-        write_csv(results, place, overwrite=True)
-    assert place.read_text() == "mine"
-
-
 def test_a_table_that_cannot_take_its_place_leaves_nothing(tmp_path):
     out = tmp_path / "out"
     (out / "histories.csv").mkdir(parents=True)

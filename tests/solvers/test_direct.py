@@ -117,11 +117,11 @@ def test_free_bodies_are_refused(comm, symmetric):
     # Springs without a wall: moving all of them costs nothing, and the columns push them.
     matrix = chain(comm, held=False)
     solver = DirectSolver(matrix, symmetric=symmetric)
-    with pytest.raises(JointsError, match="held by supports"):
+    with pytest.raises(JointsError, match="restrained by supports"):
         solver.solve_block(columns(matrix, 2))
     b, x = matrix.createVecLeft(), matrix.createVecRight()
     b.set(1.0)
-    with pytest.raises(JointsError, match="held by supports"):
+    with pytest.raises(JointsError, match="restrained by supports"):
         solver.solve(b, x)
     solver.destroy()
 

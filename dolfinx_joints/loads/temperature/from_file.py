@@ -57,9 +57,9 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
         raise TemperatureError(
             f"{path} is no table of {axes + 1} numbers a line: {error}."
         ) from None
-    table = table.reshape(len(lines) - 1, -1)
+    table = table if len(table) else np.zeros((0, axes + 1))
     points = table[:, :axes]
-    if table.size and (table.shape[1] != axes + 1 or not (np.abs(table) <= LARGEST_NUMBER).all()):
+    if table.shape[1] != axes + 1 or not (np.abs(table) <= LARGEST_NUMBER).all():
         raise TemperatureError(
             f"{path} must hold {axes + 1} finite numbers a line, {LARGEST_NUMBER:g} at most."
         )

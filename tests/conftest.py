@@ -37,6 +37,17 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         MPI.COMM_WORLD.Abort(1)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def freed_only_together() -> None:
+    """Leave it to `freed_together` to free meshes on several ranks.
+
+    What has been imported is left out: to look through it would take longer than most tests.
+    """
+    if MPI is not None and MPI.COMM_WORLD.size > 1:
+        gc.disable()
+        gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def freed_together() -> Iterator[None]:
     """Free meshes on all ranks at the same place, as MPI asks for their communicators.
@@ -44,13 +55,9 @@ def freed_together() -> Iterator[None]:
     Left to Python's collector, which runs at another time on each rank, Open MPI 5.0.7 was seen to
     wait for ever in the next MPI_Comm_dup.
     """
-    if MPI is None or MPI.COMM_WORLD.size == 1:
-        yield
-        return
-    gc.disable()
     yield
-    gc.collect()
-    gc.enable()
+    if MPI is not None and MPI.COMM_WORLD.size > 1:
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

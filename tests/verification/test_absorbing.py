@@ -98,7 +98,8 @@ COLUMNS = [
 MANY = MPI.COMM_WORLD.size > 1
 COLUMNS = COLUMNS[:1] if MANY else COLUMNS
 WAVES = ["S"] if MANY else ["P", "S"]
-BLOCKS = [CellType.triangle, CellType.quadrilateral, CellType.hexahedron][: 1 if MANY else 3]
+HEXAHEDRON = pytest.param(CellType.hexahedron, marks=pytest.mark.slow)
+BLOCKS = [CellType.triangle, CellType.quadrilateral, HEXAHEDRON][: 1 if MANY else 3]
 
 
 def reflected(comm, cell, dim, cells, degree, wave):
@@ -211,6 +212,6 @@ if __name__ == "__main__":
                 f"{column[0]} {wave}: {reflected(MPI.COMM_WORLD, *column[1:], wave):.1e} comes back"
             )
         print(f"column {wave}: {column_error(MPI.COMM_WORLD, wave)[0]:.2g} off at the surface")
-        for cell in BLOCKS:
+        for cell in (*BLOCKS[:2], CellType.hexahedron):
             errors = block_error(MPI.COMM_WORLD, cell, wave)
             print(f"{cell.name} {wave}: {errors[0]:.2g} off, {errors[1]:.2g} without the sides")

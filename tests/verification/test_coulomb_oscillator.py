@@ -231,7 +231,9 @@ def test_exact_solution_within_the_band_rests():
         CoulombOscillator(mass=1.0, stiffness=1e4, friction=1.0, start=math.nan)
 
 
-@pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 73.0])
+@pytest.mark.parametrize(
+    "angle", [*(pytest.param(a, marks=pytest.mark.slow) for a in (0.0, 45.0)), 17.0, 73.0]
+)
 def test_displacement_in_a_turned_friction_plane(angle):
     """T/1000: friction reverses within a step, which errs in velocity by mu N dt / m at most.
 

@@ -48,7 +48,7 @@ class Clocks:
         with (
             _replaced(EffectiveMatrix, "solver", self._timed_solver),
             _replaced(Contact, "respond", self._timed_law),
-            _replaced(Contact, "respond_locally", self._timed_law),
+            _replaced(Contact, "respond_condensed", self._timed_law),
             _replaced(InterfaceSolver, "solve", self._timed_joint_solver),
             _replaced(NewtonSolver, "solve", self._timed_joint_solver),
         ):

@@ -18,10 +18,10 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.joints.contact import Contact, Rule, StatusCounts
+from dolfinx_joints.joints.contact import Contact, StatusCounts
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import JointTangent
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -101,7 +101,7 @@ class PlasticBulk:
     def trial(self, u: PETSc.Vec, state: PlasticState) -> PlasticResponse:
         """End-point answer at the displacement ``u``, from ``state`` (collective)."""
         joints = self._joints.trial(u, state) if self._joints else _no_joints()
-        return self._beside(joints, "backward_euler", self.operator.strain(u), state.bulk)
+        return self._beside(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
 
     def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
         """Answer to a change of the displacement since ``state`` (collective).
@@ -109,7 +109,7 @@ class PlasticBulk:
         Args:
             change: Displacement less that at ``state``, [m].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``backward_euler`` or ``step``.
+            rule: How the laws are asked.
         """
         joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
         strain = state.bulk.strain + self.operator.strain(change)
@@ -119,11 +119,11 @@ class PlasticBulk:
         """Answer of the laws of the local points (collective)."""
         with raised_together(self.operator.comm):
             if len(self._laws) == 1:
-                return getattr(self._laws[0][0], rule)(strain, state)
+                return getattr(self._laws[0][0], rule.name)(strain, state)
             answer = _empty_response(len(strain))
             for law, points in self._laws:
                 before = BulkState(**{name: each[points] for name, each in vars(state).items()})
-                part = getattr(law, rule)(strain[points], before)
+                part = getattr(law, rule.name)(strain[points], before)
                 for name in ("stress", "plastic_strain", "tangent", "dissipation", "status"):
                     getattr(answer, name)[points] = getattr(part, name)
                 for name in vars(state):
@@ -137,7 +137,7 @@ class PlasticBulk:
         bulk = self._ask(rule, strain, before)
         facts = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
         # A whole step sees half of the change of strain, as its matrix holds half of K.
-        softening = bulk.tangent - (0.5 if rule == "discrete_gradient" else 1.0) * self._elastic
+        softening = bulk.tangent - rule.weight * self._elastic
         return PlasticResponse(**facts, bulk=bulk, softening=softening)
 
     def force(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:

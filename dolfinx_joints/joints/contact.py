@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,22 @@ from dolfinx_joints.common.parameters import (
     check_each,
     check_kind_of,
     check_number,
-    numbers_of,
     shown,
 )
+from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.joints.operator import GapOperator
-from dolfinx_joints.laws.law import Floats, JointState, Law, Response, Status, check_law
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    AnyLaw,
+    Floats,
+    JointState,
+    Response,
+    Rule,
+    Status,
+    check_law,
+)
 
 InitialGap = float | Callable[[Floats], Floats]
-
-# How a time scheme asks the laws: at the end of a step, or for the step as a whole.
-Rule = Literal["backward_euler", "discrete_gradient"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +71,7 @@ class Contact:
     def __init__(
         self,
         operator: GapOperator,
-        laws: Law | Mapping[str, Law],
+        laws: AnyLaw | Mapping[str, AnyLaw],
         initial_gaps: Mapping[str, InitialGap] | None = None,
     ) -> None:
         """Sort the points by law."""
@@ -78,22 +84,15 @@ class Contact:
                 raise MeshError(no_such_joint(name, operator.names))
         for law in by_name.values():
             check_law("A joint law", law)
-            names = getattr(law, "internal_variables", ())
-            good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
-            check_kind_of("internal_variables", names, good, "a tuple of names")
         missing = [name for name in operator.names if name not in by_name]
         if missing:
             raise MeshError(f"The joint {missing[0]!r} has no law.")
         self.laws = {name: by_name[name] for name in operator.names}
-        self._laws: list[tuple[Law, NDArray[np.int64]]] = []
-        distinct: list[Law] = []
-        for law in by_name.values():
-            if not any(law is other for other in distinct):
-                distinct.append(law)
-        for law in distinct:
+        self._laws: list[LawPoints] = []
+        for law in {id(law): law for law in by_name.values()}.values():
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
-            self._laws.append((law, np.flatnonzero(np.isin(operator.joint, members))))
-        self._variables = max((_variables(law) for law in distinct), default=0)
+            self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
+        self._variables = max((part.variables for part in self._laws), default=0)
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         for name, gap in gaps.items():
@@ -103,7 +102,7 @@ class Contact:
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
-        return self.operator.gap(u) + self.initial_gap
+        return self.operator.jump(u) + self.initial_gap
 
     def at_rest(self, u: Any) -> JointState:
         """State without shear traction at the displacement ``u`` (collective)."""
@@ -113,17 +112,16 @@ class Contact:
         """State without shear traction and history at a gap, shape (n, 3), [m] (collective)."""
         state = JointState.at_rest(gap, variables=self._variables)
         with raised_together(self.operator.comm):
-            for law, points in self._laws:
-                if hasattr(law, "initial_variables"):
-                    first = _first_variables(law, state.gap[points])
-                    state.internal[points, : _variables(law)] = first
+            for part in self._laws:
+                first = part.initial_variables(state.gap[part.points])
+                state.internal[part.points, : part.variables] = first
         return state
 
     def trial(self, u: Any, state: JointState) -> Response:
         """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
         gap = self.gap(u)
         with raised_together(self.operator.comm):
-            return self._ask("backward_euler", gap, None, state)
+            return self._ask(BACKWARD_EULER, gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
         """Answer of the laws to a change of the displacement since ``state`` (collective).
@@ -131,13 +129,13 @@ class Contact:
         Args:
             change: Displacement less that at ``state``, [m].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, ``backward_euler`` or ``step``.
+            rule: How the laws are asked.
         """
-        gap = state.gap + self.operator.gap(change)
+        gap = state.gap + self.operator.jump(change)
         with raised_together(self.operator.comm):
             return self._ask(rule, gap, None, state)
 
-    def respond_locally(
+    def respond_condensed(
         self, trial_gap: Floats, compliance: Floats, state: JointState, rule: Rule
     ) -> Response:
         """Answer of the laws of the local points, each on its own compliance (collective).
@@ -146,34 +144,34 @@ class Contact:
             trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
             compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
             state: State at the start of the step.
-            rule: Which method of the laws is asked, in its condensed form.
+            rule: How the laws are asked.
         """
         with raised_together(self.operator.comm):
             return self._ask(rule, trial_gap, compliance, state)
 
-    def colours(self, count: int) -> list[list[tuple[Law, NDArray[np.int64]]]]:
+    def colours(self, count: int) -> list[list[LawPoints]]:
         """Local points by their number over all ranks modulo ``count``, and by law (collective)."""
         size = len(self.operator.areas)
         first = self.operator.comm.exscan(size) or 0
         colour = (first + np.arange(size)) % count
-        return [[(law, p[colour[p] == c]) for law, p in self._laws] for c in range(count)]
+        return [[part.among(colour == c) for part in self._laws] for c in range(count)]
 
-    def tractions_locally(
+    def condensed_tractions(
         self,
-        part: list[tuple[Law, NDArray[np.int64]]],
+        part: list[LawPoints],
         trial_gap: Floats,
         compliance: Floats,
         state: JointState,
         rule: Rule,
     ) -> list[tuple[NDArray[np.int64], Floats]]:
-        """Points and tractions of one of the `colours`; see `respond_locally` (collective)."""
+        """Points and tractions of one of the `colours`; see `respond_condensed` (collective)."""
         answers = []
         with raised_together(self.operator.comm):
-            for law, points in part:
-                before = _state_of(law, points, state)
-                method = _local_method(law, rule)
-                answer = method(trial_gap[points], compliance[points], before)
-                answers.append((points, answer.traction))
+            for each in part:
+                here = each.points
+                before = each.state_of(state)
+                answer = each.ask(rule, trial_gap[here], compliance[here], before)
+                answers.append((here, answer.traction))
         return answers
 
     def _ask(
@@ -181,41 +179,34 @@ class Contact:
     ) -> Response:
         """Answer of the laws of the local points, without waiting for other ranks."""
         if len(self._laws) == 1:
-            law = self._laws[0][0]
-            if compliance is None:
-                return _checked(law, _method(law, rule)(gap, state), len(gap))
-            return _checked(law, _local_method(law, rule)(gap, compliance, state), len(gap))
+            return self._laws[0].ask(rule, gap, compliance, state)
         answer = _empty_response(len(gap), self._variables)
-        for law, points in self._laws:
-            before = _state_of(law, points, state)
-            if compliance is None:
-                part = _checked(law, _method(law, rule)(gap[points], before), len(points))
-            else:
-                method = _local_method(law, rule)
-                part = _checked(law, method(gap[points], compliance[points], before), len(points))
+        for part in self._laws:
+            here = part.points
+            own = None if compliance is None else compliance[here]
+            given = part.ask(rule, gap[here], own, part.state_of(state))
             for name in ("traction", "tangent", "dissipation", "status"):
-                getattr(answer, name)[points] = getattr(part, name)
-            answer.state.gap[points] = part.state.gap
-            answer.state.elastic_slip[points] = part.state.elastic_slip
-            if columns := _variables(law):
-                answer.state.internal[points, :columns] = part.state.internal
+                getattr(answer, name)[here] = getattr(given, name)
+            answer.state.gap[here] = given.state.gap
+            answer.state.elastic_slip[here] = given.state.elastic_slip
+            if part.variables:
+                answer.state.internal[here, : part.variables] = given.state.internal
         return answer
 
-    def without_local(self, rule: Rule) -> tuple[str, ...]:
-        """Kinds of the laws that offer no local solution under a rule."""
-        kinds = {type(law).__name__ for law, _ in self._laws if _local_method(law, rule) is None}
-        return tuple(sorted(kinds))
+    def not_condensed(self, rule: Rule) -> tuple[str, ...]:
+        """Kinds of the laws that the condensed solver cannot ask under a rule."""
+        return tuple(sorted({part.kind for part in self._laws if not part.condenses(rule)}))
 
     @property
-    def without_step(self) -> tuple[str, ...]:
-        """Kinds of the laws that offer no ``step``."""
-        return tuple(sorted({type(law).__name__ for law, _ in self._laws if not _steps(law)}))
+    def without_balance(self) -> tuple[str, ...]:
+        """Kinds of the laws without an answer over a whole step."""
+        return tuple(sorted({part.kind for part in self._laws if not part.balances}))
 
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of each joint, shape (number of joints,), [J] (collective)."""
         density = np.empty(len(state.gap))
-        for law, points in self._laws:
-            density[points] = law.stored_energy(_state_of(law, points, state))
+        for part in self._laws:
+            density[part.points] = part.law.stored_energy(part.state_of(state))
         return self.integrals(density)
 
     def integrals(self, density: Floats) -> Floats:
@@ -232,14 +223,14 @@ class Contact:
     def closed_stiffness(self) -> Floats:
         """k_n and k_s of every point while closed and sticking, shape (n, 2), [Pa/m]."""
         stiffness = np.zeros((len(self.operator.areas), 2))
-        for law, points in self._laws:
-            stiffness[points] = law.closed_stiffness()
+        for part in self._laws:
+            stiffness[part.points] = part.law.closed_stiffness()
         return stiffness
 
     @property
     def rigid(self) -> bool:
         """Whether some law has infinite stiffness, on all ranks alike."""
-        return any(math.isinf(k) for law, _ in self._laws for k in law.closed_stiffness())
+        return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
     def closed_tangent(self) -> Floats:
         """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
@@ -292,92 +283,6 @@ def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     if not callable(gap):
         check_number(what, gap, lambda _: True, "finite", unit="m")
     return check_each(what, gap(places) if callable(gap) else gap, len(places))
-
-
-def _steps(law: Law) -> bool:
-    """Whether a law has an answer for whole steps of its own."""
-    return hasattr(law, "discrete_gradient")
-
-
-def _method(law: Any, rule: Rule) -> Any:
-    """Method of a law under a rule; end point where it has none for whole steps."""
-    return (
-        law.discrete_gradient if rule == "discrete_gradient" and _steps(law) else law.backward_euler
-    )
-
-
-def _local_method(law: Any, rule: Rule) -> Any:
-    """The same on a point's own compliance, None where there is none."""
-    return getattr(
-        law,
-        "condensed_discrete_gradient"
-        if rule == "discrete_gradient" and _steps(law)
-        else "condensed_backward_euler",
-        None,
-    )
-
-
-def _checked(law: Law, response: Response, count: int) -> Response:
-    """A response of ``count`` points that holds the law's internal variables.
-
-    Raises:
-        ValueError: It does not.
-    """
-    kind = type(law).__name__
-    good = isinstance(response, Response) and isinstance(response.state, JointState)
-    check_kind_of(f"What {kind} returned", response, good, "a Response")
-    given = {name: getattr(response, name) for name in _SHAPES if hasattr(response, name)}
-    given |= {"gap": response.state.gap, "elastic_slip": response.state.elastic_slip}
-    for name, array in given.items():
-        wanted_shape = (count, *_SHAPES[name])
-        numeric = isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
-        if not numeric or array.shape != wanted_shape:
-            raise ValueError(
-                f"{kind} returned {name} {shown(array)}; it must be an array of numbers of shape "
-                f"{wanted_shape}."
-            )
-    wanted = (count, _variables(law))
-    if wanted[1] and response.state.internal.shape != wanted:
-        raise ValueError(
-            f"{type(law).__name__} returned internal variables of shape "
-            f"{response.state.internal.shape}; for {wanted[0]} points and the names "
-            f"{', '.join(law.internal_variables)} it must be {wanted}."  # type: ignore[attr-defined]
-        )
-    return response
-
-
-def _first_variables(law: Any, gap: Floats) -> Floats:
-    """Internal variables of a law at rest."""
-    first, wanted = numbers_of(law.initial_variables(gap)), (len(gap), _variables(law))
-    if first is None or first.shape != wanted:
-        raise ValueError(
-            f"{type(law).__name__}.initial_variables must give numbers of shape {wanted}, one "
-            "column for each internal variable."
-        )
-    return first
-
-
-# Of the arrays of a response, after the number of points.
-_SHAPES: dict[str, tuple[int, ...]] = {
-    "traction": (3,),
-    "tangent": (3, 3),
-    "dissipation": (),
-    "status": (),
-    "gap": (3,),
-    "elastic_slip": (2,),
-}
-
-
-def _variables(law: Law) -> int:
-    """Number of internal variables of a law."""
-    return len(getattr(law, "internal_variables", ()))
-
-
-def _state_of(law: Law, points: NDArray[np.int64], state: JointState) -> JointState:
-    """The state of the points of one law."""
-    part = JointState(gap=state.gap[points], elastic_slip=state.elastic_slip[points], dt=state.dt)
-    columns = _variables(law)
-    return replace(part, internal=state.internal[points, :columns]) if columns else part
 
 
 def _empty_response(count: int, variables: int) -> Response:

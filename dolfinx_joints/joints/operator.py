@@ -69,7 +69,7 @@ class GapOperator:
         """Number of points on all ranks."""
         return int(self.matrix.getSize()[0] // 3)
 
-    def gap(self, u: PETSc.Vec) -> Floats:
+    def jump(self, u: PETSc.Vec) -> Floats:
         """B u of the local points, shape (n, 3), [m] (collective)."""
         self.matrix.mult(u, self._work)
         return self._work.getArray(readonly=True).reshape(-1, 3).copy()
@@ -137,7 +137,7 @@ class JointOperator(GapOperator):
             jointed.pairs.names,
         )
         if jointed.pairs.gaps_in_geometry:
-            self.initial_gap = self.gap(_coordinates(V))
+            self.initial_gap = self.jump(_coordinates(V))
             # Faces that touch are apart by rounding; zero counts as closed, a positive gap not.
             touching = np.abs(self.initial_gap[:, 0]) < 1e-9 * np.sqrt(self.areas)
             self.initial_gap[touching, 0] = 0.0

@@ -1,21 +1,149 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction without tension, the law of the paper, and its form without friction."""
+"""Friction without tension, the law of the paper: theory of a point, loop over points, law.
+
+At the end of a step (backward Euler) here, over a whole step in `discrete_gradient`; numbers in
+brackets are those of the equations in docs/theory.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
+from numba.extending import register_jitable
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
 from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Response
+from dolfinx_joints.laws.return_mapping import (
+    Answer,
+    Coulomb,
+    Shear,
+    Vector,
+    empty_answer,
+    put_traction,
+    response_of,
+    return_to_limit,
+    solve_points,
+    yield_function,
+)
+
+# Values of `Status`.
+STICK, SLIP = 1, 2
+
+
+@register_jitable
+def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
+    """t_n = k_n g_n of a closed point (4), in (21) h_n / (c_n + d_n); and its derivative."""
+    total = c_n + law.normal_compliance
+    stiffness = 1.0 / total if total > 0.0 else 0.0  # zero: rigid, and both sides constrained
+    return stiffness * h_n, stiffness
+
+
+@register_jitable
+def trial_traction(
+    slip: Vector, opening: float, t_n: float, stiffness: float, c_s: float, law: Coulomb
+) -> Shear:
+    """t_tr = (e0 + h_s - g_s0) / (c_s + d_s / theta): (6), with (8) where the point closes, (21).
+
+    Args:
+        slip: Elastic slip at the start plus slip of the step, [m].
+        opening: Normal gap at the start, zero if closed, [m].
+        t_n: Normal traction [Pa].
+        stiffness: d t_n / d h_n [Pa/m].
+        c_s: Tangential compliance of the structure [m/Pa].
+        law: Parameters of the joint.
+    """
+    d_n, d_s, kappa = law.normal_compliance, law.shear_compliance, law.ratio
+    k, k_slope = 0.0, 0.0
+    if opening > 0.0 and d_s < np.inf:  # d_s / theta = kappa (g_n0 + d_n |t_n|) / |t_n|
+        scaled = 1.0 / (kappa * (opening - d_n * t_n) - c_s * t_n)
+        k = -t_n * scaled
+        k_slope = -kappa * opening * scaled * scaled * stiffness
+    elif d_s < np.inf and c_s + d_s > 0.0:
+        k = 1.0 / (c_s + d_s)
+    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0))
+
+
+@register_jitable
+def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> float:
+    """Mean shear traction times plastic slip, [J/m^2]; that at the end of a rigid point.
+
+    Args:
+        before: Elastic slip at the start [m].
+        t_s: Shear traction at the end [Pa].
+        plastic: Plastic slip in contact [m].
+        d_s: Shear compliance of the joint [m/Pa].
+    """
+    (m_1, m_2), (p_1, p_2) = t_s, plastic
+    if d_s > 0.0:
+        m_1, m_2 = 0.5 * (m_1 + before[0] / d_s), 0.5 * (m_2 + before[1] / d_s)
+    return m_1 * p_1 + m_2 * p_2
+
+
+@njit(cache=True, error_model="numpy")
+def _backward_euler(
+    trial_gap: Floats,
+    compliance: Floats,
+    gap: Floats,
+    elastic_slip: Floats,
+    law: Coulomb,
+) -> Answer:
+    """Loop of `solve_backward_euler`."""
+    answer = empty_answer(trial_gap, elastic_slip)
+    traction, tangent, end_gap, end_slip, dissipation, status = answer
+    d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
+    for i in range(len(trial_gap)):
+        j = i if len(compliance) > 1 else 0
+        c_n, c_s = compliance[j, 0], compliance[j, 1]
+        h_n, opening = trial_gap[i, 0], max(gap[i, 0], 0.0)
+        e_1, e_2 = elastic_slip[i, 0], elastic_slip[i, 1]
+        slip_1, slip_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
+        if h_n > 0.0:
+            # Open: t = 0, and what slip there is becomes plastic; in flight none meets friction.
+            theta = 0.0 if opening > 0.0 else 1.0
+            plastic = (theta * slip_1 + e_1, theta * slip_2 + e_2)
+            dissipation[i] = friction_work((e_1, e_2), (0.0, 0.0), plastic, d_s)
+            continue
+        t_n, stiffness = normal_traction(h_n, c_n, law)  # (4)
+        shear = trial_traction(  # (6), (8)
+            (e_1 + slip_1, e_2 + slip_2), opening, t_n, stiffness, c_s, law
+        )
+        status[i] = STICK
+        if yield_function(t_n, shear.traction, mu) > 0.0:  # (5)
+            status[i] = SLIP
+            shear = return_to_limit(shear, t_n, stiffness, mu)  # (7), (10)
+        put_traction(i, t_n, stiffness, shear, traction, tangent)
+        t_1, t_2 = shear.traction
+        if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap
+            end_gap[i, 0] = d_n * t_n
+        end_gap[i, 1] -= c_s * t_1
+        end_gap[i, 2] -= c_s * t_2
+        if d_s < np.inf:
+            end_slip[i, 0], end_slip[i, 1] = d_s * t_1, d_s * t_2  # end of (7)
+        theta = d_n * t_n / (d_n * t_n - opening) if opening > 0.0 else 1.0  # (8)
+        plastic = (
+            theta * (end_gap[i, 1] - gap[i, 1]) - (end_slip[i, 0] - e_1),
+            theta * (end_gap[i, 2] - gap[i, 2]) - (end_slip[i, 1] - e_2),
+        )
+        dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
+    return answer
+
+
+def solve_backward_euler(
+    trial_gap: Floats, compliance: Floats, state: JointState, law: Coulomb
+) -> Answer:
+    """Tractions at the end of a step, each point on its own compliance; see `solve_points`."""
+    return solve_points(_backward_euler, trial_gap, compliance, state.gap, state.elastic_slip, law)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class FrictionNoTension:
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
@@ -29,25 +157,14 @@ class FrictionNoTension:
     |t_s| - t_n tan(alpha) reads |t_s| + t_n tan(alpha).
 
     Attributes:
-        normal_stiffness: k_n [Pa/m], positive.
-        shear_stiffness: k_s [Pa/m], not negative.
-        friction_angle_deg: alpha [degrees], at least 0 and below 90.
-
-    Raises:
-        ValueError: A parameter is out of its range.
+        normal_stiffness: k_n.
+        shear_stiffness: k_s.
+        friction_angle_deg: alpha.
     """
 
-    internal_variables: ClassVar[tuple[str, ...]] = ()
-
-    normal_stiffness: float
-    shear_stiffness: float
-    friction_angle_deg: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_stiffness(self.normal_stiffness, self.shear_stiffness)
-        check_friction_angle(self.friction_angle_deg)
+    normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+    shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
 
     @property
     def friction_coefficient(self) -> float:
@@ -65,157 +182,46 @@ class FrictionNoTension:
         return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Return mapping at the end of a step (backward Euler, closed form).
-
-        Args:
-            gap: Trial gap, shape (n, 3), [m].
-            state: State at the start of the step.
-
-        Returns:
-            Tractions, consistent tangent, trial state, friction work and status.
-        """
+        """Return mapping at the end of a step: (4) to (8), tangent (10)."""
         return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
+
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """Energy-consistent answer over a whole step: (15), (16)."""
+        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """What satisfies `backward_euler` at gap = trial_gap - compliance * t (closed form).
-
-        With the compliance c of the structure at the point, the law's stiffness k becomes
-        1 / (c + 1/k), and k_s that of the fraction of the slip that counts; nothing else changes.
-
-        Args:
-            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-            compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
-            state: State at the start of the step.
-
-        Returns:
-            The answer at that gap, its tangent being d traction / d trial_gap.
-        """
-        from dolfinx_joints.laws.return_mapping import solve_backward_euler
-
-        k_s = self.shear_stiffness
-        answer = solve_backward_euler(
-            trial_gap,
-            compliance,
-            state.gap,
-            state.elastic_slip,
-            normal_compliance=1.0 / self.normal_stiffness,
-            shear_compliance=1.0 / k_s if k_s else math.inf,
-            ratio=self.normal_stiffness / k_s if k_s else math.inf,
-            friction=self.friction_coefficient,
-        )
-        return Response(
-            traction=answer.traction,
-            tangent=answer.tangent,
-            state=JointState(gap=answer.gap, elastic_slip=answer.elastic_slip),
-            dissipation=answer.dissipation,
-            status=answer.status,
-        )
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Energy-consistent answer over a whole step, see `midpoint_law` (closed form).
-
-        Args:
-            gap: Trial gap at the end, shape (n, 3), [m].
-            state: State at the start of the step.
-
-        Returns:
-            Tractions that act over the step, consistent tangent, trial state, friction work and
-            status at the end.
-        """
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
+        """`backward_euler` at gap = trial_gap - compliance * t (21), see `CondensedLaw`."""
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness
+        shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
+        law = Coulomb(1.0 / k_n, *shear, self.friction_coefficient)
+        answer = solve_backward_euler(trial_gap, compliance, state, law)
+        return response_of(answer, elastic_slip=answer.history)
 
     def condensed_discrete_gradient(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """What satisfies `discrete_gradient` at gap = trial_gap - compliance * t."""
-        from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
-
+        """`discrete_gradient` at gap = trial_gap - compliance * t (17), see `CondensedLaw`."""
         # Without shear stiffness friction is never mobilised, as if there were none.
-        k_s = self.shear_stiffness or self.normal_stiffness
-        stored = stored_by(
-            state.gap, state.elastic_slip, self.normal_stiffness, self.shear_stiffness
-        )
-        answer = solve_step(
-            trial_gap,
-            compliance,
-            state.gap,
-            stored,
-            Stiffness(
-                normal_compliance=1.0 / self.normal_stiffness,
-                shear_compliance=1.0 / k_s,
-                ratio=self.normal_stiffness / k_s,
-                friction=self.friction_coefficient if self.shear_stiffness else 0.0,
-            ),
-        )
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness or self.normal_stiffness
+        mu = self.friction_coefficient if self.shear_stiffness else 0.0
+        stored = stored_by(state, k_n, self.shear_stiffness)
+        law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
+        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
         root = math.sqrt(self.shear_stiffness) or 1.0
-        elastic_slip: NDArray[Any] = answer.stored[:, 1:] / root
-        return Response(
-            traction=answer.traction,
-            tangent=answer.tangent,
-            state=JointState(gap=answer.gap, elastic_slip=elastic_slip),
-            dissipation=answer.dissipation,
-            status=answer.status,
-        )
+        return response_of(answer, elastic_slip=answer.history[:, 1:] / root)
 
 
-def frictionless(*, normal_stiffness: float) -> FrictionNoTension:
+@checked
+def frictionless(
+    *, normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+) -> FrictionNoTension:
     """A joint that carries pressure only: no tension, no shear.
 
     Args:
-        normal_stiffness: k_n [Pa/m], positive.
-
-    Raises:
-        ValueError: The stiffness is not positive.
+        normal_stiffness: k_n.
     """
     return FrictionNoTension(
         normal_stiffness=normal_stiffness, shear_stiffness=0.0, friction_angle_deg=0.0
-    )
-
-
-def contact_fraction(before: Floats, after: Floats) -> Floats:
-    """Fraction of a step that a point spends in contact before its end, on a straight path.
-
-    1 where it was closed at the start, after / (after - before) where it closes within the step.
-
-    Args:
-        before: Normal gap at the start, shape (n,), [m].
-        after: Normal gap at the end, zero where the point is open, shape (n,), [m].
-    """
-    opening = np.maximum(before, 0.0)
-    if not opening.any():
-        return np.ones(len(before))
-    return np.where(opening > 0.0, -after / np.where(opening > 0.0, opening - after, 1.0), 1.0)
-
-
-def check_stiffness(normal_stiffness: float, shear_stiffness: float) -> None:
-    """Refuse a joint stiffness out of its range.
-
-    Raises:
-        ValueError: k_n is not positive, or k_s negative.
-    """
-    check_number(
-        "normal_stiffness", normal_stiffness, lambda v: v > 0, "positive and finite", unit="Pa/m"
-    )
-    check_number(
-        "shear_stiffness",
-        shear_stiffness,
-        lambda v: v >= 0,
-        "zero or more and finite",
-        unit="Pa/m",
-    )
-
-
-def check_friction_angle(friction_angle_deg: float) -> None:
-    """Refuse a friction angle out of its range.
-
-    Raises:
-        ValueError: It is negative, or not below 90 degrees.
-    """
-    check_number(
-        "friction_angle_deg",
-        friction_angle_deg,
-        lambda v: 0 <= v < 90,
-        "at least 0 and below 90 degrees",
     )

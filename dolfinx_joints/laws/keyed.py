@@ -1,16 +1,17 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Simpler joints than friction, and a dashpot for any joint: frictionless, keyed, viscous."""
+"""A joint with shear keys: it opens but does not slip."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 
-from dolfinx_joints.common.parameters import hold_floats
-from dolfinx_joints.laws.friction import check_stiffness
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
 from dolfinx_joints.laws.law import (
     NO_COMPLIANCE,
     Floats,
@@ -19,31 +20,23 @@ from dolfinx_joints.laws.law import (
     Status,
     gap_under,
 )
+from dolfinx_joints.laws.return_mapping import Coulomb
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class KeyedJoint:
-    """A joint that opens but does not slip: no tension, and shear keys that hold at any opening.
+    """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
 
     t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
 
     Attributes:
-        normal_stiffness: k_n [Pa/m], positive.
-        shear_stiffness: k_s [Pa/m], not negative.
-
-    Raises:
-        ValueError: A parameter is out of its range.
+        normal_stiffness: k_n.
+        shear_stiffness: k_s.
     """
 
-    internal_variables: ClassVar[tuple[str, ...]] = ()
-
-    normal_stiffness: float
-    shear_stiffness: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_stiffness(self.normal_stiffness, self.shear_stiffness)
+    normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+    shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s, [Pa/m]."""
@@ -66,7 +59,7 @@ class KeyedJoint:
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """What satisfies `backward_euler`; see `FrictionNoTension.condensed_backward_euler`."""
+        """`backward_euler` at gap = trial_gap - compliance * t; see `CondensedLaw`."""
         k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
         closed = trial_gap[:, 0] <= 0.0
         t_n = np.where(closed, k_n * trial_gap[:, 0], 0.0)
@@ -77,19 +70,11 @@ class KeyedJoint:
     def condensed_discrete_gradient(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """What satisfies `discrete_gradient`; see `FrictionNoTension.condensed_backward_euler`."""
-        from dolfinx_joints.laws.discrete_gradient import Stiffness, solve_step, stored_by
-
+        """`discrete_gradient` at gap = trial_gap - compliance * t; see `CondensedLaw`."""
         k_n = self.normal_stiffness
-        answer = solve_step(
-            trial_gap,
-            compliance,
-            state.gap,
-            stored_by(state.gap, np.zeros_like(state.elastic_slip), k_n, k_n),
-            Stiffness(
-                normal_compliance=1.0 / k_n, shear_compliance=1.0 / k_n, ratio=1.0, friction=0.0
-            ),
-        )
+        at_start = stored_by(state, k_n, 0.0)
+        law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
+        answer = solve_discrete_gradient(trial_gap, compliance, state, at_start, law)
         normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap[:, 0])
         return self._with_keys(trial_gap, compliance, state, normal, mean=0.5)
 

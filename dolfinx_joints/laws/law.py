@@ -1,29 +1,27 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint laws and their return mapping: arrays in, arrays out.
+"""Protocols of joint laws, with their states and responses: arrays in, arrays out.
 
 A law sees the gap vector of each joint point in the local frame (n, s1, s2), with the initial gap
 already included: ``gap[:, 0] > 0`` is open, ``gap[:, 0] <= 0`` closed, tractions are negative in
 compression. A trial never changes the state it starts from; whoever accepts a step keeps the state
 that the trial returned.
+
+A joint takes a `Law`, or a `CondensedLaw` with the condensed solver alone. A law may give more:
+`EnergyConsistentLaw`, `CondensedEnergyConsistentLaw`, `LawWithHistory`, `RateDependentLaw`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import (
-    check_kind_of,
-    numbers_of,
-    offers,
-    shown,
-)
+from dolfinx_joints.common.parameters import shown
 
 Floats = NDArray[np.float64]
 
@@ -31,11 +29,35 @@ NO_COMPLIANCE: Floats = np.zeros((1, 2))
 
 
 class Status(IntEnum):
-    """What a joint point does."""
+    """Contact of a joint point."""
 
     OPEN = 0
     STICK = 1
     SLIP = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rule:
+    """How a time scheme asks the laws.
+
+    Attributes:
+        name: The method asked.
+        weight: Part of its stiffness that a sticking point shows, d t / d gap over k.
+        dt: Length of the step [s], infinite in statics.
+    """
+
+    name: str
+    weight: float
+    dt: float = math.inf
+
+    def over(self, dt: float) -> Rule:
+        """The rule for a step of length dt [s]."""
+        return replace(self, dt=dt)
+
+
+# At the end of a step, and by the mean of a step, in which energy balances.
+BACKWARD_EULER = Rule(name="backward_euler", weight=1.0)
+DISCRETE_GRADIENT = Rule(name="discrete_gradient", weight=0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,14 +67,12 @@ class JointState:
     Attributes:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
         elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
-        internal: Further variables of the laws that have some, shape (n, m); zero at first.
-        dt: Length of the step that starts here, infinite in statics [s].
+        internal: Further variables of the laws that have some, shape (n, m).
     """
 
     gap: Floats
     elastic_slip: Floats
     internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    dt: float = math.inf
 
     @classmethod
     def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:
@@ -91,23 +111,9 @@ class Response:
     status: NDArray[np.int8]
 
 
+@runtime_checkable
 class Law(Protocol):
-    """What a joint needs from a law; implement it to use a law of your own.
-
-    A law may also offer
-
-    - ``discrete_gradient(gap, state)``, its answer over a whole step from ``state.gap`` to ``gap``
-      such that the work of the traction over the step is what the joint stores and dissipates;
-      without it energy-consistent schemes use ``backward_euler`` for this law, and what that loses
-      is counted as numerical;
-    - ``condensed_backward_euler(trial_gap, compliance, state)`` and
-      ``condensed_discrete_gradient`` with the same arguments, as `FrictionNoTension` does; without
-      them a model is solved on the monolithic path.
-
-    A law with a history of its own names it in ``internal_variables``, a tuple of strings: it then
-    finds one column for each in ``state.internal``, zero at first unless the law has a method
-    ``initial_variables(gap)``, and returns the new ones in the state of its response.
-    """
+    """A joint law that follows from gaps; implement it for a user-defined law."""
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Traction and consistent tangent at the end of a step, gap of shape (n, 3), [m]."""
@@ -119,25 +125,105 @@ class Law(Protocol):
         """Normal and shear stiffness while closed and sticking, [Pa/m]."""
 
 
+@runtime_checkable
+class EnergyConsistentLaw(Law, Protocol):
+    """A law with an answer over a whole step.
+
+    Energy-consistent schemes ask other laws for `Law.backward_euler`; what that loses is counted as
+    numerical.
+    """
+
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """Traction whose work from ``state.gap`` to ``gap`` is what is stored and dissipated."""
+
+
+@runtime_checkable
+class CondensedLaw(Protocol):
+    """A law that the condensed solver takes; models with any other take the monolithic path.
+
+    A law that is not a `Law` besides, as a rigid joint, carries nothing that follows from its gap.
+    """
+
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Answer at the end of a step at gap = trial_gap - compliance * traction.
+
+        Args:
+            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
+            state: State at the start of the step.
+
+        Returns:
+            The answer at that gap, its tangent being d traction / d trial_gap.
+        """
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy per area of a state, shape (n,), [J/m^2]."""
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """Normal and shear stiffness while closed and sticking, infinite if rigid, [Pa/m]."""
+
+
+@runtime_checkable
+class CondensedEnergyConsistentLaw(CondensedLaw, Protocol):
+    """A law that the condensed solver can ask over a whole step."""
+
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Answer over a step that ends at gap = trial_gap - compliance * traction."""
+
+
+@runtime_checkable
+class LawWithHistory(Protocol):
+    """A law with internal variables: it finds a column of ``state.internal`` for each.
+
+    It returns the new ones in the state of its response.
+    """
+
+    @property
+    def internal_variables(self) -> tuple[str, ...]:
+        """Their names."""
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Their values at rest at a gap of shape (n, 3), shape (n, number of variables)."""
+
+
+@runtime_checkable
+class RateDependentLaw(Law, Protocol):
+    """A law that depends on the rate of the gap; its own methods are those of statics."""
+
+    def for_step(self, dt: float) -> Law:
+        """The law of a step of length dt [s], infinite in statics."""
+
+
+AnyLaw: TypeAlias = Law | CondensedLaw
+
+
 def gap_under(trial_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
-    """The gap that a traction leaves of a free gap, shape (n, 3), [m]."""
+    """The gap that a traction leaves of a trial gap, shape (n, 3), [m]."""
     gap = trial_gap.copy()
     gap[:, 0] -= compliance[:, 0] * traction[:, 0]
     gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
     return gap
 
 
+def is_law(value: Any) -> TypeGuard[AnyLaw]:
+    """Whether a value is a joint law; a class in the place of an object is none."""
+    return not isinstance(value, type) and isinstance(value, Law | CondensedLaw)
+
+
 def check_law(name: str, law: Any) -> None:
-    """Refuse what is no joint law.
+    """Check that a value is a joint law.
 
     Raises:
-        ValueError: It has not the methods of one, or its stiffness is none.
+        ValueError: It does not give what one gives.
     """
-    good = offers(law, "backward_euler", "stored_energy", "closed_stiffness")
-    check_kind_of(name, law, good, "a joint law")
-    stiffness = numbers_of(law.closed_stiffness())
-    if stiffness is None or stiffness.shape != (2,) or not (stiffness >= 0.0).all():
-        raise ValueError(
-            f"{type(law).__name__}.closed_stiffness() gives {shown(law.closed_stiffness())}; it "
-            "must be two numbers of zero or more, k_n and k_s."
-        )
+    if not is_law(law):
+        raise ValueError(f"{name} is {shown(law)}; it must be a joint law.")
+
+
+def variables_of(law: Any) -> tuple[str, ...]:
+    """Names of the internal variables of a law."""
+    return law.internal_variables if isinstance(law, LawWithHistory) else ()

@@ -6,17 +6,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
-from dolfinx_joints.laws.friction import check_friction_angle, check_stiffness, contact_fraction
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.laws.return_mapping import contact_fraction
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class MohrCoulombJoint:
     """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
 
@@ -30,54 +32,45 @@ class MohrCoulombJoint:
     raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
     grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
     for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
-    have no bond. There is no ``condensed_backward_euler``: models take the monolithic path.
+    have no bond. It is no
+    `CondensedLaw`: models take the monolithic path.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 
     Attributes:
-        normal_stiffness: k_n [Pa/m], positive.
-        shear_stiffness: k_s [Pa/m], not negative.
-        friction_angle_deg: alpha [degrees], at least 0 and below 90.
-        cohesion: c [Pa], not negative.
-        tensile_strength: f_t [Pa], not negative, at most c / tan(alpha).
-        dilatancy_angle_deg: psi [degrees], at least 0 and at most alpha (beyond it friction would
-            give energy away).
+        normal_stiffness: k_n.
+        shear_stiffness: k_s.
+        friction_angle_deg: alpha.
+        cohesion: c.
+        tensile_strength: f_t, at most c / tan(alpha).
+        dilatancy_angle_deg: psi, at most alpha (beyond it friction would give energy away).
 
     Raises:
-        ValueError: A parameter is out of its range.
+        ValueError: Two parameters contradict each other.
     """
 
     internal_variables: ClassVar[tuple[str, ...]] = ("broken", "dilation")
 
-    normal_stiffness: float
-    shear_stiffness: float
-    friction_angle_deg: float
-    cohesion: float = 0.0
-    tensile_strength: float = 0.0
-    dilatancy_angle_deg: float = 0.0
+    normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
+    shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
+    cohesion: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0
+    tensile_strength: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0
+    dilatancy_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_stiffness(self.normal_stiffness, self.shear_stiffness)
-        check_friction_angle(self.friction_angle_deg)
-        for name in ("cohesion", "tensile_strength"):
-            value = getattr(self, name)
-            check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa")
-        mu = self.friction_coefficient
-        check_number(
-            "tensile_strength",
-            self.tensile_strength,
-            lambda v: mu * v <= self.cohesion * (1.0 + 1e-12),
-            f"at most cohesion / tan(friction angle), {self.cohesion / (mu or math.inf):g} Pa",
-            unit="Pa",
-        )
-        check_number(
-            "dilatancy_angle_deg",
-            self.dilatancy_angle_deg,
-            lambda v: 0 <= v <= self.friction_angle_deg,
-            f"at least 0 and at most the friction angle, {self.friction_angle_deg:g} degrees",
-        )
+        """Check strengths and angles against each other."""
+        mu, alpha = self.friction_coefficient, self.friction_angle_deg
+        if mu * self.tensile_strength > self.cohesion * (1.0 + 1e-12):
+            raise ValueError(
+                f"MohrCoulombJoint: tensile_strength is {self.tensile_strength:g} Pa; it must be "
+                f"at most cohesion / tan(friction angle), {self.cohesion / mu:g} Pa."
+            )
+        if self.dilatancy_angle_deg > alpha:
+            raise ValueError(
+                f"MohrCoulombJoint: dilatancy_angle_deg is {self.dilatancy_angle_deg:g} degrees; "
+                f"it must be at most the friction angle, {alpha:g} degrees."
+            )
 
     @property
     def friction_coefficient(self) -> float:

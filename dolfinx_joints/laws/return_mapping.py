@@ -1,177 +1,184 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction without tension at the end of a step: backward Euler, in closed form.
+"""Coulomb's limit and the return onto it, of one point: what all rules of friction share.
 
-Each point sits on a compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
+Plain functions of numbers in the order of the theory (docs/theory), numbers of its equations beside
+the lines; loops over points, compiled by numba, take them as they stand. `friction` has the loop
+for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
+`trial_traction`.
+
+numba keeps compiled loops until the file of the loop changes: touch both after a change here.
+
+A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
 itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a
-case like any other. Where a point closes within the step, only the slip after touching loads it:
-with the path taken as straight, the fraction d |t_n| / (gap_n0 + d |t_n|) of the slip, which stands
-for the shear compliance kappa (gap_n0 + d |t_n|) / |t_n|, kappa = k_n / k_s.
+case like any other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dolfinx_joints.laws.law import Floats, JointState, Response
 
-# Values of `dolfinx_joints.laws.law.Status`.
-OPEN, STICK, SLIP = 0, 1, 2
+Vector = tuple[float, float]
 
 
-@dataclass(frozen=True, kw_only=True)
-class BackwardEulerAnswer:
-    """What `solve_backward_euler` gives for ``n`` points.
+class Coulomb(NamedTuple):
+    """Parameters of the points of one law.
+
+    Attributes:
+        normal_compliance: d_n = 1 / k_n [m/Pa], zero if rigid.
+        shear_compliance: d_s = 1 / k_s [m/Pa], zero if rigid, infinite without shear stiffness.
+        ratio: kappa = k_n / k_s.
+        friction: mu.
+    """
+
+    normal_compliance: float
+    shear_compliance: float
+    ratio: float
+    friction: float
+
+
+class Shear(NamedTuple):
+    """Shear traction of a point with its derivatives by the trial gap h.
+
+    Attributes:
+        traction: t_s [Pa].
+        by_normal: d t_s / d h_n [Pa/m].
+        by_shear: Components 11, 22 and 12 of d t_s / d h_s, which is symmetric [Pa/m].
+    """
+
+    traction: Vector
+    by_normal: Vector
+    by_shear: tuple[float, float, float]
+
+
+class Answer(NamedTuple):
+    """The answer of ``n`` points.
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d trial_gap, shape (n, 3, 3), [Pa/m].
-        gap: Gap at the end, shape (n, 3), [m].
-        elastic_slip: At the end, shape (n, 2), [m].
+        gap: Gap at the end of the step, shape (n, 3), [m].
+        history: The same variables at the end of the step as the loop was given for its start.
         dissipation: Friction work of the step, shape (n,), [J/m^2].
-        status: Open, stick or slip, shape (n,).
+        status: `Status` at the end of the step, shape (n,).
     """
 
     traction: Floats
     tangent: Floats
     gap: Floats
-    elastic_slip: Floats
+    history: Floats
     dissipation: Floats
     status: NDArray[np.int8]
 
 
-def solve_backward_euler(
-    trial_gap: Floats,
-    compliance: Floats,
-    gap: Floats,
-    elastic_slip: Floats,
-    *,
-    normal_compliance: float,
-    shear_compliance: float,
-    ratio: float,
-    friction: float,
-) -> BackwardEulerAnswer:
-    """Tractions at the end of a step, each point on its own compliance.
+@register_jitable
+def yield_function(t_n: float, t_s: Vector, mu: float) -> float:
+    """Phi = |t_s| + mu t_n, positive beyond the limit (5), [Pa]."""
+    return np.sqrt(t_s[0] * t_s[0] + t_s[1] * t_s[1]) + mu * t_n
+
+
+@register_jitable
+def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Shear:
+    """Shear traction on the limit, along the trial one (7), with the tangent of slip (10).
+
+    Args:
+        trial: Trial traction with its derivatives.
+        t_n: Normal traction [Pa].
+        stiffness: d t_n / d h_n [Pa/m].
+        mu: Friction coefficient.
+    """
+    (t_1, t_2), (n_1, n_2), (s_11, s_22, s_12) = trial.traction, trial.by_normal, trial.by_shear
+    size = np.sqrt(t_1 * t_1 + t_2 * t_2)
+    if size == 0.0:
+        size = 1.0
+    m_1, m_2 = t_1 / size, t_2 / size
+    limit = -mu * t_n
+    ratio = limit / size
+    # m (m . derivative) changes the size of the trial traction alone, which does not matter here.
+    n_m, s_1m, s_2m = m_1 * n_1 + m_2 * n_2, m_1 * s_11 + m_2 * s_12, m_1 * s_12 + m_2 * s_22
+    return Shear(
+        (limit * m_1, limit * m_2),
+        (
+            ratio * (n_1 - m_1 * n_m) - mu * stiffness * m_1,
+            ratio * (n_2 - m_2 * n_m) - mu * stiffness * m_2,
+        ),
+        (ratio * (s_11 - m_1 * s_1m), ratio * (s_22 - m_2 * s_2m), ratio * (s_12 - m_1 * s_2m)),
+    )
+
+
+@register_jitable
+def put_traction(
+    i: int, t_n: float, stiffness: float, shear: Shear, traction: Floats, tangent: Floats
+) -> None:
+    """Write traction and tangent of the point ``i`` into the arrays of all points."""
+    traction[i, 0], tangent[i, 0, 0] = t_n, stiffness
+    traction[i, 1], traction[i, 2] = shear.traction
+    tangent[i, 1, 0], tangent[i, 2, 0] = shear.by_normal
+    tangent[i, 1, 1], tangent[i, 2, 2] = shear.by_shear[0], shear.by_shear[1]
+    tangent[i, 1, 2] = tangent[i, 2, 1] = shear.by_shear[2]
+
+
+@register_jitable
+def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
+    """Arrays for the answer: zeros, the gap being the trial gap."""
+    count, kind = len(trial_gap), trial_gap.dtype
+    return Answer(
+        np.zeros((count, 3), kind),
+        np.zeros((count, 3, 3), kind),
+        trial_gap.copy(),
+        np.zeros(history.shape, kind),
+        np.zeros(count, kind),
+        np.zeros(count, np.int8),
+    )
+
+
+def solve_points(
+    loop: Any, trial_gap: Floats, compliance: Floats, gap: Floats, history: Floats, law: Coulomb
+) -> Answer:
+    """Tractions of points, each on its own compliance, in closed form.
 
     Compiled for double precision; arrays of any other type are worked on by the interpreter.
 
     Args:
-        trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-        compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
+        loop: The compiled loop.
+        trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
+        compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         gap: Gap at the start of the step, shape (n, 3), [m].
-        elastic_slip: At the start of the step, shape (n, 2), [m].
-        normal_compliance: 1 / k_n [m/Pa], zero if rigid.
-        shear_compliance: 1 / k_s [m/Pa], zero if rigid, infinite without shear stiffness.
-        ratio: k_n / k_s.
-        friction: mu.
+        history: What else the points know of the start, shape (n, m).
+        law: Parameters of the joint.
     """
-    count, kind = len(trial_gap), trial_gap.dtype
-    answer = BackwardEulerAnswer(
-        traction=np.zeros((count, 3), kind),
-        tangent=np.zeros((count, 3, 3), kind),
-        gap=trial_gap.copy(),
-        elastic_slip=np.zeros((count, 2), kind),
-        dissipation=np.empty(count, kind),
-        status=np.zeros(count, np.int8),
-    )
-    march = _solve_end_point if kind == np.float64 else _solve_end_point.py_func
-    march(
-        trial_gap,
-        compliance,
-        gap,
-        elastic_slip,
-        normal_compliance,
-        shear_compliance,
-        ratio,
-        friction,
-        answer.traction,
-        answer.tangent,
-        answer.gap,
-        answer.elastic_slip,
-        answer.dissipation,
-        answer.status,
-    )
+    work = loop if trial_gap.dtype == np.float64 else loop.py_func
+    answer: Answer = work(trial_gap, compliance, gap, history, law)
     return answer
 
 
-@njit(cache=True, error_model="numpy")
-def _solve_end_point(
-    trial_gap: Floats,
-    compliance: Floats,
-    gap: Floats,
-    elastic_slip: Floats,
-    d_n: float,
-    d_s: float,
-    kappa: float,
-    mu: float,
-    traction: Floats,
-    tangent: Floats,
-    end_gap: Floats,
-    end_slip: Floats,
-    dissipation: Floats,
-    status: NDArray[np.int8],
-) -> None:
-    """`solve_backward_euler` into arrays; end_gap holds the free gap at first."""
-    shears = d_s < np.inf
-    for i in range(len(trial_gap)):
-        j = i if len(compliance) > 1 else 0
-        c_n, c_s = compliance[j, 0], compliance[j, 1]
-        e_1, e_2 = elastic_slip[i, 0], elastic_slip[i, 1]
-        opening = max(gap[i, 0], 0.0 * c_n)
-        zero = 0.0 * c_n
-        held_1, held_2 = (e_1 / d_s, e_2 / d_s) if d_s > 0.0 else (zero, zero)
-        if trial_gap[i, 0] > 0.0:
-            # What slip there is becomes plastic; none of it meets friction in flight.
-            rubbed = zero if opening > 0.0 else 1.0 + zero
-            plastic_1 = rubbed * (trial_gap[i, 1] - gap[i, 1]) + e_1
-            plastic_2 = rubbed * (trial_gap[i, 2] - gap[i, 2]) + e_2
-            dissipation[i] = 0.5 * (held_1 * plastic_1 + held_2 * plastic_2)
-            continue
-        lead = c_n + d_n
-        slope = 1.0 / lead if lead > 0.0 else zero  # zero: rigid, and both sides held
-        t_n = slope * trial_gap[i, 0]
-        pressure = -t_n
-        slip_1 = e_1 + trial_gap[i, 1] - gap[i, 1]
-        slip_2 = e_2 + trial_gap[i, 2] - gap[i, 2]
-        fraction, k, k_slope = 1.0 + zero, zero, zero
-        if opening > 0.0:
-            way = opening + d_n * pressure
-            fraction = d_n * pressure / way
-            if shears:
-                per_pressure = 1.0 / (c_s * pressure + kappa * way)
-                k = pressure * per_pressure
-                k_slope = -kappa * opening * per_pressure * per_pressure * slope
-        elif shears and c_s + d_s > 0.0:
-            k = 1.0 / (c_s + d_s)
-        t_1, t_2 = k * slip_1, k * slip_2
-        size, limit = np.hypot(t_1, t_2), mu * pressure
-        traction[i, 0], tangent[i, 0, 0] = t_n, slope
-        if size > limit:
-            status[i] = SLIP
-            along_1, along_2 = t_1 / size, t_2 / size
-            t_1, t_2, k = limit * along_1, limit * along_2, k * limit / size
-            tangent[i, 1, 0], tangent[i, 2, 0] = -mu * slope * along_1, -mu * slope * along_2
-            tangent[i, 1, 1] = k * (1.0 - along_1 * along_1)
-            tangent[i, 2, 2] = k * (1.0 - along_2 * along_2)
-            tangent[i, 1, 2] = tangent[i, 2, 1] = -k * along_1 * along_2
-        else:
-            status[i] = STICK
-            tangent[i, 1, 0], tangent[i, 2, 0] = k_slope * slip_1, k_slope * slip_2
-            tangent[i, 1, 1] = tangent[i, 2, 2] = k
-        traction[i, 1], traction[i, 2] = t_1, t_2
-        if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap
-            end_gap[i, 0] = d_n * t_n
-        end_gap[i, 1] = trial_gap[i, 1] - c_s * t_1
-        end_gap[i, 2] = trial_gap[i, 2] - c_s * t_2
-        mean_1, mean_2 = t_1, t_2
-        if shears:
-            end_slip[i, 0], end_slip[i, 1] = d_s * t_1, d_s * t_2
-            if d_s > 0.0:
-                mean_1, mean_2 = 0.5 * (t_1 + held_1), 0.5 * (t_2 + held_2)
-        plastic_1 = fraction * (end_gap[i, 1] - gap[i, 1]) - (end_slip[i, 0] - e_1)
-        plastic_2 = fraction * (end_gap[i, 2] - gap[i, 2]) - (end_slip[i, 1] - e_2)
-        dissipation[i] = mean_1 * plastic_1 + mean_2 * plastic_2
+def response_of(answer: Answer, **history: NDArray[Any]) -> Response:
+    """The answer of a law whose state has a history, ``elastic_slip`` and ``internal``."""
+    return Response(
+        traction=answer.traction,
+        tangent=answer.tangent,
+        state=JointState(gap=answer.gap, **history),
+        dissipation=answer.dissipation,
+        status=answer.status,
+    )
+
+
+def contact_fraction(before: Floats, after: Floats) -> Floats:
+    """Fraction theta of a step that points spend in contact before its end (8), on a straight path.
+
+    1 where it was closed at the start, after / (after - before) where it closes within the step.
+
+    Args:
+        before: Normal gap at the start, shape (n,), [m].
+        after: Normal gap at the end, zero where the point is open, shape (n,), [m].
+    """
+    opening = np.maximum(before, 0.0)
+    if not opening.any():
+        return np.ones(len(before))
+    return np.where(opening > 0.0, -after / np.where(opening > 0.0, opening - after, 1.0), 1.0)

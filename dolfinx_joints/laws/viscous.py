@@ -4,16 +4,31 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
-from dolfinx_joints.laws.friction import contact_fraction
-from dolfinx_joints.laws.law import Floats, JointState, Law, Response, Status, check_law
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.laws.law import (
+    EnergyConsistentLaw,
+    Floats,
+    JointState,
+    Law,
+    LawWithHistory,
+    Response,
+    Status,
+    variables_of,
+)
+from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
+from dolfinx_joints.laws.return_mapping import contact_fraction
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ViscousJoint:
     """A joint law with dashpots that act while the joint is closed.
 
@@ -23,38 +38,72 @@ class ViscousJoint:
         t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
 
     where the point is closed at the end of the step; t_s is never larger than the pressure, else it
-    would stop at once where the joint opens. In statics the dashpots are at rest. There is no
-    ``condensed_backward_euler``: models take the monolithic path.
+    would stop at once where the joint opens. In statics the dashpots are at rest. It is no
+    `CondensedLaw`: models take the monolithic path.
 
     Attributes:
         law: The law without dashpots, without dilatancy.
-        normal_viscosity: eta_n [Pa s/m], not negative.
-        shear_viscosity: eta_s [Pa s/m], not negative.
+        normal_viscosity: eta_n.
+        shear_viscosity: eta_s.
 
     Raises:
-        ValueError: A parameter is out of its range.
+        ValueError: ``law`` is no `Law`, or has a dilatancy angle.
     """
 
     law: Law
-    normal_viscosity: float = 0.0
-    shear_viscosity: float = 0.0
+    normal_viscosity: Annotated[float, at.Ge(0), at.Unit("Pa s/m")] = 0.0
+    shear_viscosity: Annotated[float, at.Ge(0), at.Unit("Pa s/m")] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_law("law", self.law)
-        if getattr(self.law, "dilatancy_angle_deg", 0.0):
+        """Check the law."""
+        if isinstance(self.law, type) or not isinstance(self.law, Law):
             raise ValueError(
-                "law has a dilatancy angle; dashpots are for joints that close at a gap of zero."
+                f"ViscousJoint: law is {shown(self.law)}; it must be a joint law of finite "
+                "stiffness."
             )
-        for name in ("normal_viscosity", "shear_viscosity"):
-            value = getattr(self, name)
-            check_number(name, value, lambda v: v >= 0, "zero or more and finite", unit="Pa s/m")
+        if isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg:
+            raise ValueError(
+                "ViscousJoint: law has a dilatancy angle; dashpots are for joints that close at a "
+                "gap of zero."
+            )
 
     @property
     def internal_variables(self) -> tuple[str, ...]:
         """Those of the law."""
-        return getattr(self.law, "internal_variables", ())
+        return variables_of(self.law)
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Those of the law."""
+        if isinstance(self.law, LawWithHistory):
+            return self.law.initial_variables(gap)
+        return np.zeros((len(gap), 0))
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s of the law, [Pa/m]."""
+        return self.law.closed_stiffness()
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """Elastic energy of the law, shape (n,), [J/m^2]."""
+        return self.law.stored_energy(state)
+
+    def backward_euler(self, gap: Floats, state: JointState) -> Response:
+        """The law's answer in statics."""
+        return self.for_step(math.inf).backward_euler(gap, state)
+
+    def for_step(self, dt: float) -> EnergyConsistentLaw:
+        """The law of a step of length dt [s], infinite in statics."""
+        return DashpotStep(
+            law=self.law, normal=self.normal_viscosity / dt, shear=self.shear_viscosity / dt
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DashpotStep:
+    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m]."""
+
+    law: Law
+    normal: float
+    shear: float
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s of the law, [Pa/m]."""
@@ -70,31 +119,31 @@ class ViscousJoint:
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """The same for the law's answer over a whole step, or at its end if it has no other."""
-        answer = getattr(self.law, "discrete_gradient", self.law.backward_euler)(gap, state)
-        return self._with_dashpots(answer, gap, state)
+        if not isinstance(self.law, EnergyConsistentLaw):
+            return self.backward_euler(gap, state)
+        return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
 
     def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:
-        """Add what the dashpots carry where the point is closed at the end of the step."""
+        """The answer with the tractions of dashpots where the point is closed at the end."""
         closed = answer.status != Status.OPEN
-        eta_n, eta_s = self.normal_viscosity / state.dt, self.shear_viscosity / state.dt
         before, after = state.gap[:, 0], np.minimum(gap[:, 0], 0.0)
         pressed = after - np.minimum(before, 0.0)
         # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
         most = np.maximum(-answer.traction[:, 0], 0.0)
-        dash_n = np.where(closed, np.minimum(eta_n * pressed, most), 0.0)
-        acts = closed & (dash_n == eta_n * pressed)
+        dash_n = np.where(closed, np.minimum(self.normal * pressed, most), 0.0)
+        acts = closed & (dash_n == self.normal * pressed)
         fraction = contact_fraction(before, after)
         slip = gap[:, 1:] - state.gap[:, 1:]
         tangent = answer.tangent.copy()
         tangent[~acts & closed & (answer.traction[:, 0] <= 0.0), 0] = 0.0
-        tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), eta_n, 0.0)
+        tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), self.normal, 0.0)
         t_n = answer.traction[:, 0] + dash_n
         rates: Floats = np.zeros((len(gap), 2, 3))
         landing = closed & (before > 0.0) & (gap[:, 0] <= 0.0)
         way = np.where(landing, before - after, 1.0)
-        rates[:, :, 0] = np.where(landing, -eta_s * (before / way) / way, 0.0)[:, None] * slip
-        rates[:, 0, 1] = rates[:, 1, 2] = np.where(closed, eta_s * fraction, 0.0)
-        dash_s = np.where(closed, eta_s * fraction, 0.0)[:, None] * slip
+        rates[:, :, 0] = np.where(landing, -self.shear * (before / way) / way, 0.0)[:, None] * slip
+        rates[:, 0, 1] = rates[:, 1, 2] = np.where(closed, self.shear * fraction, 0.0)
+        dash_s = np.where(closed, self.shear * fraction, 0.0)[:, None] * slip
         falling = np.where(t_n[:, None] < 0.0, -tangent[:, 0], 0.0)
         dash_s, rates = _at_most(dash_s, rates, np.maximum(-t_n, 0.0), falling)
         tangent[:, 1:] += rates

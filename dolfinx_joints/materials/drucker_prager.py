@@ -6,24 +6,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import (
-    check_choice,
-    check_kind_of,
-    check_number,
-    hold_floats,
-    offers,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.materials.elastic import Elastic
 
 Floats = NDArray[np.float64]
-
-# To which states of stress Drucker-Prager's cone gives the strength of Mohr-Coulomb.
-FITS = ("compression", "extension", "plane strain")
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 # Deviatoric stress of a unit shear modulus over 2 from strains with angles.
@@ -32,6 +26,7 @@ _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class DruckerPrager:
     """Elastic, perfectly plastic rock or soil: a cone in the space of stresses, own dilatancy.
 
@@ -41,49 +36,38 @@ class DruckerPrager:
 
     Attributes:
         elastic: Material below the limit.
-        cohesion: c [Pa], not negative; positive without friction.
-        friction_angle_deg: phi [degrees], at least 0 and below 90.
-        dilatancy_angle_deg: psi [degrees], from 0 to phi; phi (associated flow) unless given.
+        cohesion: c, positive without friction.
+        friction_angle_deg: phi.
+        dilatancy_angle_deg: psi, at most phi; phi (associated flow) unless given.
         fit: Where the strength is that of Mohr-Coulomb: ``compression`` or ``extension`` (triaxial
             tests), ``plane strain`` (collapse at psi = phi).
 
     Raises:
-        ValueError: A parameter is out of its range.
+        ValueError: Two parameters contradict each other.
     """
 
     elastic: Elastic
-    cohesion: float
-    friction_angle_deg: float
-    dilatancy_angle_deg: float | None = None
-    fit: str = "compression"
+    cohesion: Annotated[float, at.Ge(0), at.Unit("Pa")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
+    dilatancy_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
+    fit: Literal["compression", "extension", "plane strain"] = "compression"
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        good = offers(self.elastic, "first_lame") and hasattr(self.elastic, "density")
-        check_kind_of("DruckerPrager: elastic", self.elastic, good, "an Elastic")
-        check_number(
-            "DruckerPrager: friction_angle_deg",
-            self.friction_angle_deg,
-            lambda v: 0 <= v < 90,
-            "at least 0 and below 90 degrees",
-        )
-        friction = float(self.friction_angle_deg)
-        check_number(
-            "DruckerPrager: cohesion",
-            self.cohesion,
-            lambda v: v > 0 or (v == 0 and friction > 0),
-            "positive and finite, or zero with friction",
-            unit="Pa",
-        )
-        if self.dilatancy_angle_deg is not None:
-            check_number(
-                "DruckerPrager: dilatancy_angle_deg",
-                self.dilatancy_angle_deg,
-                lambda v: 0 <= v <= friction,
-                f"from 0 to the friction angle, {friction:g} degrees",
+        """Check the elastic part, and strengths and angles against each other."""
+        if not isinstance(self.elastic, Elastic):
+            raise ValueError(
+                f"DruckerPrager: elastic is {shown(self.elastic)}; it must be an Elastic."
             )
-        check_choice("DruckerPrager: fit", self.fit, FITS)
+        phi = self.friction_angle_deg
+        if self.cohesion == 0.0 and phi == 0.0:
+            raise ValueError(
+                "DruckerPrager: cohesion is 0 Pa; it must be positive where there is no friction."
+            )
+        if self.dilatancy_angle_deg is not None and self.dilatancy_angle_deg > phi:
+            raise ValueError(
+                f"DruckerPrager: dilatancy_angle_deg is {self.dilatancy_angle_deg:g} degrees; it "
+                f"must be at most the friction angle, {phi:g} degrees."
+            )
 
     @property
     def slope(self) -> float:

@@ -5,38 +5,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_number, hold_floats
+from dolfinx_joints.common.declared import checked
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Elastic:
     """Isotropic linear elastic material.
 
     Attributes:
-        young: Young's modulus E [Pa], positive.
-        poisson: Poisson's ratio nu, above -1 and below 0.5.
-        density: Mass density rho [kg/m^3], not negative.
-
-    Raises:
-        ValueError: A parameter is out of its range.
+        young: Young's modulus E.
+        poisson: Poisson's ratio nu.
+        density: Mass density rho.
     """
 
-    young: float
-    poisson: float
-    density: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        check_number("young", self.young, lambda v: v > 0, "positive and finite", unit="Pa")
-        check_number("poisson", self.poisson, lambda v: -1 < v < 0.5, "above -1 and below 0.5")
-        check_number(
-            "density", self.density, lambda v: v >= 0, "zero or more and finite", unit="kg/m^3"
-        )
+    young: Annotated[float, at.Gt(0), at.Unit("Pa")]
+    poisson: Annotated[float, at.Gt(-1), at.Lt(0.5)]
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")]
 
     @property
     def shear_modulus(self) -> float:

@@ -4,21 +4,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.common.parameters import (
-    check_kind_of,
-    check_number,
-    hold_floats,
-    numbers_of,
-    shown,
-)
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import numbers_of, shown
 
 Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
 
 GLOBAL_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -27,6 +24,7 @@ _SHEARS = ((1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class Orthotropic:
     """Linear elastic material with three planes of symmetry.
 
@@ -34,45 +32,25 @@ class Orthotropic:
     nu_ij/E_i = nu_ji/E_j: nu_ij is the contraction along j under a stress along i.
 
     Attributes:
-        young: E_1, E_2, E_3 [Pa], positive.
+        young: E_1, E_2, E_3.
         poisson: nu_12, nu_13, nu_23.
-        shear: G_12, G_13, G_23 [Pa], positive.
-        density: Mass density rho [kg/m^3], not negative.
+        shear: G_12, G_13, G_23.
+        density: Mass density rho.
         axes: The material's axes 1, 2, 3 in x, y, z: three orthogonal vectors of any length, those
             of the model unless given.
 
     Raises:
-        ValueError: A parameter is out of its range, some strain would cost no energy, or the axes
-            are not orthogonal.
+        ValueError: Some strain would cost no energy, or the axes are not orthogonal.
     """
 
-    young: Sequence[float]
-    poisson: Sequence[float]
-    shear: Sequence[float]
-    density: float
-    axes: Sequence[Sequence[float]] = GLOBAL_AXES
+    young: Annotated[Triple, at.Gt(0), at.Unit("Pa")]
+    poisson: Triple
+    shear: Annotated[Triple, at.Gt(0), at.Unit("Pa")]
+    density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")]
+    axes: ArrayLike = GLOBAL_AXES
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        hold_floats(self)
-        for name in ("young", "poisson", "shear"):
-            numbers = numbers_of(getattr(self, name))
-            three = numbers is not None and numbers.shape == (3,)
-            check_kind_of(f"Orthotropic: {name}", getattr(self, name), three, "three numbers")
-        for name in ("young", "shear"):
-            for value in np.asarray(getattr(self, name), float):
-                check_number(
-                    f"Orthotropic: {name}", value, lambda v: v > 0, "positive and finite", unit="Pa"
-                )
-        for value in np.asarray(self.poisson, float):
-            check_number("Orthotropic: poisson", value, lambda _: True, "finite")
-        check_number(
-            "Orthotropic: density",
-            self.density,
-            lambda v: v >= 0,
-            "zero or more and finite",
-            unit="kg/m^3",
-        )
+        """Check the axes, and that every strain costs energy."""
         self._frame()
         scale = np.sqrt(np.asarray(self.young, float))
         smallest = np.linalg.eigvalsh(self._compliance()[:3, :3] * np.outer(scale, scale))[0]

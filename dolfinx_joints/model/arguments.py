@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, offers, shown
+from dolfinx_joints.laws.law import is_law
 from dolfinx_joints.loads.load import FaceLoad
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -23,7 +24,7 @@ def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
         ValueError: They are neither laws nor gaps.
         MeshError: There are none, or laws are missing.
     """
-    named = joints is None or isinstance(joints, Mapping) or offers(joints, "backward_euler")
+    named = joints is None or isinstance(joints, Mapping) or is_law(joints)
     check_kind_of("joints", joints, named, "a joint law, or one per joint name")
     named = initial_gaps is None or isinstance(initial_gaps, Mapping)
     check_kind_of("initial_gaps", initial_gaps, named, "a gap per joint name")

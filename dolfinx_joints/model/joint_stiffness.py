@@ -232,7 +232,7 @@ def joint_energy_share(system: MatrixSystem, shape: PETSc.Vec) -> float:
     work = shape.duplicate()
     system.stiffness.mult(shape, work)
     bulk = float(shape.dot(work))
-    gap = system.contact.operator.gap(shape)
+    gap = system.contact.operator.jump(shape)
     density = np.einsum("ni,nij,nj->n", gap, system.contact.closed_tangent(), gap)
     joints = system.contact.integral(density)
     return joints / (bulk + joints)

@@ -26,7 +26,7 @@ from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.common.parameters import check_kind_of, check_vector
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
-from dolfinx_joints.laws.law import Law
+from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.load import AddedMass, FaceLoad, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
@@ -99,7 +99,7 @@ class Model:
         jointed: JointedMesh,
         *,
         material: Material | Mapping[str, Material],
-        joints: Law | Mapping[str, Law] | None = None,
+        joints: AnyLaw | Mapping[str, AnyLaw] | None = None,
         supports: Sequence[Support] = (),
         loads: Sequence[Load] = (),
         damping: Rayleigh | None = None,

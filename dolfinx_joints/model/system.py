@@ -25,7 +25,7 @@ from dolfinx_joints.common.parameters import (
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
 from dolfinx_joints.joints.operator import GapOperator
-from dolfinx_joints.laws.law import Law
+from dolfinx_joints.laws.law import AnyLaw
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
@@ -88,7 +88,7 @@ class MatrixSystem:
         damping: ArrayLike | None = None,
         load: Callable[[float], ArrayLike] | None = None,
         gap: ArrayLike | None = None,
-        law: Law | None = None,
+        law: AnyLaw | None = None,
         initial_gap: float = 0.0,
         areas: ArrayLike | None = None,
     ) -> MatrixSystem:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.laws.law import Response
+from dolfinx_joints.laws.law import Response, variables_of
 from dolfinx_joints.mesh.blocks import block_of_nodes
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -54,7 +54,7 @@ def broken_joints(contact: Contact) -> tuple[str, ...]:
     return tuple(
         joint
         for joint, law in contact.laws.items()
-        if laws[joint]["cohesion"] > 0.0 and "broken" in getattr(law, "internal_variables", ())
+        if laws[joint]["cohesion"] > 0.0 and "broken" in variables_of(law)
     )
 
 
@@ -63,7 +63,7 @@ def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
     found = np.zeros(len(joints.traction), dtype=np.int8)
     names = contact.operator.names
     for joint in broken_joints(contact):
-        column = contact.laws[joint].internal_variables.index("broken")  # type: ignore[attr-defined]
+        column = variables_of(contact.laws[joint]).index("broken")
         here = contact.operator.joint == names.index(joint)
         found[here] = joints.state.internal[here, column] != 0.0
     return found

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.joints.contact import Contact, no_such_joint
-from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Response, Status
 from dolfinx_joints.loads.load import JointLoad, Load
 from dolfinx_joints.loads.water.joint_water import JointWater
 from dolfinx_joints.mesh.blocks import block_of_nodes
@@ -70,7 +70,7 @@ def grouted(
     target[idle & ~here, 0] = np.maximum(target[idle & ~here, 0], 0.0)
     still = before.displacement.duplicate()
     still.set(0.0)
-    fresh = contact.respond(still, contact.resting(target), "backward_euler")
+    fresh = contact.respond(still, contact.resting(target), BACKWARD_EULER)
     joints = _chosen(idle if before.joints_inactive else idle & here, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
     wet = {

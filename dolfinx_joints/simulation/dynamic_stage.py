@@ -17,6 +17,7 @@ from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERRO
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import check_motion, in_axes
 from dolfinx_joints.loads.load import Load
@@ -86,8 +87,8 @@ class DynamicRun:
         self._ledger.start(state)
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
-        whole = scheme.rule == "discrete_gradient" and contact is not None
-        self._end_point_laws = contact.without_step if whole and contact else ()
+        whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
+        self._end_point_laws = contact.without_balance if whole and contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
         self.origin = state.displacement.copy()

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.laws.law import BACKWARD_EULER
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-    from dolfinx_joints.joints.contact import Rule
-    from dolfinx_joints.laws.law import JointState, Response
+    from dolfinx_joints.laws.law import JointState, Response, Rule
     from dolfinx_joints.loads.water.joint_water_state import JointWaters
     from dolfinx_joints.model.system import MatrixSystem
     from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -48,7 +48,7 @@ class JointWaterIteration:
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "backward_euler",
+        rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` and the water; ``b`` is left with its forces (collective)."""
         self._step += 1

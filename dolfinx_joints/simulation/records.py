@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.laws.law import Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
@@ -137,10 +137,10 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
 
 def _solver(outcome: Outcome, model: Model) -> str:
     """The solver of a run, and which laws left no choice."""
-    missing = () if model.contact is None else model.contact.without_local("backward_euler")
+    missing = () if model.contact is None else model.contact.not_condensed(BACKWARD_EULER)
     text = f"{outcome.solver} solver"
     if outcome.solver == "monolithic" and missing:
-        text += f" (no local solution in {', '.join(missing)})"
+        text += f" (no condensed form in {', '.join(missing)})"
     if model.bulk is not None:
         text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
     if outcome.end_point_laws:

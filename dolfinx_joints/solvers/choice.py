@@ -9,7 +9,8 @@ from typing import Literal
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.joints.contact import Contact, Rule
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
@@ -23,7 +24,7 @@ def make_solver(
     system: MatrixSystem,
     options: SolverOptions | None = None,
     kind: SolverKind = "auto",
-    rule: Rule = "backward_euler",
+    rule: Rule = BACKWARD_EULER,
     *,
     static_steps: int = 0,
 ) -> StepSolver:
@@ -32,8 +33,8 @@ def make_solver(
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws offer a local
-            solution, monolithic elsewhere, and in statics where blocks are supported by nothing but
+        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
+            condensed forms, monolithic elsewhere, and in statics where blocks are supported by nothing but
             joints of finite stiffness: near the limit of what they carry it goes further.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
@@ -50,11 +51,11 @@ def make_solver(
         return NewtonSolver(system, options)
     if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
-    missing = contact.without_local(rule)
+    missing = contact.not_condensed(rule)
     if missing and (kind == "condensed" or contact.rigid):
         rigid = "Rigid joints need the condensed solver. " if contact.rigid else ""
         raise JointsError(
-            f"{rigid}The condensed solver needs laws with a local solution; {missing[0]} has none."
+            f"{rigid}The condensed solver needs laws with condensed forms; {missing[0]} has none."
         )
     if missing:
         return NewtonSolver(system, options)

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.joints.contact import Rule
 from dolfinx_joints.joints.internal_forces import InternalForces
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
@@ -74,7 +73,7 @@ class NewtonSolver:
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "backward_euler",
+        rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place, starting from it (collective).
 
@@ -122,7 +121,7 @@ class NewtonSolver:
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
-        if balance.rule == "discrete_gradient" and norm > 0.0:
+        if balance.rule.name == DISCRETE_GRADIENT.name and norm > 0.0:
             factorizations += self._correct(internal_forces, tangent, response, balance)
             response, norm = self._polish(balance, response, norm)
             iteration += 1

@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from petsc4py import PETSc
 
-from dolfinx_joints.joints.contact import Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -31,7 +31,7 @@ class _Midpoint:
     and that of the joints, to rounding.
     """
 
-    rule: ClassVar[Rule] = "discrete_gradient"
+    rule: ClassVar[Rule] = DISCRETE_GRADIENT
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -42,7 +42,7 @@ class _Midpoint:
     ) -> tuple[DynamicState, StepReport]:
         """One step of length dt [s] (collective)."""
         system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
-        if system.bulk is not None and self.rule != "discrete_gradient":
+        if system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
@@ -58,9 +58,9 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = None if state.joints is None else replace(state.joints.state, dt=dt)
+        before = None if state.joints is None else state.joints.state
         effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
-        joints, solve = solver.solve(effective, b, x, before, self.rule)
+        joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(solver, effective, b, x, joints)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
@@ -113,7 +113,7 @@ class ImplicitContact(_Midpoint):
     1999). What impacts lose is counted as numerical.
     """
 
-    rule: ClassVar[Rule] = "backward_euler"
+    rule: ClassVar[Rule] = BACKWARD_EULER
 
 
 class _Turn:

@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import annotated_types as at
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.joints.contact import Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -29,7 +29,7 @@ class _Alpha:
     u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
     """
 
-    rule: ClassVar[Rule] = "backward_euler"
+    rule: ClassVar[Rule] = BACKWARD_EULER
     beta: float
     gamma: float
 
@@ -71,11 +71,11 @@ class _Alpha:
             v_known.getArray()[fixed] = rates[0] - of_damping * x.array[fixed]
         load = system.load(time, state.load.duplicate())
         b = self._right_hand_side(solver, state, load, a_known, v_known)
-        before = None if state.joints is None else replace(state.joints.state, dt=dt)
+        before = None if state.joints is None else state.joints.state
         effective = MatrixCoefficients(
             mass=(1.0 - self.alpha_m) / share * of_mass, damping=of_damping, stiffness=1.0
         )
-        joints, solve = solver.solve(effective, b, x, before, self.rule)
+        joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(solver, effective, b, x, joints)
         a_known.axpy(of_mass, x)
         v_known.axpy(of_damping, x)

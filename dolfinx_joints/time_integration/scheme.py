@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from dolfinx_joints.joints.contact import Rule
-from dolfinx_joints.laws.law import Floats
+from dolfinx_joints.laws.law import Floats, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.states import DynamicState

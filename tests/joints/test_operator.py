@@ -166,7 +166,7 @@ def test_force_is_the_adjoint_of_gap(jointed, rule, comm):
     operator = model.operator
     u = random_vector(model)
     traction = np.random.default_rng((1, comm.rank)).standard_normal((len(operator.areas), 3))
-    gap = operator.gap(u)
+    gap = operator.jump(u)
     force = operator.force(traction, u.duplicate())
     one = total(comm, np.sum(operator.areas[:, None] * traction * gap))
     size = np.sqrt(total(comm, np.sum(gap**2)) * total(comm, np.sum(traction**2)))
@@ -188,7 +188,7 @@ def test_rigid_motion_makes_no_gap(jointed, rule, comm):
     motion.interpolate(lambda x: shift[:, None] + spin @ x[:gdim])
     u = model.mass.createVecRight()
     u.setArray(motion.x.array[: u.getLocalSize()])
-    assert largest(comm, model.operator.gap(u)) <= 1e-13 * largest(comm, motion.x.array)
+    assert largest(comm, model.operator.jump(u)) <= 1e-13 * largest(comm, motion.x.array)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_gap_of_a_jump_and_area(jointed, rule, comm):
     u.setArray(moved.x.array[: u.getLocalSize()])
     side = np.sign(operator.frames[:, 0, :gdim] @ joint_axes(gdim))  # 1 where + is above
     expected = side[:, None] * (operator.frames[:, :, :gdim] @ d)
-    assert largest(comm, operator.gap(u) - expected) <= 1e-13
+    assert largest(comm, operator.jump(u) - expected) <= 1e-13
     # A joint across a unit square (or length) inclined by 20 degrees: 1 / cos 20.
     area = total(comm, operator.areas.sum())
     assert area == pytest.approx(1 / np.cos(np.radians(ANGLE)), rel=1e-13)
@@ -293,7 +293,7 @@ def test_tangent_against_finite_differences(jointed, rule, comm):
     # Initial gaps by the global number of the point: every fourth is open.
     number = sum(comm.allgather(count)[: comm.rank]) + np.arange(count)
     wanted = np.where(number % 4 == 3, 1e-4, -2e-3) * (1 + 0.3 * rng.random(count))
-    offset = wanted - operator.gap(u)[:, 0]
+    offset = wanted - operator.jump(u)[:, 0]
     contact = Contact(operator, LAW, {"joint_1": lambda points: offset})
     slip = np.where((number % 4 == 1)[:, None], 1e-6, 3e-2) * rng.standard_normal((count, 2))
     state = JointState(gap=contact.gap(u), elastic_slip=slip)
@@ -398,7 +398,7 @@ def test_sides_whose_cells_are_turned(comm, blocks_file, cell, order, rule):
     u.setArray(moved.x.array[: u.getLocalSize()])
     expected = np.einsum("nij,jk,nk->ni", operator.frames, gradient, operator.points)
     assert np.all(operator.frames[:, 0, 2] > 0.99)
-    assert largest(comm, operator.gap(u) - expected) <= 1e-12
+    assert largest(comm, operator.jump(u) - expected) <= 1e-12
     assert total(comm, operator.areas.sum()) == pytest.approx(1.0, rel=1e-13)
 
 
@@ -480,7 +480,7 @@ def test_every_rank_count_gives_the_same_points(
         u.interpolate(sheared, one.jointed.cells("upper"))
         vector = one.mass.createVecRight()
         vector.setArray(u.x.array[: vector.getLocalSize()])
-        gaps.append(one.operator.gap(vector))
+        gaps.append(one.operator.jump(vector))
     for name in ("points", "frames", "areas", "joint", "number", "share"):
         here, there = getattr(model.operator.layout, name), getattr(alone.operator.layout, name)
         np.testing.assert_allclose(here, there, rtol=0, atol=1e-13)
@@ -725,7 +725,7 @@ def test_networks_from_files(mesh_file, comm, shape, doubled, name):
         place, frame = layout.points[points, :gdim], layout.frames[points][..., :gdim]
         jump = block_motion(plus, place) - block_motion(minus, place)
         expected[points] = np.einsum("qij,qj->qi", frame, jump)
-    gaps = np.concatenate(comm.allgather(operator.gap(u)))
+    gaps = np.concatenate(comm.allgather(operator.jump(u)))
     np.testing.assert_allclose(gaps, expected, rtol=0, atol=1e-12 * np.abs(moved.x.array).max())
 
 

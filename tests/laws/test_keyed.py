@@ -11,7 +11,7 @@ import pytest
 
 from dolfinx_joints.laws.friction import FrictionNoTension, frictionless
 from dolfinx_joints.laws.keyed import KeyedJoint
-from dolfinx_joints.laws.law import JointState, Status
+from dolfinx_joints.laws.law import JointState, Status, variables_of
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 from dolfinx_joints.laws.viscous import ViscousJoint
 
@@ -27,13 +27,10 @@ DILATANT = MohrCoulombJoint(
 
 
 def tractions(law, path, dt=math.inf):
-    state = JointState.at_rest(np.zeros((1, 3)), variables=len(law.internal_variables))
-    answers = []
+    state = JointState.at_rest(np.zeros((1, 3)), variables=len(variables_of(law)))
+    answers, step = [], law.for_step(dt) if isinstance(law, ViscousJoint) else law
     for gap in UM * np.atleast_2d(path):
-        state = JointState(
-            gap=state.gap, elastic_slip=state.elastic_slip, internal=state.internal, dt=dt
-        )
-        answers.append(law.backward_euler(gap[None], state))
+        answers.append(step.backward_euler(gap[None], state))
         state = answers[-1].state
     return np.array([a.traction[0] for a in answers]) / MPA, answers
 
@@ -119,17 +116,11 @@ def test_the_shear_dashpot_is_bounded_by_the_pressure():
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: frictionless(normal_stiffness=-1.0), "normal_stiffness is -1.0 Pa/m"),
-        (lambda: KeyedJoint(normal_stiffness=1.0, shear_stiffness=-1.0), "shear_stiffness is -1.0"),
-        (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law."),
+        (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law of"),
         (lambda: ViscousJoint(law=DILATANT), "law has a dilatancy angle; dashpots are for joints"),
-        (
-            lambda: ViscousJoint(law=FRICTION, normal_viscosity=-1.0),
-            "normal_viscosity is -1.0 Pa s/m; it must be zero or more and finite.",
-        ),
     ],
 )
-def test_parameters_out_of_range(make, text):
+def test_laws_without_dashpots(make, text):
     with pytest.raises(ValueError) as refused:  # noqa: PT011
         make()
     assert text in str(refused.value)

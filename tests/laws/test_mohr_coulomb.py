@@ -231,16 +231,11 @@ def test_work_is_stored_or_dissipated(angle):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"cohesion": -1.0}, "cohesion is -1.0 Pa; it must be zero or more and finite."),
-        ({"tensile_strength": math.nan}, "tensile_strength is nan Pa; it must be zero or more"),
         ({"tensile_strength": 0.7e6}, "at most cohesion / tan(friction angle), 600000 Pa."),
         ({"dilatancy_angle_deg": 30.0}, "at most the friction angle, 26.5651 degrees."),
-        ({"dilatancy_angle_deg": -1.0}, "dilatancy_angle_deg is -1.0; it must be at least 0"),
-        ({"friction_angle_deg": 90.0}, "must be at least 0 and below 90 degrees."),
-        ({"normal_stiffness": 0.0}, "normal_stiffness is 0.0 Pa/m; it must be positive"),
     ],
 )
-def test_parameters_out_of_range(changes, text):
+def test_parameters_that_contradict_each_other(changes, text):
     with pytest.raises(ValueError) as refused:  # noqa: PT011
         law(**changes)
     assert text in str(refused.value)

@@ -15,12 +15,12 @@ pytest.importorskip("dolfinx")
 
 from dolfinx_joints import DruckerPrager, Elastic
 from dolfinx_joints.materials.bulk_law import BulkState, BulkStatus
-from dolfinx_joints.materials.drucker_prager import FITS
 
 ROCK = Elastic(young=1e9, poisson=0.2, density=2600.0)
 C, PHI = 1e5, 30.0
 MATRIX = ROCK.stiffness_matrix()
 TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+FITS = ("compression", "extension", "plane strain")
 KINDS = [(fit, *angles) for fit in FITS for angles in ((30.0, 10.0), (30.0, 0.0), (30.0, None))]
 KINDS += [("compression", 0.0, None)]
 
@@ -181,14 +181,11 @@ def test_a_trial_changes_nothing_and_no_number_stays_none():
     ("changes", "sentence"),
     [
         ({"elastic": 3.0}, "elastic is 3.0; it must be an Elastic"),
-        ({"cohesion": -1.0}, "cohesion is -1.0 Pa; it must be positive and finite, or zero with"),
-        ({"cohesion": 0.0, "friction_angle_deg": 0.0}, "cohesion is 0.0 Pa; it must be positive"),
-        ({"friction_angle_deg": 90.0}, "friction_angle_deg is 90.0; it must be at least 0"),
-        ({"dilatancy_angle_deg": 31.0}, "from 0 to the friction angle, 30 degrees"),
-        ({"fit": "inscribed"}, "fit is 'inscribed'; it must be one of compression, extension"),
+        ({"cohesion": 0.0, "friction_angle_deg": 0.0}, "cohesion is 0 Pa; it must be positive"),
+        ({"dilatancy_angle_deg": 31.0}, "at most the friction angle, 30 degrees"),
     ],
 )
-def test_refused(changes, sentence):
+def test_parameters_that_contradict_each_other(changes, sentence):
     given = {"elastic": ROCK, "cohesion": C, "friction_angle_deg": PHI, **changes}
     with pytest.raises(ValueError, match=sentence):
         DruckerPrager(**given)
@@ -206,7 +203,7 @@ none = np.zeros(0, dtype=np.int32)
 jointed = dj.split_mesh(mesh, meshtags(mesh, 1, none, none), joints={}, groups={})
 model = dj.Model(jointed, material=dj.Elastic(young=1e9, poisson=0.2, density=1.0))
 dj.Simulation(model)
-names = ("plasticity", "plastic_bulk", "bulk_points", "orthotropic")
+names = ("body.plastic_cells", "body.strain_operator", "materials.drucker_prager")
 print([name for name in names if f"dolfinx_joints.{name}" in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -224,11 +224,6 @@ def test_temperatures_act_on_isotropic_cells_only(comm):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"young": (1e9, 2e9)}, r"young is \(1000000000.0, 2000000000.0\); it must be three"),
-        ({"young": (1e9, -2e9, 1e9)}, "young is -2000000000.0 Pa; it must be positive and finite"),
-        ({"shear": (1e9, 1e9, math.nan)}, "shear is nan Pa; it must be positive"),
-        ({"poisson": (0.2, math.inf, 0.2)}, "poisson is inf; it must be finite"),
-        ({"density": -1.0}, "density is -1.0 kg/m.3; it must be zero or more"),
         ({"poisson": (0.2, 1.4, 0.2)}, "not positive definite"),  # above sqrt(30/18)
         ({"poisson": (0.7, 0.7, 0.7)}, "not positive definite"),
         ({"axes": ((1, 0, 0), (1, 1, 0), (0, 0, 1))}, "must be three orthogonal vectors"),
@@ -236,7 +231,7 @@ def test_temperatures_act_on_isotropic_cells_only(comm):
         ({"axes": "xyz"}, "must be three orthogonal vectors"),
     ],
 )
-def test_refused(changes, sentence):
+def test_parameters_that_make_no_material(changes, sentence):
     with pytest.raises(ValueError, match=sentence):
         lifts(**changes)
 

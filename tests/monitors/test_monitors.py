@@ -31,6 +31,7 @@ from dolfinx_joints import (
     StepControl,
     stiffness_proportional,
 )
+from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
 from dolfinx_joints.results.reader import ENERGY_TERMS
@@ -224,7 +225,7 @@ class GivesUp:
     """Newmark's method up to a time, and never beyond it."""
 
     time: float
-    rule: str = "backward_euler"
+    rule: Rule = BACKWARD_EULER
 
     def conserves(self, system: Any) -> bool:
         return True

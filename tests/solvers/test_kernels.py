@@ -22,8 +22,9 @@ pytest.importorskip("numba")
 from mpi4py import MPI
 from plates import compressed, kernel, plates
 
-from dolfinx_joints.laws import discrete_gradient as midpoint_law
-from dolfinx_joints.laws import return_mapping as end_point_law
+from dolfinx_joints.laws import discrete_gradient, friction
+from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.laws.return_mapping import Coulomb
 from dolfinx_joints.solvers.interface import corrections, gmres
 from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.solvers.interface import residual as joint_step
@@ -161,30 +162,24 @@ def gaps() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
-@pytest.mark.parametrize("friction", [0.0, 0.6])
+@pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("rigid", [False, True])
-def test_whole_steps(monkeypatch, compliance, friction, rigid):
+def test_whole_steps(monkeypatch, compliance, mu, rigid):
     before, after = gaps()
     normal, shear = (0.0, 0.0) if rigid else (1.0, 2.5)
     if rigid:
         before[:, 0] = np.abs(before[:, 0])  # what is rigid does not overlap
-    stored = midpoint_law.stored_by(before, np.full((len(before), 2), 0.1), 1.0, 0.4)
-    stiffness = midpoint_law.Stiffness(
-        normal_compliance=normal, shear_compliance=shear, ratio=2.5, friction=friction
-    )
-    given = (after, np.array(compliance), before, stored, stiffness)
-    check(monkeypatch, midpoint_law, lambda: tuple(vars(midpoint_law.solve_step(*given)).values()))
+    state = JointState(gap=before, elastic_slip=np.full((len(before), 2), 0.1))
+    stored = discrete_gradient.stored_by(state, 1.0, 0.4)
+    given = (after, np.array(compliance), state, stored, Coulomb(normal, shear, 2.5, mu))
+    solve = discrete_gradient.solve_discrete_gradient
+    check(monkeypatch, discrete_gradient, lambda: solve(*given))
 
 
 @pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
 @pytest.mark.parametrize(("normal", "shear"), [(1.0, 2.5), (0.0, 0.0), (1.0, np.inf)])
 def test_ends_of_steps(monkeypatch, compliance, normal, shear):
     before, after = gaps()
-    stiffness = {"normal_compliance": normal, "shear_compliance": shear, "ratio": 2.5}
-    given = (after, np.array(compliance), before, np.full((len(before), 2), 0.1))
-
-    def work():
-        answer = end_point_law.solve_backward_euler(*given, **stiffness, friction=0.6)
-        return tuple(vars(answer).values())
-
-    check(monkeypatch, end_point_law, work)
+    state = JointState(gap=before, elastic_slip=np.full((len(before), 2), 0.1))
+    given = (after, np.array(compliance), state, Coulomb(normal, shear, 2.5, 0.6))
+    check(monkeypatch, friction, lambda: friction.solve_backward_euler(*given))

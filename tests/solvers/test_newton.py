@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, SolverOptions
-from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.newton import NewtonSolver
@@ -38,7 +38,7 @@ def test_where_no_share_helps_the_best_is_taken(cuts):
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(-1.0)
     with pytest.raises(ConvergenceError) as failure:
-        solver.solve(STATIC, b, x, JointState.at_rest(system.contact.operator.gap(x)))
+        solver.solve(STATIC, b, x, JointState.at_rest(system.contact.operator.jump(x)))
     assert failure.value.iteration == 1
     assert failure.value.residual == pytest.approx(1.0 + 0.5 ** (cuts + 1), rel=1e-14)
 
@@ -65,7 +65,7 @@ def test_joints_without_a_state_are_left_out():
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=4.0, gap=gap, law=law)
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(2.0)
-    state = JointState.at_rest(system.contact.operator.gap(x))
+    state = JointState.at_rest(system.contact.operator.jump(x))
     for given, expected in ((None, 0.5), (state, 0.25)):
         x.set(0.0)
         NewtonSolver(system).solve(STATIC, b, x, given)
@@ -83,7 +83,7 @@ def test_loads_of_any_size_are_carried(kind, load):
     system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=stiffness, gap=gap, law=law)
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.setArray([load, 0.0])
-    state = JointState.at_rest(system.contact.operator.gap(x))
+    state = JointState.at_rest(system.contact.operator.jump(x))
     make_solver(system, kind=kind).solve(STATIC, b, x, state)
     np.testing.assert_allclose(x.array, [0.375 * load, 0.125 * load], rtol=1e-13)
 
@@ -98,7 +98,7 @@ def test_a_step_ends_at_rounding(load):
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(load)
     state = JointState.at_rest(system.contact.gap(x))
-    _, report = NewtonSolver(system).solve(STATIC, b, x, state, "discrete_gradient")
+    _, report = NewtonSolver(system).solve(STATIC, b, x, state, DISCRETE_GRADIENT)
     assert report.residual <= 4.0 * np.finfo(float).eps
     # The energy that the joint stores, 7 J/m^2 (1 + u)^2 / 2, over the way u is its mean force.
     u = x.array[0]
@@ -112,7 +112,7 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
     b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
     b.set(3.0)
-    state = JointState.at_rest(system.contact.operator.gap(x))
+    state = JointState.at_rest(system.contact.operator.jump(x))
     solver = make_solver(system, SolverOptions(max_cuts=0), kind="condensed")
     _, report = solver.solve(STATIC, b, x, state)
     assert x.array[0] == pytest.approx(1.5, rel=1e-14)

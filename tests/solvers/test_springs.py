@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import FrictionNoTension, MatrixSystem, RigidJoint
-from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.laws.law import JointState, variables_of
 from dolfinx_joints.solvers.interface.springs import LARGEST_SHARE, JointSprings
 
 COUNT = 300
@@ -73,7 +73,7 @@ def test_the_law_is_met_with_the_springs_taken_off(springs, law):
     """Its t at the gap, gap = h - c t', and t' = t - s (gap - g0): by their definitions."""
     free, own, before = random_points(springs)
     before[:, 0] = np.abs(before[:, 0])  # no overlap, which a rigid joint cannot have
-    state = JointState.at_rest(before, variables=len(law.internal_variables))
+    state = JointState.at_rest(before, variables=len(variables_of(law)))
     response = law.condensed_backward_euler(*springs.without(free, own, before), state)
     traction, _ = springs.taken_off(response, own, before)
     gap, wide = response.state.gap, np.repeat(own, (1, 2), axis=1)

@@ -52,6 +52,7 @@ from dolfinx_joints import (
     frictionless,
     split_mesh,
 )
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.model.mass_redistribution import redistribute
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
@@ -125,7 +126,7 @@ def march(system, velocity, *, courant, size, scheme):
             ledger.record(row)
             # Schemes that answer for a whole step give its mean traction.
             times.append(
-                state.time - (0.5 * report.dt if scheme.rule == "discrete_gradient" else 0.0)
+                state.time - (0.5 * report.dt if scheme.rule == DISCRETE_GRADIENT else 0.0)
             )
             force = -system.contact.integral(state.joints.traction[:, 0])
             pressures.append(force / total / BAR.pressure)

@@ -39,6 +39,7 @@ from dolfinx_joints import (
     StepControl,
 )
 from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
@@ -299,7 +300,7 @@ def test_both_solvers_take_the_same_step(ratio):
     scheme, dt = EnergyConsistent(), longest_period(system) / 40
     run = march(system, scheme, dt, 80, v0=np.arange(SIZE) - 11.5)
     options = SolverOptions(relative_tolerance=1e-13)
-    solvers = [make_solver(system, options, kind, "discrete_gradient") for kind in SOLVERS]
+    solvers = [make_solver(system, options, kind, DISCRETE_GRADIENT) for kind in SOLVERS]
     largest = max(float(np.abs(s.displacement.array).max()) for s in run.states)
     worst = 0.0
     for state in run.states[:-1]:

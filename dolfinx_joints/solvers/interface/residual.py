@@ -11,15 +11,16 @@ from mpi4py import MPI
 from numba import njit
 from numpy.typing import NDArray
 
-from dolfinx_joints.joints.contact import Contact, Rule
-from dolfinx_joints.laws.law import JointState, Law, Response
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.law_points import LawPoints
+from dolfinx_joints.laws.law import JointState, Response, Rule
 from dolfinx_joints.solvers.interface.condensed import Condensed
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 # Local points of each colour by law, and the unknowns of all points of the colour.
-Colours = list[tuple[list[tuple[Law, Rows]], Rows]]
+Colours = list[tuple[list[LawPoints], Rows]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +75,10 @@ class JointStep:
         gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         if springs is None:
-            response = self._contact.respond_locally(gap, own, self.state, self._rule)
+            response = self._contact.respond_condensed(gap, own, self.state, self._rule)
             traction, tangent = response.traction, response.tangent
         else:
-            response = self._contact.respond_locally(
+            response = self._contact.respond_condensed(
                 *springs.without(gap, own, self.state.gap), self.state, self._rule
             )
             traction, tangent = springs.taken_off(response, own, self.state.gap)
@@ -104,8 +105,7 @@ class JointStep:
     def sweep(self, at: Iterate, colours: Colours) -> Iterate:
         """Each point solved with the others' forces fixed, one colour after the other (collective).
 
-        Nonlinear Gauss-Seidel in blocks: near points, which open and close together, see what
-        their neighbours have just done.
+        Near points, which open and close together, see what their neighbours have just done.
         """
         compliance, comm = self._compliance, self._contact.operator.comm
         areas, mine = self._areas[self._mine], self._mine
@@ -114,7 +114,7 @@ class JointStep:
         for colour, rows in colours:
             gap = self._free_gap - (scale * coupled[mine]).reshape(-1, 3)
             change = np.zeros_like(forces)
-            for points, traction in self._contact.tractions_locally(
+            for points, traction in self._contact.condensed_tractions(
                 colour, gap, compliance.own, self.state, self._rule
             ):
                 here = (3 * points[:, None] + np.arange(3)).ravel()

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints.contact import Contact, Rule
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     STATIC,
@@ -112,19 +112,17 @@ class InterfaceSolver:
         b: PETSc.Vec,
         x: PETSc.Vec,
         state: JointState | None,
-        rule: Rule = "backward_euler",
+        rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: Condensed = self._condensed(
-            (effective, 2.0 if rule == "discrete_gradient" else 1.0)
-        )
+        condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
             self._refine(condensed.matrix, b, x)
-        trial_gap = state.gap + self._contact.operator.gap(x)
+        trial_gap = state.gap + self._contact.operator.jump(x)
         step = JointStep(self._contact, condensed, self._areas, self._mine, trial_gap, state, rule)
         start = self._smoothed(step, self._start(step))
         found, iterations, relative = self._iterate(step, start)

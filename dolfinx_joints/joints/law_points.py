@@ -1,0 +1,174 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The points of one law: which of its methods is asked under a rule, and what it may return."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.parameters import numbers_of, shown
+from dolfinx_joints.laws.law import (
+    NO_COMPLIANCE,
+    AnyLaw,
+    CondensedEnergyConsistentLaw,
+    CondensedLaw,
+    EnergyConsistentLaw,
+    Floats,
+    JointState,
+    Law,
+    LawWithHistory,
+    RateDependentLaw,
+    Response,
+    Rule,
+)
+
+# Of the arrays of a response, after the number of points.
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "traction": (3,),
+    "tangent": (3, 3),
+    "dissipation": (),
+    "status": (),
+    "gap": (3,),
+    "elastic_slip": (2,),
+}
+
+
+class LawPoints:
+    """The points of one law.
+
+    Args:
+        law: The law.
+        points: Its local points.
+
+    Attributes:
+        law: The law.
+        points: Its local points.
+        kind: Name of its class.
+        variables: Number of its internal variables.
+        balances: Whether it has an answer over a whole step that balances energy.
+
+    Raises:
+        ValueError: Its internal variables are not what `LawWithHistory` says.
+    """
+
+    def __init__(self, law: AnyLaw, points: NDArray[np.int64]) -> None:
+        """Find the methods that the rules ask for."""
+        self.law, self.points, self.kind = law, points, type(law).__name__
+        names = getattr(law, "internal_variables", ())
+        good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
+        if not good or (names and not isinstance(law, LawWithHistory)):
+            raise ValueError(
+                f"{self.kind}: internal_variables is {shown(names)}; it must be a tuple of names, "
+                "beside a method initial_variables(gap)."
+            )
+        self.variables = len(names)
+        self.balances = isinstance(
+            law, EnergyConsistentLaw | CondensedEnergyConsistentLaw | RateDependentLaw
+        )
+        self._methods = _methods(law)
+        self._condensed = _condensed_methods(law)
+
+    def among(self, chosen: NDArray[np.bool_]) -> LawPoints:
+        """Those of its points that are chosen of all local points."""
+        part = copy(self)
+        part.points = self.points[chosen[self.points]]
+        return part
+
+    def state_of(self, state: JointState) -> JointState:
+        """The state of its points, of that of all local points."""
+        part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
+        columns = self.variables
+        return replace(part, internal=state.internal[self.points, :columns]) if columns else part
+
+    def initial_variables(self, gap: Floats) -> Floats:
+        """Internal variables at rest at a gap, shape (n, variables)."""
+        if not isinstance(self.law, LawWithHistory):
+            return np.zeros((len(gap), 0))
+        first, wanted = numbers_of(self.law.initial_variables(gap)), (len(gap), self.variables)
+        if first is None or first.shape != wanted:
+            raise ValueError(
+                f"{self.kind}.initial_variables must give numbers of shape {wanted}, one column "
+                "for each internal variable."
+            )
+        return first
+
+    def condenses(self, rule: Rule) -> bool:
+        """Whether the condensed solver can ask the law under a rule."""
+        return rule.name in self._condensed
+
+    def ask(
+        self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
+    ) -> Response:
+        """Answer at a gap, or at a trial gap on a compliance; all are those of the law's points.
+
+        Raises:
+            ValueError: The law returned something else.
+        """
+        if compliance is not None:
+            response = self._condensed[rule.name](gap, compliance, state)
+        elif isinstance(self.law, RateDependentLaw):
+            response = _methods(self.law.for_step(rule.dt))[rule.name](gap, state)
+        else:
+            response = self._methods[rule.name](gap, state)
+        return self._checked(response, len(gap))
+
+    def _checked(self, response: Response, count: int) -> Response:
+        if not (isinstance(response, Response) and isinstance(response.state, JointState)):
+            raise ValueError(f"{self.kind} returned {shown(response)}; it must be a Response.")
+        for name, shape in _SHAPES.items():
+            array = getattr(response.state if name in ("gap", "elastic_slip") else response, name)
+            numeric = isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
+            if not numeric or array.shape != (count, *shape):
+                raise ValueError(
+                    f"{self.kind} returned {name} {shown(array)}; it must be an array of numbers "
+                    f"of shape {(count, *shape)}."
+                )
+        wanted = (count, self.variables)
+        if self.variables and response.state.internal.shape != wanted:
+            raise ValueError(
+                f"{self.kind} returned internal variables of shape {response.state.internal.shape};"
+                f" for {count} points and {self.variables} names it must be {wanted}."
+            )
+        return response
+
+
+def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
+    """Methods that follow from a gap; at the end of steps where there is none for whole ones."""
+    end = law.backward_euler if isinstance(law, Law) else partial(_without_pressure, law)
+    whole = law.discrete_gradient if isinstance(law, EnergyConsistentLaw) else end
+    return {"backward_euler": end, "discrete_gradient": whole}
+
+
+def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
+    """The same on a point's own compliance; no method stands for one that is not there."""
+    if not isinstance(law, CondensedLaw):
+        return {}
+    methods = {"backward_euler": law.condensed_backward_euler}
+    if isinstance(law, CondensedEnergyConsistentLaw):
+        methods["discrete_gradient"] = law.condensed_discrete_gradient
+    elif not isinstance(law, EnergyConsistentLaw):
+        methods["discrete_gradient"] = law.condensed_backward_euler
+    return methods
+
+
+def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
+    """Answer of a law that needs the compliance of the structure, at points that only touch.
+
+    Raises:
+        JointsError: A point overlaps: its traction does not follow from its gap.
+    """
+    if np.any(gap[:, 0] < 0.0):
+        raise JointsError(
+            f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it must start without overlap, "
+            "or from a static stage, and needs the condensed solver."
+        )
+    response: Response = law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
+    return response

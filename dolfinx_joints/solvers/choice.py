@@ -34,8 +34,8 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
-            condensed forms, monolithic elsewhere, and in statics where blocks are supported by nothing but
-            joints of finite stiffness: near the limit of what they carry it goes further.
+            condensed forms, monolithic elsewhere, and in statics where nothing but joints of
+            finite stiffness supports blocks: near the limit of what they carry it goes further.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """

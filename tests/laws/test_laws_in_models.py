@@ -126,7 +126,7 @@ class TestMixed:
         model, simulation, two = self.run(jointed, laws)
         assert one.solver == "condensed"
         assert two.solver == "monolithic"
-        closing = "monolithic solver (no local solution in MohrCoulombJoint, ViscousJoint)"
+        closing = "monolithic solver (no condensed form in MohrCoulombJoint, ViscousJoint)"
         assert closing in simulation.report(two)
         scale = one.state.displacement.norm()
         difference = one.state.displacement.copy()

@@ -339,20 +339,15 @@ def test_a_system_without_joints_is_refused(wall_file, read):
 
 
 def test_what_a_solver_cannot_do_is_refused(wall):
-    # A law of one's own, without a local solution, and one that is rigid beside it.
+    # A user-defined law without condensed forms, and one that is rigid beside it.
     class Plain:
-        internal_variables = ()
-
         def __init__(self, law: Any) -> None:
-            self._law = law
-
-        def __getattr__(self, name: str) -> Any:
-            if name.startswith("condensed_"):
-                raise AttributeError(name)
-            return getattr(self._law, name)
+            self.backward_euler = law.backward_euler
+            self.stored_energy = law.stored_energy
+            self.closed_stiffness = law.closed_stiffness
 
     system = wall(Plain(friction())).system()
-    sentence = r"^The condensed solver needs laws with a local solution; Plain has none\.$"
+    sentence = r"^The condensed solver needs laws with condensed forms; Plain has none\.$"
     with pytest.raises(JointsError, match=sentence):
         make_solver(system, kind="condensed")
     rigid = RigidJoint(friction_angle_deg=30.0)

@@ -14,8 +14,8 @@
 from mpi4py import MPI
 
 import dolfinx_joints as dj
+from dolfinx_joints import plots, views
 from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
-from dolfinx_joints.postprocessing import plots, views
 
 dam = dj.read_msh(ambiesta("dam.msh", size=8.0, order=1, active_height=1.0), MPI.COMM_WORLD)
 law = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)

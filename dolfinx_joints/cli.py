@@ -52,7 +52,7 @@ def _parser() -> Parser:
     report = commands.add_parser(
         "report",
         help="write a report on one or several runs",
-        description="Write one HTML file, which needs no net, and a folder of pictures beside it.",
+        description="Write one HTML file, which needs no network, and a folder of pictures.",
     )
     report.add_argument("results", nargs="+", type=Path, metavar="RESULTS", help="results files")
     report.add_argument(
@@ -62,7 +62,9 @@ def _parser() -> Parser:
         "--no-3d", action="store_true", help="leave out the view in space and pictures of the body"
     )
     info = commands.add_parser(
-        "info", help="say what a results file holds", description="Print what a file holds."
+        "info",
+        help="list the contents of a results file",
+        description="List the contents of a file.",
     )
     info.add_argument("file", type=Path, metavar="FILE", help="results file")
     info.add_argument("--all", action="store_true", help="every array, with unit and meaning")
@@ -73,7 +75,9 @@ def _parser() -> Parser:
         "holds as CSV, units in the headers.",
     )
     tables.add_argument("file", type=Path, metavar="FILE", help="results file")
-    tables.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where to")
+    tables.add_argument(
+        "--out", type=Path, required=True, metavar="FOLDER", help="folder of the tables"
+    )
     tables.add_argument("--force", action="store_true", help="replace files of the same names")
     return parser
 

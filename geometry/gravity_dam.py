@@ -315,20 +315,20 @@ def main(argv: list[str] | None = None) -> None:
         type=_joint,
         action="append",
         dest="joints",
+        default=[],
         metavar="NAME=HEIGHT",
         help="a horizontal joint at a height above the base [m], base=0 for the base joint",
     )
     parser.add_argument("--width", type=float, help="extent of a solid in y [m]; else a plane mesh")
-    options = vars(parser.parse_args(argv))
-    joints = options["joints"] or []
-    if len(dict(joints)) < len(joints):
-        parser.error("argument --joint: every joint needs a name of its own")
-    options |= {"section": SECTIONS[options["section"]], "joints": dict(joints)}
-    try:
-        path = gravity_dam(options.pop("out"), **options)
-    except (ValueError, RuntimeError) as error:
-        parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["width"] is None else f"{path}: {gmsh_model.describe(path)}")
+
+    def model(
+        out: Path, *, section: str, joints: Sequence[tuple[str, float]], **options: Any
+    ) -> Path:
+        if len(dict(joints)) < len(joints):
+            raise ValueError("two joints have one name, but each needs its own.")
+        return gravity_dam(out, section=SECTIONS[section], joints=dict(joints), **options)
+
+    gmsh_model.run_script(parser, model, argv)
 
 
 if __name__ == "__main__":

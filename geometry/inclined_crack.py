@@ -162,12 +162,7 @@ def main(argv: list[str] | None = None) -> None:
         ("growth", 1.5, "largest ratio of the sizes of neighbouring cells"),
     ):
         parser.add_argument(f"--{flag}", type=float, default=default, help=text)
-    options = vars(parser.parse_args(argv))
-    try:
-        path = inclined_crack(options.pop("out"), **options)
-    except (ValueError, RuntimeError) as error:
-        parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["cell"] in PLANE_CELLS else f"{path}: {gmsh_model.describe(path)}")
+    gmsh_model.run_script(parser, inclined_crack, argv)
 
 
 if __name__ == "__main__":

@@ -83,13 +83,13 @@ class SectionTable:
                 f"{self.source} has too few sections, {len(elevation)} where at least 2 are needed."
             )
         for name, values in self.columns.items():
-            self._refuse(name, ~np.isfinite(values), "must be a finite number")
+            self._check(name, ~np.isfinite(values), "must be a finite number")
             if name.endswith(("radius", "thickness")):
-                self._refuse(name, values <= 0, "must be positive [m]")
+                self._check(name, values <= 0, "must be positive [m]")
             if name.endswith("angle"):
-                self._refuse(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
+                self._check(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
         falls = np.concatenate([[False], np.diff(elevation) <= 0])
-        self._refuse("elevation", falls, "must be above the one before: sections rise")
+        self._check("elevation", falls, "must be above the one before: sections rise")
         if self.height > _MAX_HEIGHT:
             raise ValueError(
                 f"{self.source} makes a dam {self.height:g} m high, but elevations must be in "
@@ -103,9 +103,9 @@ class SectionTable:
         for name in ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness"):
             if name in self.columns:
                 wrong = self.columns[name] >= self.columns["extrados_radius"]
-                self._refuse(name, wrong, "must be below extrados_radius")
+                self._check(name, wrong, "must be below extrados_radius")
 
-    def _refuse(self, name: str, wrong: BoolArray, rule: str) -> None:
+    def _check(self, name: str, wrong: BoolArray, rule: str) -> None:
         """Raise ValueError with the first section where a column is wrong."""
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
@@ -165,7 +165,7 @@ class SectionHalf(CircularArches):
             e = outer - inner - self._at("crown_thickness", zeta)
             alpha = np.asarray(s) * self.half_angle(zeta)
             square = inner**2 - (e * np.sin(alpha)) ** 2
-            with np.errstate(invalid="ignore"):  # the arc ends before the abutment: refused as NaN
+            with np.errstate(invalid="ignore"):  # NaN where the arc ends before the abutment
                 return np.asarray(outer - e * np.cos(alpha) - np.sqrt(square))
         crown = self._at("crown_thickness", zeta)
         if "left_thickness" not in names:

@@ -154,12 +154,7 @@ def main(argv: list[str] | None = None) -> None:
         default=(2, 2, 1),
         help="cells along a voussoir, through the thickness, across the width",
     )
-    options = vars(parser.parse_args(argv))
-    try:
-        path = voussoir_arch(options.pop("out"), **options)
-    except (ValueError, RuntimeError) as error:
-        parser.exit(2, f"{parser.prog}: {error}\n")
-    print(path if options["width"] is None else f"{path}: {gmsh_model.describe(path)}")
+    gmsh_model.run_script(parser, voussoir_arch, argv)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The command line: what it prints, and how it refuses."""
+"""The command line: what it prints, and its errors."""
 
 from __future__ import annotations
 
@@ -80,10 +80,10 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)
     assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert said.startswith("dolfinx-joints")
-    assert said.endswith("; --help tells what is allowed.\n")
-    assert said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith("dolfinx-joints")
+    assert message.endswith("; --help tells what is allowed.\n")
+    assert message.count("\n") == 1
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")

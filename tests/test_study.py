@@ -30,7 +30,7 @@ def square(folder, *, x, wait=0.0, label="none"):
     """A case: a file, a number, a text."""
     (folder / "x.txt").write_text(str(x))
     time.sleep(wait)
-    return {"square": x * x, "third": x / 3.0, "said": label}
+    return {"square": x * x, "third": x / 3.0, "text": label}
 
 
 def picky(folder, *, x):
@@ -73,13 +73,13 @@ def test_rows_are_in_the_order_of_the_cases(tmp_path):
     assert table["case"].tolist() == ["slow", "fast", "text"]
     assert table["square"].tolist() == [1.0, 4.0, 9.0]
     assert table["third"].tolist() == [1 / 3, 2 / 3, 1.0]  # every digit
-    assert table["said"].tolist() == ["none", "none", "p,q\udcff"]
+    assert table["text"].tolist() == ["none", "none", "p,q\udcff"]
     np.testing.assert_array_equal(table["wait"], [0.8, np.nan, np.nan])  # not given
     assert table["wall_s"][0] >= 0.8
     assert (table["peak_mb"] > 5.0).all()
     assert (tmp_path / "s" / "cases" / "fast" / "x.txt").read_text() == "2"
     lines = write_csv(table, tmp_path / "t.csv").read_text().splitlines()
-    assert lines[0] == "case,status,reason,wall_s,peak_mb,x,wait,label,square,third,said"
+    assert lines[0] == "case,status,reason,wall_s,peak_mb,x,wait,label,square,third,text"
     assert lines[1].endswith(f",1.0,0.8,,1.0,{1 / 3!r},none")
     assert lines[3].endswith(r',1.0,"p,q\udcff"')
 

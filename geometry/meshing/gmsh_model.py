@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the geometry scripts share: Gmsh session, checks of input, named groups, flags, quality."""
+"""Gmsh session, named groups, writing, quality of meshes, and flags of the scripts."""
 
 from __future__ import annotations
 
@@ -341,4 +341,7 @@ def run_script(
         path = model(options.pop("out"), **options)
     except (ValueError, RuntimeError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
-    print(f"{path}: {describe(path)}")
+    report = ""
+    with suppress(ValueError):  # a plane mesh has no solids
+        report = f": {describe(path)}"
+    print(f"{path}{report}")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a STEP file says, gone through before Open CASCADE reads it, which crashed on wrong ones."""
+"""Checks of a STEP file before Open CASCADE reads it, which crashes on wrong ones."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ gmsh.option.setNumber("General.Terminal", 0)
 try:
     gmsh.model.occ.importShapes(sys.argv[1])
     gmsh.model.occ.synchronize()
-except Exception:  # told where it is read again
+except Exception:  # raised where it is read again
     pass
 os._exit(0)
 """
@@ -87,8 +87,8 @@ def _try_reading(step: Path) -> None:
             f"{-tried.returncode}, as where memory does not suffice."
         )
     if tried.returncode > 0:
-        said = shown(tried.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
-        raise RuntimeError(f"{step} could not be tried in a process of its own: {said}.")
+        last = shown(tried.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
+        raise RuntimeError(f"{step} could not be tried in a process of its own: {last}.")
 
 
 def _check_content(step: Path) -> int:

@@ -68,7 +68,7 @@ def test_a_reading_that_failed_leaves_no_trace_in_later_meshes(tmp_path):
     assert gmsh_model.describe(path).element == "hex27"
 
 
-def test_a_locked_gmsh_of_the_caller_is_told(tmp_path):
+def test_a_locked_gmsh_of_the_caller_is_reported(tmp_path):
     bad = tmp_path / "bad.msh"
     bad.write_text(BAD)
     gmsh.initialize(interruptible=False)
@@ -455,7 +455,7 @@ def test_bad_file(tmp_path):
         two_blocks(tmp_path / "nowhere" / "blocks.msh")
 
 
-def test_cells_turned_inside_out_are_refused(tmp_path):
+def test_cells_turned_inside_out(tmp_path):
     points, cells = extrusion.grid(np.arange(3.0), np.arange(2.0), "hex")
     plane = extrusion.PlaneMesh(points, {"body": cells}, {})
     solid = extrusion.extrude(plane, np.array([0.0, 1.0]), ("below", "above"))
@@ -465,7 +465,7 @@ def test_cells_turned_inside_out_are_refused(tmp_path):
     assert not (tmp_path / "m.msh").exists()
 
 
-def test_cells_without_volume_are_refused(tmp_path):
+def test_cells_without_volume(tmp_path):
     """Their scaled Jacobian is 0/0, in the second group read, beside good cells."""
     points, cells = extrusion.grid(np.arange(3.0), np.arange(2.0), "hex")
     plane = extrusion.PlaneMesh(points, {"good": cells[:1], "flat": cells[1:]}, {})
@@ -507,7 +507,7 @@ def test_script_runs_directly(tmp_path):
     assert Groups(tmp_path / "d.msh").points[:, 2].max() == 50
 
 
-def test_script_refuses_in_one_sentence(tmp_path, capsys):
+def test_errors_of_the_script(tmp_path, capsys):
     from dolfinx_joints.geometry import jointed_wall as script
 
     with pytest.raises(SystemExit) as stop:

@@ -276,7 +276,7 @@ BAD_TABLES = {
 
 
 @pytest.mark.parametrize("kind", BAD_TABLES)
-def test_malformed_tables_are_refused_in_one_sentence(tmp_path, kind):
+def test_malformed_tables(tmp_path, kind):
     text, sentence = BAD_TABLES[kind]
     file = write(tmp_path, text)
     with pytest.raises(ValueError, match=".") as failure:
@@ -286,7 +286,7 @@ def test_malformed_tables_are_refused_in_one_sentence(tmp_path, kind):
     assert not (tmp_path / "d.msh").exists()
 
 
-def test_what_is_no_table_is_refused(tmp_path):
+def test_files_that_are_no_table(tmp_path):
     with pytest.raises(ValueError, match=r"The table of sections '.*none\.csv' does not exist\."):
         read_sections(tmp_path / "none.csv")
     (tmp_path / "b.csv").write_bytes(b"\x89HDF\r\n\x1a\n")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""STEP files of several solids: groups, joints where they touch, and what is refused."""
+"""STEP files of several solids: groups, joints where they touch, and errors."""
 
 import contextlib
 import re
@@ -166,7 +166,7 @@ def one_sentence(failure):
         (b"ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n", " has no section 'DATA;' that ends with"),
     ],
 )
-def test_malformed_files_are_refused(tmp_path, content, sentence):
+def test_malformed_files(tmp_path, content, sentence):
     path = tmp_path / "bad.step"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"bad\.step") as failure:
@@ -186,7 +186,7 @@ def test_malformed_files_are_refused(tmp_path, content, sentence):
         ("(0.,0.,0.));", "(0.,0.,0.);", "which is no entity"),
     ],
 )
-def test_what_crashes_open_cascade_is_refused(tmp_path, step, old, new, sentence):
+def test_files_that_crash_open_cascade(tmp_path, step, old, new, sentence):
     path = tmp_path / "bad.step"
     good = step.read_text()
     assert old in good
@@ -257,7 +257,7 @@ def test_the_only_solid_cannot_be_built(tmp_path):
     one_sentence(failure)
 
 
-def test_a_file_that_is_cut_is_refused(tmp_path, step):
+def test_a_truncated_file(tmp_path, step):
     path = tmp_path / "cut.step"
     path.write_bytes(step.read_bytes()[:5000])
     with pytest.raises(ValueError, match=r"cut\.step is truncated") as failure:
@@ -274,7 +274,7 @@ def test_a_file_that_is_cut_is_refused(tmp_path, step):
         (rb"\.METRE\.", b".SECOND.", "names no unit of length in metres"),
     ],
 )
-def test_what_open_cascade_reads_in_silence_is_refused(tmp_path, step, old, new, sentence):
+def test_errors_that_open_cascade_does_not_report(tmp_path, step, old, new, sentence):
     damaged, count = re.subn(old, new, step.read_bytes())
     assert count
     path = tmp_path / "bad.step"
@@ -302,7 +302,7 @@ def test_what_open_cascade_reads_in_silence_is_refused(tmp_path, step, old, new,
     ],
     ids=["faces only", "overlap", "gap"],
 )
-def test_solids_that_do_not_fit_are_refused(tmp_path, boxes, dim, sentence):
+def test_solids_that_do_not_fit(tmp_path, boxes, dim, sentence):
     path = write_step(tmp_path / "bad.step", boxes, dim)
     with pytest.raises(ValueError, match=sentence) as failure:
         from_step(tmp_path / "p.msh", path, size=1)
@@ -348,7 +348,7 @@ def test_bad_options(tmp_path, step, options, sentence):
     assert not (tmp_path / "p.msh").exists()
 
 
-def test_script_refuses_in_one_sentence(tmp_path, capsys):
+def test_errors_of_the_script(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         script.main([str(tmp_path / "none.step"), "--size", "1"])
     assert stop.value.code == 2

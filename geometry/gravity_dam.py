@@ -321,9 +321,7 @@ def main(argv: list[str] | None = None) -> None:
     )
     parser.add_argument("--width", type=float, help="extent of a solid in y [m]; else a plane mesh")
 
-    def model(
-        out: Path, *, section: str, joints: Sequence[tuple[str, float]], **options: Any
-    ) -> Path:
+    def model(out: Path, *, section: str, joints: list[tuple[str, float]], **options: Any) -> Path:
         if len(dict(joints)) < len(joints):
             raise ValueError("two joints have one name, but each needs its own.")
         return gravity_dam(out, section=SECTIONS[section], joints=dict(joints), **options)

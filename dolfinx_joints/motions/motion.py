@@ -89,9 +89,7 @@ class Motion:
         Returns:
             Shape (..., 3), [m/s^2].
         """
-        times, samples = numbers_of(time), self.time
-        if times is None or np.isnan(times).any():
-            raise RecordError(f"time must be numbers of seconds, got {shown(time)}.")
+        times, samples = np.asarray(time, dtype=np.float64), self.time
         columns = [np.interp(times, samples, c, left=0.0, right=0.0) for c in self.acceleration.T]
         return np.stack(columns, axis=-1)
 

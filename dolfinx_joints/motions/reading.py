@@ -166,10 +166,10 @@ def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
     """Files of each record; what is no record is left out."""
     try:
         paths = sorted(directory.iterdir())
-    except (FileNotFoundError, NotADirectoryError):
-        raise RecordError(f"There is no file or directory {directory}.") from None
     except OSError as error:
-        raise RecordError(f"{directory} cannot be read: {error.strerror}.") from None
+        raise RecordError(
+            f"There is no file or directory {directory} to read: {error.strerror}."
+        ) from None
     records: dict[str, list[Path]] = {}
     for path in paths:
         record = _record_of(path, any_columns)

@@ -87,7 +87,7 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_missing_or_contradicts_is_refused(
+def test_what_is_missing_or_contradicts_is_an_error(
     tmp_path: Path, header: str, options: dict[str, Any], message: str
 ) -> None:
     path = write(tmp_path, header, TIMES, VALUES[:, 0])
@@ -110,7 +110,7 @@ def test_what_is_missing_or_contradicts_is_refused(
         ("# unit: g\n0 1 2 3\n1 1 2 3\n", "has 4 columns and does not name them"),
     ],
 )
-def test_malformed_columns_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "motion.txt"
     path.write_text(text)
     with pytest.raises(RecordError) as caught:
@@ -118,7 +118,7 @@ def test_malformed_columns_are_refused(tmp_path: Path, text: str, message: str) 
     assert message in str(caught.value)
 
 
-def test_columns_of_a_file_with_its_own_format_are_refused(tmp_path: Path) -> None:
+def test_columns_of_a_file_with_its_own_format_are_errors(tmp_path: Path) -> None:
     path = tmp_path / "a.AT2"
     path.write_text("PEER\na, 0\nUNITS OF G\nNPTS= 2, DT= .01 SEC\n 0.1 0.2\n")
     with pytest.raises(RecordError, match="is a file of PEER AT2, which has no columns to name"):

@@ -152,7 +152,7 @@ def write(directory: Path, content: str | bytes, name: str = "file.txt") -> Path
     return path
 
 
-def refusal(path: Path) -> str:
+def error_message(path: Path) -> str:
     """The error message on a file, without the file's name."""
     with pytest.raises(RecordError) as caught:
         read_components(path)
@@ -185,8 +185,18 @@ def test_every_format_is_found_by_content_and_converted(
         ("smc", "line 34: 36 values up to here, line 14 announces 37"),
     ],
 )
-def test_a_truncated_file_is_refused(tmp_path: Path, name: str, message: str) -> None:
-    assert message in refusal(write(tmp_path, FORMATS[name](values=WAVE[:-1])))
+def test_a_truncated_file_is_an_error(tmp_path: Path, name: str, message: str) -> None:
+    assert message in error_message(write(tmp_path, FORMATS[name](values=WAVE[:-1])))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("lines", [1, 11, 43])
+def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, lines: int) -> None:
+    text = FORMATS[name]()
+    header = min(lines, len(text.splitlines()) // 2)
+    error_message(
+        write(tmp_path, "\n".join(text.splitlines()[: 1 if name == "columns" else header]))
+    )
 
 
 @pytest.mark.parametrize(
@@ -204,8 +214,8 @@ def test_a_truncated_file_is_refused(tmp_path: Path, name: str, message: str) ->
         ("cosmos", "30", "line 50: 32 values up to here, line 46 announces 30"),
     ],
 )
-def test_a_wrong_count_is_refused(tmp_path: Path, name: str, count: str, message: str) -> None:
-    sentence = refusal(write(tmp_path, FORMATS[name](count=count)))
+def test_a_wrong_count_is_an_error(tmp_path: Path, name: str, count: str, message: str) -> None:
+    sentence = error_message(write(tmp_path, FORMATS[name](count=count)))
     assert message in sentence
 
 
@@ -213,12 +223,14 @@ def test_a_wrong_count_is_refused(tmp_path: Path, name: str, count: str, message
 def test_a_count_that_the_file_cannot_hold_allocates_nothing(tmp_path: Path, name: str) -> None:
     path = write(tmp_path, FORMATS[name](count="9" * 10))
     most = path.stat().st_size // 2
-    assert f"must be from 2 to {most}, which fit into the file, got 9999999999" in refusal(path)
+    assert f"must be from 2 to {most}, which fit into the file, got 9999999999" in error_message(
+        path
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("word", ["abc", "NaN", "1E999"])
-def test_text_among_the_numbers_is_refused(tmp_path: Path, name: str, word: str) -> None:
+def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str, word: str) -> None:
     lines = FORMATS[name]().rstrip("\n").split("\n")
     place = 48 if name == "cosmos" else len(lines) - 2
     wide = {"knet": 9, "smc": 10, "cosmos": 10, "at2": 16}.get(name)
@@ -226,7 +238,7 @@ def test_text_among_the_numbers_is_refused(tmp_path: Path, name: str, word: str)
     lines[place] = f"{word:>{wide}s}{keep}" if wide else lines[place].split(",")[0] + f", {word}"
     if name == "esm":
         lines[place] = word
-    assert f"line {place + 1}: {word!r} is not a finite number" in refusal(
+    assert f"line {place + 1}: {word!r} is not a finite number" in error_message(
         write(tmp_path, "\n".join(lines))
     )
 
@@ -245,23 +257,23 @@ def test_text_among_the_numbers_is_refused(tmp_path: Path, name: str, word: str)
         ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
     ],
 )
-def test_unknown_and_mixed_units_are_refused(
+def test_unknown_and_mixed_units_are_errors(
     tmp_path: Path, name: str, unit: str, message: str
 ) -> None:
-    assert message in refusal(write(tmp_path, FORMATS[name](unit=unit)))
+    assert message in error_message(write(tmp_path, FORMATS[name](unit=unit)))
 
 
-def test_a_unit_that_cannot_be_true_is_refused(tmp_path: Path) -> None:
+def test_a_unit_that_cannot_be_true_is_an_error(tmp_path: Path) -> None:
     # 25 cm/s^2 that are said to be g would be 25 times gravity.
     path = write(tmp_path, esm(unit="g"))
-    assert "value 10 is 24.9" not in refusal(path)
+    assert "value 10 is 24.9" not in error_message(path)
     place = int(np.argmax(np.abs(WAVE)))
     message = f": value {place + 1} is {WAVE[place]:g} g; more than 20 g is no ground motion"
-    assert message in refusal(path)
+    assert message in error_message(path)
 
 
 @pytest.mark.parametrize("suffix", [".AT2", ".ASC", ".NS", ".smc", ".v2", ".txt"])
-def test_junk_is_refused_whatever_its_name(tmp_path: Path, suffix: str) -> None:
+def test_junk_is_an_error_whatever_its_name(tmp_path: Path, suffix: str) -> None:
     for content, message in (
         (b"", " is empty."),
         (b" \n\n", " is empty."),
@@ -271,7 +283,7 @@ def test_junk_is_refused_whatever_its_name(tmp_path: Path, suffix: str) -> None:
     ):
         if content.startswith(b"\x89"):  # bytes above 127 can be letters of a name
             message = " is not a text file: its byte 6 is 0x1a."
-        assert refusal(write(tmp_path, content, f"junk{suffix}")).startswith(message)
+        assert error_message(write(tmp_path, content, f"junk{suffix}")).startswith(message)
 
 
 def forbidden(path: Path, *_: object) -> None:
@@ -279,19 +291,19 @@ def forbidden(path: Path, *_: object) -> None:
     raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
 
-def test_what_is_no_file_or_too_large_is_refused(
+def test_what_is_no_file_or_too_large_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert refusal(tmp_path) == " is no file."
-    assert refusal(tmp_path / "none") == " cannot be read: No such file."
+    assert error_message(tmp_path) == " is no file."
+    assert error_message(tmp_path / "none") == " cannot be read: No such file."
     locked = write(tmp_path, at2(), "locked.AT2")
     monkeypatch.setattr(Path, "open", forbidden)
-    assert refusal(locked) == " cannot be read: Permission denied."
+    assert error_message(locked) == " cannot be read: Permission denied."
     monkeypatch.undo()
     path = tmp_path / "sparse.AT2"
     with path.open("wb") as file:
         file.truncate(10**12)  # a hole: it takes no space on the disk
-    assert refusal(path) == f" has {10**12} bytes; a record may have {MAX_BYTES} at most."
+    assert error_message(path) == f" has {10**12} bytes; a record may have {MAX_BYTES} at most."
 
 
 @pytest.mark.parametrize(
@@ -324,8 +336,8 @@ def test_what_is_no_file_or_too_large_is_refused(
         ),
     ],
 )
-def test_headers_that_do_not_add_up_are_refused(tmp_path: Path, content: str, message: str) -> None:
-    assert message in refusal(write(tmp_path, content))
+def test_headers_that_do_not_add_up_are_errors(tmp_path: Path, content: str, message: str) -> None:
+    assert message in error_message(write(tmp_path, content))
 
 
 def test_a_broken_file_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -414,7 +426,7 @@ def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) ->
         read_record(files, directions=[122, 31, "up"])
 
 
-def test_components_in_different_units_are_refused(tmp_path: Path) -> None:
+def test_components_in_different_units_are_errors(tmp_path: Path) -> None:
     files = three(tmp_path, "esm")
     write(tmp_path, esm(unit="m/s^2", values=0.01 * WAVE, stream="HNZ"), files[2].name)
     with pytest.raises(RecordError, match="have different units, cm/s.2, m/s.2"):

@@ -50,7 +50,7 @@ def test_a_motion_keeps_its_own_read_only_copy() -> None:
         (np.ones((4, 3)), 0.0, "Motion: dt is 0.0 s; it must be positive and finite"),
     ],
 )
-def test_a_wrong_motion_is_refused(values: np.ndarray, dt: float, message: str) -> None:
+def test_a_wrong_motion_is_an_error(values: np.ndarray, dt: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Motion(acceleration=values, dt=dt)
 
@@ -186,6 +186,6 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
         ({"peaks_g": (0.4, 0.3)}, "it must be 3 finite numbers"),
     ],
 )
-def test_wrong_synthetic_motions_are_refused(options: dict[str, Any], message: str) -> None:
+def test_wrong_synthetic_motions_are_errors(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         synthetic_motion(**options)

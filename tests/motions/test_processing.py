@@ -57,7 +57,7 @@ def test_a_baseline_stops_the_drift_of_an_offset_record() -> None:
     assert np.abs(drifting.baseline_corrected(0).integrated()[1][:, 0]).max() < 0.02
 
 
-def test_wrong_baselines_are_refused() -> None:
+def test_wrong_baselines_are_errors() -> None:
     short = Motion(acceleration=np.ones((4, 3)), dt=DT)
     with pytest.raises(RecordError, match="degree 2 needs 5 samples or more, the motion has 4"):
         short.baseline_corrected(2)
@@ -116,6 +116,6 @@ def test_the_filter_does_not_know_which_way_time_runs() -> None:
         (0.1, 5.0, 0, "order is 0; it must be a whole number, at least 1 and at most 8"),
     ],
 )
-def test_wrong_filters_are_refused(low: Any, high: float | None, order: Any, message: str) -> None:
+def test_wrong_filters_are_errors(low: Any, high: float | None, order: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         motion_of(1.0, 1.0, 1.0).band_passed(low, high, order=order)

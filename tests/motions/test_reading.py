@@ -96,7 +96,7 @@ GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
         ),
     ],
 )
-def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_wrong_file_is_an_error(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "a.AT2"
     path.write_text(text)
     with pytest.raises(RecordError, match=message) as caught:
@@ -145,7 +145,7 @@ def test_one_of_several_records_is_chosen_by_name(tmp_path: Path) -> None:
         read_record(tmp_path, name="xyz")
 
 
-def test_incomplete_records_are_refused(tmp_path: Path) -> None:
+def test_incomplete_records_are_errors(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="There is no file or directory"):
         read_record(tmp_path / "none")
     with pytest.raises(RecordError, match="has no record; it has none"):
@@ -157,7 +157,7 @@ def test_incomplete_records_are_refused(tmp_path: Path) -> None:
             read_record(tmp_path / str(number))
 
 
-def test_components_that_disagree_are_refused(tmp_path: Path) -> None:
+def test_components_that_disagree_are_errors(tmp_path: Path) -> None:
     write_record(tmp_path)
     (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="UP", dt=".0100"))
     with pytest.raises(RecordError, match="different time steps"):
@@ -167,7 +167,7 @@ def test_components_that_disagree_are_refused(tmp_path: Path) -> None:
         read_record(tmp_path)
 
 
-def test_a_damaged_component_is_refused_not_left_out(tmp_path: Path) -> None:
+def test_a_damaged_component_is_an_error_not_left_out(tmp_path: Path) -> None:
     # By its name the file belongs to the record, whatever it holds.
     write_record(tmp_path)
     for content, message in ((b"", "-UP.AT2 is empty"), (b"\0\1\2", "-UP.AT2 is not a text file")):
@@ -176,12 +176,12 @@ def test_a_damaged_component_is_refused_not_left_out(tmp_path: Path) -> None:
             read_record(tmp_path)
 
 
-def test_no_files_are_refused() -> None:
+def test_no_files_are_errors() -> None:
     with pytest.raises(RecordError, match="At least one file is needed, got none"):
         read_record([])
 
 
-def test_what_names_no_files_is_refused(tmp_path: Path) -> None:
+def test_what_names_no_files_is_an_error(tmp_path: Path) -> None:
     write_record(tmp_path)
     assert len(read_record(path for path in tmp_path.glob("*.AT2")).acceleration) == 20
     for source, message in (

@@ -100,7 +100,7 @@ def test_histories_of_oscillators_have_the_peaks_of_the_spectrum() -> None:
     np.testing.assert_allclose(step, exact, atol=1e-13)
 
 
-def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
+def test_what_cannot_be_reached_is_an_error_with_the_worst_period() -> None:
     narrow = (np.array([0.5, 0.505, 0.51]), np.array([1.0, 50.0, 1.0]))
     with pytest.raises(RecordError, match=r"came no nearer .*, at 0\.5\d* s, in 3 rounds; toleran"):
         match_spectrum(RECORD, narrow, components="x", rounds=3)
@@ -129,7 +129,7 @@ def test_what_cannot_be_reached_is_refused_with_the_worst_period() -> None:
         (([0.1, 3.1], [1.0, 1.0]), "ends at 3.1 s; in a motion of 12 s it may end at 3 s"),
     ],
 )
-def test_targets_that_are_none_are_refused(target: Any, message: str) -> None:
+def test_targets_that_are_none_are_errors(target: Any, message: str) -> None:
     with pytest.raises(RecordError, match=message):
         match_spectrum(RECORD, target)
 
@@ -142,7 +142,7 @@ def test_targets_that_are_none_are_refused(target: Any, message: str) -> None:
         ({"motion": "record"}, "motion is 'record'; it must be a Motion"),
     ],
 )
-def test_other_wrong_arguments_are_refused(options: dict[str, Any], message: str) -> None:
+def test_other_wrong_arguments_are_errors(options: dict[str, Any], message: str) -> None:
     arguments = {"motion": RECORD, "target": (STEPS, eurocode(STEPS)), **options}
     with pytest.raises(ValueError, match=message):
         match_spectrum(**arguments)

@@ -149,7 +149,7 @@ def test_every_column_has_a_unit(tmp_path):
             assert len(set(header)) == len(header)
 
 
-def test_tables_are_not_replaced_unless_told(tmp_path, capsys):
+def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     run, out = write_run(tmp_path / "r.h5"), tmp_path / "out"
     out.mkdir()
     (out / "joints.csv").write_text("mine")
@@ -228,7 +228,7 @@ def test_blocks_have_a_row_for_each_record(tmp_path, water):
         np.testing.assert_array_equal(effective, values["force"][:, :, i].T.ravel())
 
 
-def test_resultants_that_were_not_recorded_are_told(tmp_path):
+def test_resultants_that_were_not_recorded_are_reported(tmp_path):
     with Results(write_run(tmp_path / "r.h5")) as results:
         with pytest.raises(ResultsError, match="no resultants of blocks; record them with Results"):
             block_resultants(results)

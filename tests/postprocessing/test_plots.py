@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import joint_surface, plots
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
@@ -290,6 +290,8 @@ def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> 
     assert plots.joint_states(results, ax=lower) is lower
     path = plots.save(figure, tmp_path / "figure.png", dpi=50)
     assert path.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(JointsError, match=r"figure\.png cannot be written: No such file"):
+        plots.save(figure, tmp_path / "nowhere" / "figure.png")
     plots.save(upper.figure, tmp_path / "figure.pdf")
     assert (tmp_path / "figure.pdf").stat().st_size > 1000
 

@@ -162,7 +162,7 @@ def test_coincident_points_are_no_outline() -> None:
 
 
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
-def test_without_the_packages_there_is_one_sentence(
+def test_without_the_packages_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results, lacking: str
 ) -> None:
     monkeypatch.setitem(sys.modules, lacking, None)
@@ -170,7 +170,7 @@ def test_without_the_packages_there_is_one_sentence(
         views.mesh(results)
 
 
-def test_without_anything_to_draw_with_there_is_one_sentence(
+def test_without_anything_to_draw_with_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

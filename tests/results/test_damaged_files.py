@@ -89,6 +89,7 @@ def text(value):
 
 DAMAGED = {
     "metadata are no JSON": replaced("metadata", text("{")),
+    "summary is a number": replaced("summary", text("3")),
     "status is missing": replaced("status", np.zeros(0)),
     "version is a text": attribute("/", "version", "one"),
     "unit is a number": attribute("static/mesh/nodes", "unit", 1.0),

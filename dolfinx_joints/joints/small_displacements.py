@@ -51,10 +51,10 @@ class SmallDisplacements:
         largest = np.max(self._contact.operator.comm.allgather(self._largest), axis=0)
         return {"largest": largest, "warned": self._warned}
 
-    def load_state_dict(self, memory: Mapping[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, NDArray[Any]]) -> None:
         """Take up what another's ``state_dict`` gave."""
-        if memory:
-            self._largest[:], self._warned[:] = memory["largest"], memory["warned"]
+        if state_dict:
+            self._largest[:], self._warned[:] = state_dict["largest"], state_dict["warned"]
 
     def warn(self, when: str) -> None:
         """Warn of the joints that went too far since the last call (collective).

@@ -67,7 +67,7 @@ class FieldMonitor(Monitor):
             self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
 
     def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+        self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
         """Create a folder for the times after ``last`` (collective)."""
         name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"

@@ -171,7 +171,7 @@ class ResultsMonitor(Monitor):
         return {"points": points, "every": self.every, **extra}
 
     def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+        self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
         """Go on with the file; records after ``last`` are cut off (collective).
 
@@ -179,20 +179,20 @@ class ResultsMonitor(Monitor):
             ResultsError: The file is not that of the run, or was recorded with other settings.
         """
         for name, here in self._settings.items():
-            was = memory["settings"].get(name, False)  # a checkpoint of an earlier version
+            was = state_dict["settings"][name]
             if was != here:
                 raise ResultsError(
                     f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
                     f"{name}={here}."
                 )
         self._find(model, last)
-        self._before = memory["time"], memory["velocity"]
+        self._before = state_dict["time"], state_dict["velocity"]
         self._time = last.time
         if self._envelopes is not None:
-            self._envelopes.load_state_dict(memory["envelopes"])
+            self._envelopes.load_state_dict(state_dict["envelopes"])
 
         def reopen() -> None:
-            self._writer = ResultsWriter.resume(self._path, memory["records"])
+            self._writer = ResultsWriter.resume(self._path, state_dict["records"])
 
         on_root(self._comm, reopen)
 

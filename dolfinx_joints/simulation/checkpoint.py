@@ -36,7 +36,7 @@ from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
 # Parts of every checkpoint.
-PARTS = ("run", "monitors", "memory", "state", "origin", "static")
+PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,13 @@ class _Saved:
         state: State to go on from.
         origin: Displacement at the start of the stage [m].
         static: Static state that the stage started from, None without one.
-        memory: For `DynamicRun.resume`.
+        state_dict: For `DynamicRun.resume`.
     """
 
     state: DynamicState
     origin: PETSc.Vec
     static: StaticState | None
-    memory: Tree
+    state_dict: Tree
 
 
 @dataclass(eq=False)
@@ -166,7 +166,7 @@ class CheckpointKeeper:
         tree = {
             "run": self._facts,
             "monitors": [type(monitor).__name__ for monitor in run.monitors],
-            "memory": run.state_dict(),
+            "state_dict": run.state_dict(),
             "state": self._kept(run.state),
             "origin": self._kept(run.origin),
             "static": self._kept(static),
@@ -219,7 +219,7 @@ class CheckpointKeeper:
             state=self._state(tree["state"]),
             origin=self._vector(tree["origin"]),
             static=None if static is None else self._static(static),
-            memory=tree["memory"],
+            state_dict=tree["state_dict"],
         )
 
     def _kept(self, thing: Any) -> Any:

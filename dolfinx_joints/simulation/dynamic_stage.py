@@ -117,22 +117,26 @@ class DynamicRun:
             "monitors": {str(i): monitor.state_dict() for i, monitor in enumerate(self.monitors)},
         }
 
-    def resume(self, memory: Mapping[str, Any], origin: PETSc.Vec) -> None:
+    def resume(self, state_dict: Mapping[str, Any], origin: PETSc.Vec) -> None:
         """Go on from what ``state_dict`` gave, the monitors as well (collective).
 
         Args:
-            memory: Of the run to be continued, whose state this one was made with.
+            state_dict: Of the run to be continued, whose state this one was made with.
             origin: Its displacement at the start of the stage [m].
         """
-        self.origin, self.step, self._iterations = origin, memory["step"], memory["iterations"]
-        self._local_error, self._largest = memory["local_error"], memory["largest"]
-        self._watch.load_state_dict(memory["watch"])
-        self._solver.load_state_dict(memory["solver"])
-        self._stepper.load_state_dict(memory["steps"])
-        self._ledger.load_state_dict(memory["energy"])
+        self.origin, self.step, self._iterations = (
+            origin,
+            state_dict["step"],
+            state_dict["iterations"],
+        )
+        self._local_error, self._largest = state_dict["local_error"], state_dict["largest"]
+        self._watch.load_state_dict(state_dict["watch"])
+        self._solver.load_state_dict(state_dict["solver"])
+        self._stepper.load_state_dict(state_dict["steps"])
+        self._ledger.load_state_dict(state_dict["energy"])
         last = self._record(self.step, None, self._ledger.row, 0)
         for i, monitor in enumerate(self.monitors):
-            monitor.resume(self.model, "dynamic", self._steps, last, memory["monitors"][str(i)])
+            monitor.resume(self.model, "dynamic", self._steps, last, state_dict["monitors"][str(i)])
             self._started.append(monitor)
 
     def take(self, dt: float) -> StepReport:

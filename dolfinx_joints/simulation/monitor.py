@@ -37,7 +37,7 @@ class Monitor:
         return {}
 
     def resume(
-        self, model: Model, stage: str, steps: int, last: Record, memory: Mapping[str, Any]
+        self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
         """Called in the place of ``start``, with the last step and the state that was kept."""
         self.start(model, stage, steps, last)

@@ -308,7 +308,7 @@ class Simulation:
                 run.start()
                 self._save(keeper, run)
             else:
-                run.resume(saved.memory, saved.origin)
+                run.resume(saved.state_dict, saved.origin)
             while run.step < steps:
                 self._step(run, dt)
                 self._save(keeper, run)

@@ -98,7 +98,7 @@ class NewtonSolver:
         """Empty: every solve starts from its arguments alone."""
         return {}
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Keep nothing: there is no state."""
 
     def _iterate(

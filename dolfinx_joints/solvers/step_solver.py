@@ -95,7 +95,7 @@ class StepSolver(Protocol):
     def state_dict(self) -> dict[str, Any]:
         """State that later solves depend on beyond their arguments: names to arrays and numbers."""
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what the ``state_dict`` of a solver of the same system gave (collective)."""
 
 

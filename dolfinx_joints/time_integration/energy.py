@@ -155,10 +155,10 @@ class EnergyLedger:
         names = ("_at_start", "scale", "_error", "_imbalance")
         return {"row": row, "totals": [getattr(self, name) for name in names]}
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on from what another's ``state_dict`` gave."""
-        self.row = EnergyRow(**memory["row"])
-        self._at_start, self.scale, self._error, self._imbalance = memory["totals"]
+        self.row = EnergyRow(**state_dict["row"])
+        self._at_start, self.scale, self._error, self._imbalance = state_dict["totals"]
 
     @property
     def relative_error(self) -> float:

@@ -138,10 +138,10 @@ class Stepper:
         """State that later steps depend on."""
         return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
-        self._largest, self._level = memory["largest"], memory["level"]
-        self.counts = StepCounts(**memory["counts"])
+        self._largest, self._level = state_dict["largest"], state_dict["level"]
+        self.counts = StepCounts(**state_dict["counts"])
 
     def _rejects(
         self,

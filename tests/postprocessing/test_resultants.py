@@ -220,7 +220,7 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
             if record.step == 3:
                 raise KeyboardInterrupt
 
-        def resume(self, model, stage, steps, last, memory):
+        def resume(self, model, stage, steps, last, state_dict):
             self.record = lambda record: None
 
     def run(path, others, **options):

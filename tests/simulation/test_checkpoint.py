@@ -371,7 +371,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")
     monkeypatch.undo()
-    assert checkpoint_file.read_checkpoint(path)["memory"]["step"] == 2
+    assert checkpoint_file.read_checkpoint(path)["state_dict"]["step"] == 2
     short(jointed, tmp_path, resume=True)
     assert not path.with_name("run.ckpt.part").exists()
     assert content(tmp_path / "run.h5")[1]["steps"] == 4

@@ -110,9 +110,9 @@ class Condensed:
         made = "corrections" in self.__dict__
         return self.corrections.state_dict() if made else dict(self._restored)
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave, once corrections are asked for."""
-        self._restored = memory
+        self._restored = state_dict
 
     def _stuck(self) -> Floats:
         """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""

@@ -178,11 +178,11 @@ class Corrections:
         kept = {} if self._block is None else {"kept": self._kept}
         return {"missed": self._missed, **kept}
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
-        self._missed = memory["missed"]
-        if "kept" in memory:
-            self._block = self._hold(memory["kept"])
+        self._missed = state_dict["missed"]
+        if "kept" in state_dict:
+            self._block = self._hold(state_dict["kept"])
 
 
 def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:

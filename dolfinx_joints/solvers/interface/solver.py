@@ -164,11 +164,11 @@ class InterfaceSolver:
         }
         return {"matrices": matrices, "sweeps": self._sweeps, **known}
 
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on from what another's ``state_dict`` gave (collective)."""
         kept = []
-        for i in range(len(memory["matrices"])):
-            one = memory["matrices"][str(i)]
+        for i in range(len(state_dict["matrices"])):
+            one = state_dict["matrices"][str(i)]
             effective = MatrixCoefficients(
                 mass=one["mass"], damping=one["damping"], stiffness=one["stiffness"]
             )
@@ -176,12 +176,12 @@ class InterfaceSolver:
             kept[-1].load_state_dict(one["corrections"])
 
         def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
-            known = memory[name]["matrix"]
+            known = state_dict[name]["matrix"]
             found = None if known is None else kept[known]
-            return found, memory[name]["force"], memory[name]["coupled"]
+            return found, state_dict[name]["force"], state_dict[name]["coupled"]
 
         self._last, self._before = start("last"), start("before")
-        self._sweeps = memory["sweeps"]
+        self._sweeps = state_dict["sweeps"]
 
     def _start(self, step: JointStep) -> Iterate:
         """The better of two starts: the last step's forces, and the line through the last two."""

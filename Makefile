@@ -137,13 +137,15 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 	@$(call install_tool,$(MUTANTS_TOOL),$(MUTANTS_NEEDS))
 	rm -rf build/mutants
 	git clone -q --shared . build/mutants
-	mkdir build/mutants/build
+	mkdir -p build/mutants/build/original
+	cp -rL build/mutants/dolfinx_joints build/mutants/build/original
 	find -L build/mutants/dolfinx_joints -name '*.py' -exec touch -d @0 {} +
 	-$(IN_COPY) -m coverage run --source=dolfinx_joints -m pytest -q -p mutants \
 		-p no:cacheprovider -m "not slow" $(MUTANTS_TESTS)
 	$(COSMIC_RAY) init tests/mutants.toml build/session
 	$(IN_COPY) -m cosmic_ray.tools.filters.operators_filter build/session tests/mutants.toml
 	$(IN_COPY) tests/mutants.py sample build/session $(MUTANTS) $(MUTANTS_SEED)
+	$(COSMIC_RAY) baseline tests/mutants.toml
 	$(COSMIC_RAY) exec tests/mutants.toml build/session
 	$(IN_COPY) -m cosmic_ray.tools.report --surviving-only --show-diff build/session
 	$(IN_COPY) -m cosmic_ray.tools.survival_rate build/session

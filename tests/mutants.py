@@ -12,7 +12,6 @@ import ast
 import json
 import os
 import random
-import re
 import shutil
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 REACH = Path("build/reach.json")  # {"seconds": {test: s}, "lines": {file: {line: [tests]}}}
+ORIGINAL = Path("build/original")  # the package without a fault
 MOST = 40.0  # processor time that a mutant's tests may take, [s]
 SECONDS: dict[str, float] = {}
 
@@ -49,40 +49,49 @@ def pytest_sessionfinish():
 
 
 def sample(session: str, size: str, seed: str) -> None:
-    """Skip all but a sample: places drawn with equal chances, at each one of its mutants."""
+    """Leave a sample of a session: places drawn with equal chances, at each one of its mutants."""
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator
     from cosmic_ray.work_db import use_db
-    from cosmic_ray.work_item import WorkerOutcome, WorkResult
 
     with use_db(session) as db:
-        places, skipped = defaultdict(list), set()
+        places, chosen = defaultdict(list), []
         for item in db.pending_work_items:
             (mutant,) = item.mutations
-            skipped.add(item.job_id)
             place = str(mutant.module_path), *mutant.start_pos
-            places[place].append((mutant.operator_name, mutant.occurrence, item.job_id))
-        draw, kept = random.Random(int(seed)), 0
+            places[place].append((mutant.operator_name, mutant.occurrence, item))
+        draw = random.Random(int(seed))
         for place in draw.sample(sorted(places), len(places)):
-            operator, occurrence, job = draw.choice(sorted(places[place]))
+            operator, occurrence, item = draw.choice(sorted(places[place], key=lambda m: m[:2]))
             source = Path(place[0]).read_text(encoding="utf-8")
             try:
                 mutated = mutate_code(source, get_operator(operator)(), occurrence)
                 compile(mutated, place[0], "exec")
             except SyntaxError:  # no interpreter would take it
                 continue
-            skipped.remove(job)
-            kept += 1
-            if kept == int(size):
+            chosen.append(item)
+            if len(chosen) == int(size):
                 break
-        db.set_multiple_results(skipped, WorkResult(worker_outcome=WorkerOutcome.SKIPPED))
+        db.clear()
+        db.add_work_items(chosen)
+
+
+def changed() -> tuple[str, int]:
+    """File and line of the fault; the first law's where there is none."""
+    for path in Path("dolfinx_joints").rglob("*.py"):
+        lines = (ORIGINAL / path).read_text(encoding="utf-8").splitlines()
+        mutated = path.read_text(encoding="utf-8").splitlines()
+        for number, (one, other) in enumerate(zip(lines, mutated, strict=True), start=1):
+            if one != other:
+                return str(path), number
+    return "dolfinx_joints/laws/friction.py", 1
 
 
 def reaching(file: str, line: int) -> list[str]:
     """Tests that run the statement of a line, the quickest first; of all lines where none does."""
     reach = json.loads(REACH.read_text(encoding="utf-8"))
     lines, seconds = reach["lines"].get(file, {}), reach["seconds"]
-    source = subprocess.check_output(["git", "show", f"HEAD:{file}"], text=True)
+    source = (ORIGINAL / file).read_text(encoding="utf-8")
     statements = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt)]
     around = [n for n in statements if n.lineno <= line <= n.end_lineno]
     inner = max(around, key=lambda node: node.lineno)
@@ -98,13 +107,12 @@ def reaching(file: str, line: int) -> list[str]:
 
 
 def test() -> int:
-    """Run the tests that reach what differs from the last commit; kernels compile beside."""
-    diff = subprocess.check_output(["git", "diff", "-U0", "dolfinx_joints"], text=True)
-    file = re.search(r"^\+\+\+ b/(.*)$", diff, re.MULTILINE)[1]
-    tests = reaching(file, int(re.search(r"^@@ -(\d+)", diff, re.MULTILINE)[1]))
+    """Run the tests that reach the fault; its module's kernels are compiled in a passing copy."""
+    file, line = changed()
+    tests = reaching(file, line)
     for path in Path("dolfinx_joints").rglob("*.py"):
         if str(path) != file:
-            os.utime(path, (0, 0))  # as it was when the kernels of the copy were compiled
+            os.utime(path, (0, 0))  # as it was when the kernels were compiled
     with TemporaryDirectory() as folder:
         cache = shutil.copytree("build/kernels", Path(folder) / "kernels")
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]

@@ -247,9 +247,11 @@ def test_displacement_in_a_turned_friction_plane(angle):
     assert np.abs(across).max() < 1e-9 * EXACT.start
 
 
-def test_error_falls_with_the_step():
+@pytest.mark.parametrize(
+    "steps", [(250, 500, 1000), pytest.param((250, 500, 1000, 2000), marks=pytest.mark.slow)]
+)
+def test_error_falls_with_the_step(steps):
     """Order one, the reversals being within a step."""
-    steps = (250, 500, 1000, 2000)
     errors = [error(march(17.0, steps_per_period=n)) for n in steps]
     assert 0.9 < -np.polyfit(np.log(steps), np.log(errors), 1)[0] < 1.3
 
@@ -269,7 +271,7 @@ def test_rest_stays_at_rest():
     assert rest.mean() == pytest.approx(0.05e-3, abs=2e-3 * EXACT.start)
 
 
-@pytest.mark.parametrize("direction", [30.0, 90.0, 200.0])
+@pytest.mark.parametrize("direction", [30.0, pytest.param(90.0, marks=pytest.mark.slow), 200.0])
 def test_any_direction_of_motion(direction):
     """At rest the sticking mass trembles about one place, within 1e-4 of the start."""
     straight, turned = march(17.0), march(17.0, direction_deg=direction)

@@ -104,7 +104,12 @@ def test_exact_solution_refuses_bad_parameters(name, value):
         ImpactOscillator(**{**parameters, name: value})
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.012, 0.03, 0.054, 0.09])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "gap", [*(pytest.param(g, marks=SLOW) for g in (0.0, 0.03, 0.09)), 0.012, 0.054]
+)
 def test_energy_error_with_the_steps_of_the_paper(demo, gap):
     """At most 0.1 % (the paper: below 0.6 %), wherever in a step the contact begins.
 
@@ -130,7 +135,7 @@ def test_contact_with_the_steps_of_the_paper(demo, gap):
     assert impulse == pytest.approx(problem.impulse, rel=5e-4)
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.03])
+@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=SLOW), 0.03])
 def test_displacement_converges_with_order_two(demo, gap):
     """Both steps divided by 1, 2, 4 and 8; fitted order, and the error of the coarsest.
 
@@ -147,6 +152,7 @@ def test_displacement_converges_with_order_two(demo, gap):
     assert demo["observed_order"](errors) == pytest.approx(2.0, abs=0.05)
 
 
+@SLOW
 def test_energy_error_falls_with_order_two_or_faster_in_the_worst_case(demo):
     """Over many gaps, that is many places in a step where the contact begins and ends."""
     gaps = np.linspace(0.0, 0.06, 7)

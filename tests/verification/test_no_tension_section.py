@@ -108,7 +108,7 @@ def test_order_2(cell, quadrature):
         assert found.edge_stress == pytest.approx(exact.edge_stress, rel=tolerance)
 
 
-@pytest.mark.parametrize("cell", ["hex", "tet"])
+@pytest.mark.parametrize("cell", ["hex", pytest.param("tet", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("quadrature", ["nodal", "gauss"])
 def test_errors_fall_with_order_two(cell, quadrature):
     """Over eccentricities that end the contact at many places within a face."""

@@ -12,7 +12,7 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_choice, shown
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import Material, elastic_part, is_material, is_plastic
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
@@ -21,8 +21,6 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
-
-PLANES = ("strain", "stress")
 
 
 def strain(u: Any) -> Any:
@@ -49,7 +47,7 @@ class ElasticBody:
         shear_modulus: mu [Pa], NaN in orthotropic cells.
 
     Raises:
-        ValueError: ``plane`` is unknown, some cells have no material or several, or an orthotropic
+        ValueError: Some cells have no material or several, or an orthotropic
             material does not fit a plane body.
         MeshError: A cell group does not exist.
     """
@@ -60,7 +58,6 @@ class ElasticBody:
         """Put the parameters on the cells (collective)."""
         from dolfinx import fem
 
-        check_choice("plane", plane, PLANES)
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import (
-    check_kind_of,
     finite,
     numbers_of,
     shown,
@@ -75,14 +74,3 @@ def in_axes(
         return values[[0, 2]] if gdim == 2 and len(values) > 2 else values[:gdim]
 
     return moved
-
-
-def check_motion(motion: Any, gdim: int) -> None:
-    """Check that a ground motion gives acceleration vectors.
-
-    Raises:
-        ValueError: It is no function, or gives fewer than ``gdim`` numbers.
-    """
-    wanted = f"a function of time that gives at least {gdim} numbers"
-    check_kind_of("motion", motion, callable(motion), wanted)
-    in_axes(motion, gdim)(0.0)

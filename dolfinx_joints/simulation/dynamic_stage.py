@@ -19,7 +19,7 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
-from dolfinx_joints.loads.ground_motion import check_motion, in_axes
+from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.arguments import check_loads, check_nodal
 from dolfinx_joints.model.model import Model
@@ -270,7 +270,7 @@ def ground_motion(
     """Ground acceleration in the axes of the model."""
     if motion is None:
         return None
-    check_motion(motion, model.gdim)
+    in_axes(motion, model.gdim)(0.0)
     if any(isinstance(load, FreeField) for load in (*model.loads, *loads)):
         raise ValueError(
             "motion is given beside a FreeField, which moves the ground already; give one."

@@ -96,6 +96,6 @@ def test_waves_of_a_plane_model(block):
 
 def test_motions_with_too_little(block):
     model = Model(block, material=SOLID, supports=[Fixed(group="base")])
-    for wrong in (lambda t: 1.0, lambda t: [1.0], lambda t: "xy", 3.0):
+    for wrong in (lambda t: 1.0, lambda t: [1.0], lambda t: "xy"):
         with pytest.raises(ValueError, match="motion.*; it must be .*at least 2 .*numbers"):
             Simulation(model).dynamics(dt=0.01, steps=1, motion=wrong)

@@ -65,7 +65,7 @@ def on_root(comm: Any, work: Callable[[], T]) -> T:
         work: Called on rank 0 only; its result must be picklable.
 
     Raises:
-        Exception: What ``work`` raised, on every rank.
+        Exception: The exception of ``work``, on every rank.
     """
     result: T | None = None
     error: Exception | None = None

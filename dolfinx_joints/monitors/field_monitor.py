@@ -39,7 +39,7 @@ class FieldMonitor(Monitor):
     every: Annotated[int, at.Ge(1)] = 10
 
     def __post_init__(self) -> None:
-        """Nothing is written before the run starts."""
+        """Keep the settings; files are written from the start of the run on."""
         self._path = Path(self.path)
         self._lock: FileLock | None = None
 

@@ -75,7 +75,7 @@ class Checkpoints:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        """Nothing is written before the run starts."""
+        """Keep the settings; files are written from the start of the run on."""
         self.file = Path(self.path)
         self._lock: FileLock | None = None
 
@@ -154,7 +154,7 @@ class CheckpointKeeper:
     def __init__(
         self, checkpoints: Checkpoints, model: Model, nodes: NodeNumbering, facts: Mapping[str, Any]
     ) -> None:
-        """Nothing is written yet."""
+        """Keep the parts of the run."""
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes, self._facts = nodes, facts

@@ -33,7 +33,7 @@ class JointWaterIteration:
 
     Args:
         water: The water.
-        solver: What solves with given pressures.
+        solver: Solver for given pressures.
     """
 
     def __init__(self, water: JointWaters, solver: StepSolver) -> None:

@@ -88,7 +88,7 @@ class EnergyLedger:
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Nothing is counted before `start`."""
+        """Keep the system; `start` begins to count."""
         self._system = system
         self._none = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
 

@@ -82,7 +82,7 @@ class Corrections:
     """
 
     def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
-        """Nothing is made yet."""
+        """Keep S; the second set is made when it pays."""
         self._split, self._rough, self._stuck, self._comm = split, rough, stuck, comm
         self._exact = isinstance(split, RowMatrix)
         self._kept: Rows = np.empty(0, dtype=np.int64)

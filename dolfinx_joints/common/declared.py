@@ -18,15 +18,28 @@ import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import annotated_types as at
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dolfinx_joints.common.parameters import is_path, numbers_of, real, shown
 
 T = TypeVar("T", bound=Callable[..., Any])
 REQUIRED = inspect.Parameter.empty
+
+# What each bound compares, and how it reads: in general, and with zero.
+_RANGES: dict[type, tuple[str, Callable[[Any, Any], Any], str, str]] = {
+    at.Gt: ("gt", operator.gt, "above", "positive"),
+    at.Ge: ("ge", operator.ge, "at least", "zero or more"),
+    at.Lt: ("lt", operator.lt, "below", ""),
+    at.Le: ("le", operator.le, "at most", ""),
+}
+
+# All classes and functions that `checked` has seen: for the reference and the tests.
+CHECKED: list[Any] = []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +49,7 @@ class Declaration:
     Attributes:
         name: Its name.
         kind: The annotation without bounds and unit: ``float``, ``Literal["a", "b"]``, ...
-        bounds: The bounds of annotated-types.
+        bounds: The bounds of annotated-types, intervals and lengths taken apart.
         unit: SI unit, empty for a pure number.
         default: Default value, `REQUIRED` if there is none.
     """
@@ -69,7 +82,7 @@ class Declaration:
             return value
         for kind in _alternatives(self.kind):
             fits, converted = _convert(kind, value)
-            if fits and all(_holds(b, converted) for b in _single(self.bounds)):
+            if fits and all(_holds(b, converted) for b in self.bounds):
                 return converted
         is_number = not math.isnan(real(value)) or isinstance(value, float)
         given = f"{shown(value, str)} {self.unit}".rstrip() if is_number else shown(value)
@@ -88,6 +101,7 @@ def checked(of: T) -> T:
     """
     if isinstance(of, type):
         of.__post_init__ = _checking_init(of)  # type: ignore[attr-defined]
+        CHECKED.append(of)
         return of  # type: ignore[return-value]
     signature = inspect.signature(of)
 
@@ -100,6 +114,7 @@ def checked(of: T) -> T:
                 given.arguments[each.name] = each.check(value, of.__name__)
         return of(*given.args, **given.kwargs)
 
+    CHECKED.append(call)
     return call  # type: ignore[return-value]
 
 
@@ -157,8 +172,9 @@ def _parsed(annotation: Any, names: Mapping[str, Any]) -> tuple[Any, tuple[Any, 
         kinds += _alternatives(get_args(each)[0] if annotated else each)
         notes += get_args(each)[1:] if annotated else ()
     unit = next((note.unit for note in notes if isinstance(note, at.Unit)), "")
-    bounds = tuple(note for note in notes if not isinstance(note, at.Unit | str))
-    known = any(_is_known(each) for each in kinds)
+    groups = (note if isinstance(note, at.GroupedMetadata) else [note] for note in notes)
+    bounds = tuple(b for group in groups for b in group if not isinstance(b, at.Unit))
+    known = annotation != ArrayLike and any(_is_known(each) for each in kinds)
     return (Union[tuple(kinds)] if known else None), bounds, unit  # noqa: UP007
 
 
@@ -207,72 +223,40 @@ def _holds(bound: Any, value: Any) -> bool:
         return len(value) >= bound.min_length
     if isinstance(bound, at.MaxLen):
         return len(value) <= bound.max_length
-    if isinstance(bound, at.Predicate):
-        return bool(bound.func(value))
-    values = np.asarray(value)
-    if isinstance(bound, at.Gt):
-        return bool((values > bound.gt).all())
-    if isinstance(bound, at.Ge):
-        return bool((values >= bound.ge).all())
-    if isinstance(bound, at.Lt):
-        return bool((values < bound.lt).all())
-    if isinstance(bound, at.Le):
-        return bool((values <= bound.le).all())
-    return True
-
-
-def _single(bounds: Sequence[Any]) -> list[Any]:
-    """Bounds with intervals and lengths taken apart."""
-    return [
-        one
-        for bound in bounds
-        for one in (bound if isinstance(bound, at.Interval | at.Len) else [bound])
-    ]
+    name, compare, _, _ = _RANGES[type(bound)]
+    return bool(np.all(compare(np.asarray(value), getattr(bound, name))))
 
 
 def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
     """A kind and its bounds in words."""
-    flat = [
-        b for each in bounds for b in (each if isinstance(each, at.Interval | at.Len) else [each])
-    ]
-    words = []
-    for b in flat:
-        if isinstance(b, at.Gt):
-            words.append("positive" if b.gt == 0 else f"above {b.gt:g}")
-        elif isinstance(b, at.Ge):
-            words.append("zero or more" if b.ge == 0 else f"at least {b.ge:g}")
-        elif isinstance(b, at.Lt):
-            words.append(f"below {b.lt:g}")
-        elif isinstance(b, at.Le):
-            words.append(f"at most {b.le:g}")
-    range_of = " and ".join(words)
-    bounded = any(isinstance(b, at.Lt | at.Le) for b in flat)
+    ranges = [_RANGES[type(b)] + (b,) for b in bounds if type(b) in _RANGES]
+    limits = [(getattr(b, name), text, zero) for name, _, text, zero, b in ranges]
+    range_of = " and ".join(zero if zero and not v else f"{text} {v:g}" for v, text, zero in limits)
     origin = get_origin(kind) or kind
     if kind is float:
-        return (range_of if bounded else f"{range_of} and finite") if words else "a finite number"
+        bounded = any(isinstance(b, at.Lt | at.Le) for b in bounds)
+        return range_of + ("" if bounded else " and finite") if range_of else "a finite number"
     if kind is int:
         return f"a whole number, {range_of}" if range_of else "a whole number"
-    if kind is bool:
-        return "True or False"
     if origin is Literal:
         return f"one of {', '.join(map(str, get_args(kind)))}"
     if origin in (Sequence, tuple):
-        least = max((b.min_length for b in flat if isinstance(b, at.MinLen)), default=0)
-        most = min((b.max_length for b in flat if isinstance(b, at.MaxLen)), default=None)
-        if origin is tuple and Ellipsis not in get_args(kind):
-            least = most = len(get_args(kind))
-        count = (
-            f"{least}"
-            if least == most
-            else f"{least} to {most}"
-            if most
-            else f"{least} or more"
-            if least
-            else ""
-        )
-        what = "finite numbers" if set(get_args(kind)) - {Ellipsis} <= {float, int} else "values"
-        return " ".join(
-            filter(None, [count or "a sequence of", what, range_of and f", each {range_of}"])
-        )
-    named = {str: "a name", PathLike: "the path of a file", Callable: "a function"}
-    return named.get(origin, f"of type {getattr(origin, '__name__', origin)}")
+        numbers = set(get_args(kind)) - {Ellipsis} <= {float, int}
+        what = f"{_count(kind, bounds)} {'finite numbers' if numbers else 'values'}"
+        return f"{what}, each {range_of}" if range_of else what
+    if origin is Callable:
+        return "a function"
+    if origin in (PathLike, Path):
+        return "the path of a file"
+    return {bool: "True or False", str: "a name"}.get(origin) or f"of type {origin.__name__}"
+
+
+def _count(kind: Any, bounds: Sequence[Any]) -> str:
+    """How many values a sequence may have."""
+    if get_origin(kind) is tuple and Ellipsis not in get_args(kind):
+        return str(len(get_args(kind)))
+    least = next((b.min_length for b in bounds if isinstance(b, at.MinLen)), 0)
+    most = next((b.max_length for b in bounds if isinstance(b, at.MaxLen)), None)
+    if most is None:
+        return f"{least} or more" if least else "a sequence of"
+    return f"{least}" if least == most else f"{least} to {most}"

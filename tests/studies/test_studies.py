@@ -38,7 +38,7 @@ def shared_folder(tmp_path_factory):
         ({"joints": 0}, "joints is 0; it must be at least 1."),
         ({"active_height": 1.2}, r"active_height is 1.2; it must be in \(0, 1\]."),
         ({"gap": -1e-3}, "gap is -0.001 m; it must be zero or more."),
-        ({"friction_angle_deg": 90.0}, "friction_angle_deg is 90.0; it must be at least 0"),
+        ({"friction_angle_deg": 90.0}, "friction_angle_deg is 90.0 degrees; it must be"),
         ({"normal_stiffness": 0.0}, "normal_stiffness is 0.0 Pa/m; it must be positive"),
         ({"record_name": "TMZ"}, "record_name is 'TMZ'; it must be given with a record_folder."),
         ({"crest_length": 20.0}, "crest_half_chord is .* but it must be above base_half_chord"),

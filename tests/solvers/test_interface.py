@@ -217,7 +217,7 @@ def test_a_sweep_solves_each_point_with_what_the_colours_before_left(wall):
     model = wall()
     contact = model.contact
     parts = contact.colours(5)
-    mine = [points for part in parts for _, points in part]
+    mine = [part.points for colour in parts for part in colour]
     assert np.array_equal(np.sort(np.concatenate(mine)), np.arange(len(contact.operator.areas)))
     seen = []
     real = JointStep.sweep

@@ -6,21 +6,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.declared import checked
+
 Floats = NDArray[np.float64]
-
-
-def _check_positive(problem: object, *names: str) -> None:
-    for name in names:
-        value = getattr(problem, name)
-        if not (value > 0 and math.isfinite(value)):
-            raise ValueError(f"{name} is {value}; it must be positive and finite.")
+Positive = Annotated[float, at.Gt(0)]
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class ImpactOscillator:
     """A mass on a spring that strikes an elastic stop, again and again.
 
@@ -40,26 +39,19 @@ class ImpactOscillator:
         stiffness: k of the spring [N/m].
         stop_stiffness: k_stop [N/m].
         initial_velocity: v0 [m/s].
-        gap: Distance of the stop from the mass at u = 0, [m].
-
-    Raises:
-        ValueError: A parameter is not positive, or the gap is negative or never closes.
+        gap: Distance of the stop from the mass at u = 0, below the amplitude [m].
     """
 
-    mass: float
-    stiffness: float
-    stop_stiffness: float
-    initial_velocity: float
-    gap: float = 0.0
+    mass: Positive
+    stiffness: Positive
+    stop_stiffness: Positive
+    initial_velocity: Positive
+    gap: Annotated[float, at.Ge(0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
-        _check_positive(self, "mass", "stiffness", "stop_stiffness", "initial_velocity")
-        if not 0 <= self.gap < self.amplitude:
-            raise ValueError(
-                f"gap is {self.gap} m; it must be at least 0 and below the amplitude v0/omega, "
-                f"{self.amplitude} m."
-            )
+        """Check that the gap closes."""
+        if self.frequency * self.gap >= self.initial_velocity:
+            raise ValueError(f"gap is {self.gap} m; it must be below {self.amplitude} m, v0/omega.")
 
     @property
     def frequency(self) -> float:
@@ -155,6 +147,7 @@ class ImpactOscillator:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class SlidingBlock:
     """Newmark's rigid block on a base that is shaken by one rectangular pulse.
 
@@ -167,18 +160,11 @@ class SlidingBlock:
         pulse: A [m/s^2].
         yield_acceleration: a_y [m/s^2].
         duration: t_p of the pulse [s].
-
-    Raises:
-        ValueError: A parameter is not positive.
     """
 
-    pulse: float
-    yield_acceleration: float
-    duration: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        _check_positive(self, "pulse", "yield_acceleration", "duration")
+    pulse: Positive
+    yield_acceleration: Positive
+    duration: Positive
 
     @property
     def stop_time(self) -> float:
@@ -217,6 +203,7 @@ class SlidingBlock:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class CoulombOscillator:
     """A mass on a spring with dry friction, released at rest.
 
@@ -230,21 +217,12 @@ class CoulombOscillator:
         stiffness: k [N/m].
         friction: F = mu N [N].
         start: x0 [m].
-
-    Raises:
-        ValueError: A parameter is not positive, or ``start`` is not finite.
     """
 
-    mass: float
-    stiffness: float
-    friction: float
+    mass: Positive
+    stiffness: Positive
+    friction: Positive
     start: float
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        _check_positive(self, "mass", "stiffness", "friction")
-        if not math.isfinite(self.start):
-            raise ValueError(f"start is {self.start} m; it must be finite.")
 
     @property
     def half_period(self) -> float:

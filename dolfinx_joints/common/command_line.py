@@ -9,8 +9,6 @@ import re
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-_LONGEST = 250
-
 
 def at_least(least: int) -> Callable[[str], int]:
     """A type of argument: whole numbers from one on."""
@@ -37,12 +35,4 @@ class Parser(argparse.ArgumentParser):
         """End the program."""
         message = message.partition(" (choose from")[0]  # quoted in some versions of Python
         text = "".join(c if c.isprintable() else " " for c in " ".join(message.split()))
-        if len(text) > _LONGEST:
-            text = f"{text[:_LONGEST]}..."
         self.exit(2, f"{self.prog}: {text.rstrip('.')}; --help tells what is allowed.\n")
-
-    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
-        """End the program, the message printed as far as the terminal can."""
-        safe = None if message is None else message.encode(errors="backslashreplace").decode()
-        super().exit(status, safe)
-        raise SystemExit(status)

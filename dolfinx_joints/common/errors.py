@@ -3,6 +3,7 @@
 """Exceptions raised by this package; each message is one sentence a user can act on."""
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from functools import partial
 
 
@@ -34,6 +35,7 @@ class StudyError(JointsError, ValueError):
     """A study, a row or a table of one that cannot be used."""
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class ConvergenceError(JointsError, RuntimeError):
     """A solve that did not converge.
 
@@ -55,41 +57,26 @@ class ConvergenceError(JointsError, RuntimeError):
         law: kind of a joint law that gave numbers that are not finite, in ``joint``.
     """
 
-    def __init__(
-        self,
-        *,
-        stage: str | None = None,
-        step: int | None = None,
-        time: float | None = None,
-        iteration: int | None = None,
-        residual: float | None = None,
-        tolerance: float | None = None,
-        open: int | None = None,
-        stick: int | None = None,
-        slip: int | None = None,
-        joint: str | None = None,
-        yielding: int | None = None,
-        law: str | None = None,
-    ) -> None:
-        """Keep the facts and build the message."""
-        self.stage = stage
-        self.step = step
-        self.time = time
-        self.iteration = iteration
-        self.residual = residual
-        self.tolerance = tolerance
-        self.open = open
-        self.stick = stick
-        self.slip = slip
-        self.joint = joint
-        self.yielding = yielding
-        self.law = law
+    stage: str | None = None
+    step: int | None = None
+    time: float | None = None
+    iteration: int | None = None
+    residual: float | None = None
+    tolerance: float | None = None
+    open: int | None = None
+    stick: int | None = None
+    slip: int | None = None
+    joint: str | None = None
+    yielding: int | None = None
+    law: str | None = None
+
+    def __post_init__(self) -> None:
+        """Build the message."""
         super().__init__(self._sentence())
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
         """Keep the attributes when the exception travels between processes."""
-        facts = {name: value for name, value in vars(self).items() if not name.startswith("_")}
-        return partial(type(self), **facts), ()
+        return partial(type(self), **asdict(self)), ()
 
     def _sentence(self) -> str:
         subject = "the solve" if self.stage is None else f"the {self.stage} stage"

@@ -20,7 +20,7 @@ def factor_fits(comm: Any, dofs: int, components: int) -> bool:
     """Whether a Cholesky factor fits into the memory that is free (collective).
 
     Args:
-        comm: Communicator of the matrix.
+        comm: MPI communicator.
         dofs: Rows of the matrix.
         components: Displacement components per node.
     """
@@ -45,7 +45,7 @@ def available_bytes(comm: Any) -> float:
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     ranks = machine.size
     machine.Free()
-    return float(comm.allreduce(_free_here() / ranks))
+    return float(comm.allreduce(min([_free_on_machine(), *_free_in_groups()]) / ranks))
 
 
 def peak_mb() -> float:
@@ -57,11 +57,6 @@ def peak_mb() -> float:
                 return int(line.split()[1]) / 1024.0
     unit = 2**20 if sys.platform == "darwin" else 2**10
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-
-
-def _free_here() -> float:
-    """Memory that this machine and the container around the process still give, [bytes]."""
-    return min([_free_on_machine(), *_free_in_groups()])
 
 
 def _free_on_machine() -> float:
@@ -78,39 +73,15 @@ def _free_on_machine() -> float:
 def _free_in_groups(
     process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
 ) -> list[float]:
-    """Memory that each control group around the process leaves of its limit, [bytes].
-
-    Args:
-        process: The groups of the process.
-        mounted: Where they are; version 2 has them there, version 1 in ``memory`` below.
-    """
+    """Memory that each control group (version 2) leaves of its limit, [bytes]; caches are free."""
     found = []
     for line in process.read_text().splitlines() if process.exists() else []:
-        _, controllers, name = line.split(":", 2)
-        if controllers not in ("", "memory"):
-            continue
-        root = mounted / controllers
-        folder = root / name.strip("/")
+        folder = mounted / line.split(":", 2)[2].strip("/")
         for group in (folder, *folder.parents):
-            if group.is_relative_to(root):
-                found += _free_in_group(group)
+            limit = group / "memory.max"
+            if group.is_relative_to(mounted) and limit.exists() and limit.read_text() != "max\n":
+                statistics = (group / "memory.stat").read_text().splitlines()
+                cached = dict(line.split()[:2] for line in statistics)["inactive_file"]
+                used = (group / "memory.current").read_text()
+                found.append(max(float(limit.read_text()) - float(used) + float(cached), 0.0))
     return found
-
-
-def _free_in_group(group: Path) -> list[float]:
-    """Memory that a group leaves of its limit, empty where it has none; caches count as free."""
-    for limit, usage in (
-        ("memory.max", "memory.current"),
-        ("memory.limit_in_bytes", "memory.usage_in_bytes"),
-    ):
-        try:
-            most, used = (group / limit).read_text().strip(), (group / usage).read_text()
-            statistics = (group / "memory.stat").read_text().splitlines()
-        except OSError:
-            continue
-        if most == "max":
-            return []
-        known = dict(line.split()[:2] for line in statistics)
-        cached = known.get("total_inactive_file", known.get("inactive_file", "0"))
-        return [max(float(most) - float(used) + float(cached), 0.0)]
-    return []

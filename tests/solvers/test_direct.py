@@ -355,28 +355,22 @@ def test_estimate_of_the_factor(comm):
     assert 0.5 * free < memory.available_bytes(comm) < 2.0 * free
 
 
-def group(folder, version, limit, used, cached):
+def group(folder, limit, used, cached):
     """A control group as the kernel shows it."""
-    names = ("memory.max", "memory.current", "inactive_file")
-    if version == 1:
-        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / names[0]).write_text(f"{limit}\n")
-    (folder / names[1]).write_text(f"{used}\n")
-    (folder / "memory.stat").write_text(f"anon 5\n{names[2]} {cached}\n")
+    (folder / "memory.max").write_text(f"{limit}\n")
+    (folder / "memory.current").write_text(f"{used}\n")
+    (folder / "memory.stat").write_text(f"anon 5\ninactive_file {cached}\n")
 
 
 def test_limits_of_containers_count(tmp_path):
     # What is left: limit - used + cached files, of every group around the process.
     mounted, process = tmp_path / "cgroup", tmp_path / "self"
     process.write_text("0::/outer/inner\n")
-    group(mounted / "outer" / "inner", 2, 3000, 1000, 200)
-    group(mounted / "outer", 2, "max", 5000, 200)
-    group(mounted, 2, 9000, 5500, 300)
+    group(mounted / "outer" / "inner", 3000, 1000, 200)
+    group(mounted / "outer", "max", 5000, 200)
+    group(mounted, 9000, 5500, 300)
     assert memory._free_in_groups(process, mounted) == [2200.0, 3800.0]
-    process.write_text("12:cpu,cpuacct:/outer\n4:memory:/outer\n")
-    group(mounted / "memory" / "outer", 1, 1000, 1500, 0)
-    assert memory._free_in_groups(process, mounted) == [0.0]
     assert memory._free_in_groups(tmp_path / "none", mounted) == []
 
 

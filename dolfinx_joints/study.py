@@ -37,11 +37,11 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.common.memory import peak_mb
 
 __all__ = ["Study", "Table", "Tally", "read_table", "write_csv"]
@@ -51,7 +51,6 @@ Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]
 
 OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
-LOCK_SECONDS = 5.0  # for another runner to end
 _TABLE = "table.json"
 _LONGEST_REASON = 2000  # characters
 
@@ -134,7 +133,7 @@ class Study:
 
         Raises:
             ValueError: ``only`` names an unknown case.
-            StudyError: Another runner is at work here, mpirun started this process, parameters of
+            StudyError: Another process runs it, mpirun started this process, parameters of
                 a case have changed, or the table cannot be written.
         """
         if unknown := set(only or ()) - self.cases.keys():
@@ -145,13 +144,11 @@ class Study:
             raise StudyError("A study starts processes of its own: run it without mpirun.")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.path / "lock", timeout=LOCK_SECONDS):
+            with FileLock(self.path / _TABLE, StudyError):
                 rows = self._rows()
                 chosen = [name for name in self.cases if only is None or name in only]
                 waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
                 self._work(rows, waiting, workers, progress)
-        except Timeout:
-            raise StudyError(f"Another runner is at work in {self.path}.") from None
         except OSError as error:
             raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
         failed = {n: rows[n]["reason"] for n in waiting if rows[n]["status"] == "failed"}

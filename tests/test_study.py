@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filelock import FileLock
 
 from dolfinx_joints import study
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.study import Study, read_table, write_csv
 
 TIMES = ("wall_s", "peak_mb")
@@ -114,7 +114,7 @@ def test_a_full_disk_leaves_the_table_before(tmp_path):
     with full_disk(100), pytest.raises(StudyError, match=message):
         squares(path, 3).run(progress=False)
     assert (path / "table.json").read_bytes() == before
-    assert {item.name for item in path.iterdir()} <= {"table.json", "cases", "lock"}
+    assert {item.name for item in path.iterdir()} <= {"table.json", "cases", "table.json.lock"}
     assert squares(path, 3).run(progress=False).done == ["x=2"]
 
 
@@ -231,8 +231,8 @@ def test_places_and_processes_where_no_study_runs(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.raises(StudyError, match="The study .*file cannot be written: "):
         squares(tmp_path / "file").run(progress=False)
-    monkeypatch.setattr(study, "LOCK_SECONDS", 0.1)
-    with FileLock(tmp_path / "lock"), pytest.raises(StudyError, match="Another runner is at work"):
+    lock = FileLock(tmp_path / "table.json", StudyError)
+    with lock, pytest.raises(StudyError, match="is being written by process"):
         squares(tmp_path).run(progress=False)
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
     with pytest.raises(StudyError, match="run it without mpirun"):

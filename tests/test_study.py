@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints import study
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.study import Study, read_table, write_csv

@@ -10,6 +10,7 @@ from typing import Any
 import basix
 import numpy as np
 import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import shown
@@ -45,19 +46,12 @@ class ElasticBody:
         density: rho [kg/m^3].
         first_lame: lambda [Pa], NaN in orthotropic cells.
         shear_modulus: mu [Pa], NaN in orthotropic cells.
-
-    Raises:
-        ValueError: Some cells have no material or several, or an orthotropic
-            material does not fit a plane body.
-        MeshError: A cell group does not exist.
     """
 
     def __init__(
         self, jointed: JointedMesh, material: Material | Mapping[str, Material], *, plane: str
     ) -> None:
         """Put the parameters on the cells (collective)."""
-        from dolfinx import fem
-
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"
@@ -186,11 +180,7 @@ def _parameters(given: Elastic | Orthotropic, plane: str) -> tuple[float, float,
 
 
 def _reduced(given: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
-    """Stiffness in the order of `strain_vector`, that of a plane body in 2-D.
-
-    Raises:
-        ValueError: The plane is no plane of symmetry of the material.
-    """
+    """Stiffness in the order of `strain_vector`, that of a plane body in 2-D."""
     matrix = given.stiffness_matrix()
     if dimension == 3:
         return matrix

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
@@ -23,9 +23,8 @@ from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,8 +209,6 @@ class PlasticBulk:
 
     def accumulated(self, state: PlasticState) -> Any:
         """Mean accumulated plastic strain of each cell, a DOLFINx function on the cells."""
-        from dolfinx import fem
-
         field = fem.Function(fem.functionspace(self._mesh, ("DG", 0)), name="plastic strain")
         cells, counts = np.unique(self.operator.cells, return_counts=True)
         sums = np.bincount(self.operator.cells, state.bulk.accumulated, minlength=0)

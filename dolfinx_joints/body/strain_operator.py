@@ -12,6 +12,7 @@ from typing import Any
 import basix
 import numpy as np
 import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -62,8 +63,6 @@ class StrainOperator:
 
     def _assemble(self, V: Any, cells: NDArray[Any], places: Floats, like: PETSc.Mat) -> PETSc.Mat:
         """P, its rows those of the points of this rank."""
-        from dolfinx import fem
-
         gdim = V.mesh.geometry.dim
         components = np.arange(SIZE) if gdim == 3 else _PLANE
         expression = strain_vector(ufl.TrialFunction(V))
@@ -160,8 +159,6 @@ def _geometry(
     mesh: Any, cells: NDArray[Any], places: Floats, weights: Floats
 ) -> tuple[Floats, Floats]:
     """Volumes, shape (n,), and coordinates, shape (n, 3), of the points of some cells."""
-    from dolfinx import fem
-
     gdim = mesh.geometry.dim
     both = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), *ufl.SpatialCoordinate(mesh)])
     values = np.asarray(fem.Expression(both, places, comm=mesh.comm).eval(mesh, cells))

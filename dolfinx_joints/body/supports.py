@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import annotated_types as at
 import numpy as np
 import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
@@ -85,8 +86,6 @@ class Spring:
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
         """The bilinear form of the springs."""
-        from dolfinx import fem
-
         stiffness = self.normal_stiffness, self.tangential_stiffness
         # As constants, so that no other values of them are compiled anew.
         of_normal, of_tangential = (fem.Constant(jointed.mesh, float(k)) for k in stiffness)
@@ -121,8 +120,6 @@ class Constraints:
 
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
         """Locate the dofs (collective)."""
-        from dolfinx import fem
-
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
         owned = V.dofmap.index_map.size_local
         fixed: list[NDArray[np.int64]] = []

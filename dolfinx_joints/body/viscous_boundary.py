@@ -6,16 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
 
+from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.common.declared import checked
-
-if TYPE_CHECKING:
-    from dolfinx_joints.body.elasticity import ElasticBody
-    from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +39,7 @@ class ViscousBoundary:
 def absorbing_groups(
     jointed: JointedMesh, body: ElasticBody, supports: Sequence[Any]
 ) -> tuple[str, ...]:
-    """Groups with a viscous boundary (collective).
-
-    Raises:
-        MeshError: A group does not exist.
-        ValueError: A facet would have dashpots twice, or has an orthotropic cell behind it.
-    """
+    """Groups with a viscous boundary (collective)."""
     groups = [support.group for support in supports if isinstance(support, ViscousBoundary)]
     if groups:
         facets = np.concatenate([jointed.facets(group) for group in groups])

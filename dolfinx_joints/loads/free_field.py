@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
 import ufl
-from numpy.typing import NDArray
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.body.viscous_boundary import impedance
@@ -20,14 +22,9 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_kind_of, offers, shown
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import TimeFactor, always
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
-    from dolfinx_joints.motions.motion import Motion
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.motions.motion import Motion
 
 # Levels per wavelength of the highest frequency; cubic interpolation between them errs by 2e-4.
 LEVELS = 20.0
@@ -227,9 +224,6 @@ def _levels(
 
     Between levels velocities are cubic, on facets as the shape functions of the mesh.
     """
-    from dolfinx import fem
-    from dolfinx.fem import petsc as fem_petsc
-
     degree = model.V.element.basix_element.degree
     scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))
     w, v = ufl.TrialFunction(scalar), ufl.TestFunction(model.V)

@@ -7,10 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import (
@@ -19,11 +20,7 @@ from dolfinx_joints.common.parameters import (
     shown,
 )
 from dolfinx_joints.loads.load import TimeFactor
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.loaded_body import LoadedBody
 
 
 @dataclass(frozen=True, kw_only=True)

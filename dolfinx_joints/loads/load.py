@@ -6,20 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import annotated_types as at
 import numpy as np
 import ufl
+from dolfinx import fem
+from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_vector, shown
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.loaded_body import LoadedBody
 
 TimeFactor = Callable[[float], float]
 Vector = Annotated[Sequence[float], at.Len(2, 3)]
@@ -97,8 +95,6 @@ class Traction:
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
-        from dolfinx import fem
-
         name = f"Traction on {shown(self.group)}: value"
         vector = check_vector(name, self.value, (model.gdim,))
         v = ufl.TestFunction(model.V)
@@ -125,8 +121,6 @@ class Pressure:
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Its consistent nodal forces."""
-        from dolfinx import fem
-
         v = ufl.TestFunction(model.V)
         n = ufl.FacetNormal(model.jointed.mesh)
         constant = fem.Constant(model.jointed.mesh, float(-self.value))

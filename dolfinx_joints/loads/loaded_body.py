@@ -4,20 +4,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
-if TYPE_CHECKING:
-    from dolfinx.fem import FunctionSpace
-    from petsc4py import PETSc
-
-    from dolfinx_joints.body.elasticity import ElasticBody
-    from dolfinx_joints.body.supports import Constraints
-    from dolfinx_joints.joints.contact import Contact
-    from dolfinx_joints.joints.operator import JointOperator
-    from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.body.elasticity import ElasticBody
+from dolfinx_joints.body.supports import Constraints
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.operator import JointOperator
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
 class LoadedBody(Protocol):

@@ -5,14 +5,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.mesh.cells import Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-
-Ints = NDArray[np.int64]
 
 
 def block_of_nodes(nodes: NodeNumbering) -> Ints:

@@ -45,11 +45,7 @@ def gmsh_permutation(cell_type: Any, num_nodes: int) -> NDArray[np.int64]:
 
 
 def petsc_code(error: Exception) -> int:
-    """PETSc's code of what SLEPc raised; slepc4py 3.25 hides it as the cause of a SystemError.
-
-    Raises:
-        Exception: ``error`` itself where it does not come from PETSc.
-    """
+    """PETSc's code of what SLEPc raised; slepc4py 3.25 hides it as the cause of a SystemError."""
     known = error.__cause__ if isinstance(error, SystemError) else error
     code = getattr(known, "ierr", None)
     if code is None:

@@ -5,9 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import dolfinx.mesh
 import numpy as np
+from dolfinx.cpp.mesh import cell_num_entities
+from dolfinx.mesh import MeshTags
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -17,9 +20,6 @@ from dolfinx_joints.mesh import compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.gmsh_file import RawMesh
 
-if TYPE_CHECKING:
-    import dolfinx.mesh
-
 
 def gather_mesh(
     mesh: dolfinx.mesh.Mesh,
@@ -28,11 +28,7 @@ def gather_mesh(
     cell_tags: dolfinx.mesh.MeshTags | None,
     cell_groups: Mapping[str, int],
 ) -> RawMesh:
-    """Gather cells, nodes and tagged entities (collective); the result is whole on rank 0 only.
-
-    Raises:
-        MeshError: The cell type or degree is not supported, or a tag stands on no entity.
-    """
+    """Gather cells, nodes and tagged entities (collective); the result is whole on rank 0 only."""
     comm, tdim = mesh.comm, mesh.topology.dim
     shape = _shape(mesh)
     _check_tags(mesh, facet_tags, tdim - 1, "facet_tags")
@@ -67,8 +63,6 @@ def gather_mesh(
 
 def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, name: str) -> None:
     """Check that tags are of these entities and of this mesh (collective)."""
-    from dolfinx.mesh import MeshTags
-
     with raised_together(mesh.comm):
         check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
         if tags.dim != dim:
@@ -117,8 +111,6 @@ def _stack(comm: Any, rows: NDArray[Any]) -> NDArray[Any]:
 
 def _tagged_facets(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints) -> Ints:
     """Input cell, local facet and tag of each tagged facet, shape (n, 3)."""
-    from dolfinx.cpp.mesh import cell_num_entities
-
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     mesh.topology.create_connectivity(tdim, tdim - 1)

@@ -51,12 +51,7 @@ class RawMesh:
 
 
 def load_msh(path: Path) -> RawMesh:
-    """Read a ``.msh`` file with named physical groups.
-
-    Raises:
-        MeshError: The file is missing or is no Gmsh mesh, has no volume group, mixes cell types or
-            uses one that is not supported, or Gmsh lacks a library.
-    """
+    """Read a ``.msh`` file with named physical groups."""
     try:
         import gmsh
     except OSError as error:  # that of PyPI needs libraries of a desktop

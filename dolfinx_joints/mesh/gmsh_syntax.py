@@ -23,9 +23,6 @@ def check_msh(path: Path) -> None:
 
     Gmsh takes a file for a mesh by its first word, a section of comments included, and runs
     anything else as a script.
-
-    Raises:
-        MeshError: The file is not marked as a mesh, has options beside it, or wrong counts.
     """
     data = path.read_bytes()
     if path.suffix != ".msh" or not data.startswith((b"$MeshFormat", b"$Comments")):

@@ -13,9 +13,13 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import basix.ufl
+import dolfinx.mesh
 import numpy as np
+import ufl
+from dolfinx.mesh import Mesh, meshtags
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -23,13 +27,10 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
 from dolfinx_joints.mesh import compat
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
-
-if TYPE_CHECKING:
-    import dolfinx.mesh
-    import ufl
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,15 +114,11 @@ class JointedMesh:
 
     def ds(self, name: str) -> ufl.Measure:
         """Surface measure of a named group, for user-defined forms."""
-        import ufl
-
         tags = _tags_of(self.facet_groups, name, "facet")
         return ufl.Measure("ds", domain=self.mesh, subdomain_data=self.facet_tags)(tags)
 
     def dx(self, name: str) -> ufl.Measure:
         """Volume measure of a named cell group."""
-        import ufl
-
         tags = _tags_of(self.cell_groups, name, "cell")
         return ufl.Measure("dx", domain=self.mesh, subdomain_data=self.cell_tags)(tags)
 
@@ -178,10 +175,6 @@ def split_mesh(
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
         ValueError: Mesh or tags are not DOLFINx's, or joints or groups are no tags by name.
     """
-    from dolfinx.mesh import Mesh
-
-    from dolfinx_joints.mesh.gather import gather_mesh
-
     check_kind_of("mesh", mesh, isinstance(mesh, Mesh), "a DOLFINx mesh")
     cell_groups = {} if cell_groups is None else cell_groups
     for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups)):
@@ -350,9 +343,6 @@ def _tag_sets(slots: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, 
 
 def _distribute(comm: Any, prepare: Any) -> JointedMesh:
     """Create the DOLFINx mesh from what rank 0 prepared, and tag its entities."""
-    import basix.ufl
-    from dolfinx.mesh import meshtags
-
     prepared: list[_Prepared] = []
 
     def work() -> tuple[Any, ...]:

@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
-if TYPE_CHECKING:
-    from dolfinx.fem import FunctionSpace
-    from petsc4py import PETSc
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.mesh.cells import Floats
 
 
 class NodeNumbering:

@@ -148,10 +148,6 @@ def split_cells(
         cells: Nodes of the conforming cells, shape (num_cells, nodes per cell).
         x: Node coordinates, shape (num_nodes, gdim), [m].
         joints: Name of each joint and the vertices of its facets, shape (n, vertices per facet).
-
-    Raises:
-        MeshError: A joint facet does not have one cell on each side, stands in two joints, or a
-            joint has no facet that can open.
     """
     names = [name for name, _ in joints]
     facets = np.vstack([vertices for _, vertices in joints])
@@ -222,9 +218,6 @@ def pair_coincident(
         x: Node coordinates, shape (num_nodes, gdim), [m].
         names: Joint names; the faces of NAME are the groups ``NAME-`` and ``NAME+``.
         slots: (cell, local facet) of the facets of each group, shape (n, 2).
-
-    Raises:
-        MeshError: The faces of a joint have different numbers of facets or do not match.
     """
     local = shape.facet_vertices
     minus, plus, match, joint = [], [], [], []

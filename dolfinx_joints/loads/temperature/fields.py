@@ -16,23 +16,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
 import ufl
-from numpy.typing import NDArray
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
+from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-if TYPE_CHECKING:
-    from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-Floats = NDArray[np.float64]
 Parts = tuple[Floats, Floats, Floats]
 Day = Annotated[float, at.Interval(ge=0, le=366), at.Unit("days")]
 
@@ -177,16 +176,12 @@ def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
 
 def _space(jointed: JointedMesh, components: int) -> Any:
     """Lagrange space of the degree of the mesh."""
-    from dolfinx import fem
-
     shape = () if components == 1 else (components,)
     return fem.functionspace(jointed.mesh, ("Lagrange", jointed.shape.degree, shape))
 
 
 def _face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
     """Parts of the given temperatures at the nodes, shape (n, 3), NaN where none is given."""
-    from dolfinx import fem
-
     good = isinstance(faces, Mapping) and bool(faces)
     check_kind_of("faces", faces, good, "a temperature per facet group")
     space = _space(jointed, 1)
@@ -221,9 +216,6 @@ def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> An
         given: Shape (n, components).
         diffusivity: None for a steady field, else that of the cosine and sine parts [m^2/s].
     """
-    from dolfinx import fem
-    from dolfinx.fem import petsc as fem_petsc
-
     components = given.shape[1]
     space = _space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)

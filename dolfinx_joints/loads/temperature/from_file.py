@@ -5,19 +5,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
+from dolfinx import fem
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import KDTree
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import TemperatureError
-
-if TYPE_CHECKING:
-    from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Of coordinates [m] and temperatures, where squares lose no point.
 LARGEST_NUMBER = 1e9
@@ -35,10 +35,6 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
 
     Returns:
         Points, shape (n, axes), [m], and temperatures, shape (n,).
-
-    Raises:
-        TemperatureError: There is no such file, it is no text of this kind, or its points span no
-            body.
     """
     columns = ",".join([*"xyz"[:axes], "T"])
     try:
@@ -98,10 +94,6 @@ def temperature_from_file(
     Raises:
         TemperatureError: The file cannot be used, or a node lies too far outside its points.
     """
-    from dolfinx import fem
-
-    from dolfinx_joints.common.mpi import on_root, raised_together
-
     mesh = jointed.mesh
     axes = mesh.geometry.dim
     points, values = on_root(mesh.comm, lambda: read_temperature_points(path, axes))
@@ -117,9 +109,6 @@ def _interpolated(
     path: str | Path, points: Floats, values: Floats, nodes: Floats, reach: float
 ) -> Floats:
     """Values at nodes, linear between points, of the nearest one outside."""
-    from scipy.interpolate import LinearNDInterpolator
-    from scipy.spatial import KDTree
-
     if not len(nodes):
         return np.zeros(0)
     found: Floats = LinearNDInterpolator(points, values)(nodes)

@@ -7,23 +7,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
 import ufl
+from dolfinx import fem
+from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_number, real, shown
 from dolfinx_joints.loads.load import Load, TimeFactor, always
+from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +66,12 @@ class Temperature:
 
     def blocked_stress(self, model: LoadedBody) -> Any:
         """Pressure that it makes in a clamped body (UFL), [Pa]."""
-        from dolfinx import fem
-
         expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
         change = self._field(model) - self._reference(model)
         return model.body.blocked_stress(expansion * change)
 
     def _reference(self, model: LoadedBody) -> Any:
         """T_0 as a constant, or as a function of degree 0."""
-        from dolfinx import fem
-
         if not isinstance(self.reference, Mapping):
             return fem.Constant(model.jointed.mesh, float(self.reference))
         jointed = model.jointed
@@ -100,8 +94,6 @@ class Temperature:
 
     def _field(self, model: LoadedBody) -> Any:
         """T as a number or a UFL expression."""
-        from dolfinx import fem
-
         mesh, value = model.jointed.mesh, self.value
         if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
             value = value(ufl.SpatialCoordinate(mesh))
@@ -126,11 +118,7 @@ def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
 def check_temperatures(
     jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
 ) -> None:
-    """Check that temperatures act where their stress is a pressure, not on plastic cells.
-
-    Raises:
-        ValueError: One acts on cells that are not isotropic and elastic.
-    """
+    """Check that temperatures act where their stress is a pressure, not on plastic cells."""
     for load in loads:
         if not isinstance(load, Temperature):
             continue

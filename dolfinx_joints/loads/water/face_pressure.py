@@ -6,25 +6,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.common.parameters import check_each, shown
 from dolfinx_joints.loads.load import TimeFactor, always
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.wetted_facets import WettedFacets, wetted_facets
+from dolfinx_joints.mesh.cells import Floats
 
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
-    from dolfinx_joints.loads.water.wetted_facets import WettedFacets
-
-Floats = NDArray[np.float64]
 Depth = float | Callable[[Floats], Any]
 
 
@@ -110,8 +106,6 @@ class WestergaardMass:
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective)."""
-        from petsc4py import PETSc
-
         faces = _faces(model, self.group, self.level)
         comm = model.jointed.mesh.comm
         lowest = min(comm.allgather(faces.lowest))
@@ -150,8 +144,6 @@ class WestergaardMass:
 
 def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:
     """Nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
-    from petsc4py import PETSc
-
     faces = _faces(model, group, level)
     force = model.mass.createVecRight()
     blocks = model.V.dofmap.index_map
@@ -167,6 +159,4 @@ def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PET
 
 
 def _faces(model: LoadedBody, group: str, level: float) -> WettedFacets:
-    from dolfinx_joints.loads.water.wetted_facets import wetted_facets
-
     return wetted_facets(model.V, model.jointed, group, float(level))

@@ -11,27 +11,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
+from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.load import TimeFactor, Vector, always
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.open_paths import OpenPaths
+from dolfinx_joints.mesh.cells import Floats
 
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.laws.law import Response
-    from dolfinx_joints.loads.loaded_body import LoadedBody
-    from dolfinx_joints.loads.water.open_paths import OpenPaths
-
-Floats = NDArray[np.float64]
 Codes = NDArray[np.int8]
 PorePressure = float | Callable[[Floats], Any]
 
@@ -214,8 +211,6 @@ class WaterInJoint:
         self._pressures = np.stack([closed, full, np.zeros(len(full))])
         self._paths: OpenPaths | None = None
         if load.reached_from is not None:
-            from dolfinx_joints.loads.water.open_paths import OpenPaths
-
             self._paths = OpenPaths(model, load.joint, load.reached_from)
 
     def pressure(self, codes: Codes) -> Floats:
@@ -249,11 +244,7 @@ class WaterInJoint:
 
 
 def joint_points(model: LoadedBody, load: Uplift | JointWater) -> NDArray[np.bool_]:
-    """Which of the local joint points belong to the joint of a load, shape (n,).
-
-    Raises:
-        MeshError: There is no such joint.
-    """
+    """Which of the local joint points belong to the joint of a load, shape (n,)."""
     names = () if model.operator is None else model.operator.names
     if model.operator is None or load.joint not in names:
         known = ", ".join(names) or "none"

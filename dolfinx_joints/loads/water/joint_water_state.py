@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
+from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.joint_water import (
     Codes,
     Uplift,
@@ -23,13 +25,7 @@ from dolfinx_joints.loads.water.joint_water import (
     label,
     opening_force,
 )
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.mesh.cells import Floats
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,6 @@ class JointWaters:
         names: Names of the loads.
         joints: Names of all joints of the body.
         codes: Wetness of the local points at the end of the step.
-
-    Raises:
-        ValueError: A joint has two of them.
     """
 
     def __init__(self, model: LoadedBody, loads: Mapping[str, Any]) -> None:

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import basix
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +13,8 @@ from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.joints.quadrature import facet_cell_type
+from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.mesh.cells import Floats, Ints
-
-if TYPE_CHECKING:
-    from dolfinx_joints.loads.loaded_body import LoadedBody
 
 Mask = NDArray[np.bool_]
 
@@ -39,9 +35,6 @@ class OpenPaths:
         model: The model.
         joint: Name of the joint.
         group: Name of the facet group.
-
-    Raises:
-        MeshError: There is no such group, or it does not touch the joint.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:

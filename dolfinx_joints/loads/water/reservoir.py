@@ -10,18 +10,20 @@ construction and needs no mesh of its own; see `slabs`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import annotated_types as at
 import basix
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.memory import SHARE, available_bytes
 from dolfinx_joints.common.mpi import lasting, on_root
 from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
+from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.reservoir_slabs import (
     SURFACE,
     WaterFace,
@@ -32,14 +34,7 @@ from dolfinx_joints.loads.water.reservoir_slabs import (
     resistance,
 )
 from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints, wetted_facets
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.loads.loaded_body import LoadedBody
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Of the height of the face: nodes nearer to the level are taken as lying on it.
 ON_LEVEL = 1e-6
@@ -356,8 +351,6 @@ def _to_all(comm: Any, work: Any) -> tuple[Ints, Floats]:
 
 def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
     """Y^T Y over given dofs in the layout of the model's matrices (collective)."""
-    from petsc4py import PETSc
-
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))
     mine = np.flatnonzero((dofs >= first) & (dofs < first + owned))

@@ -13,14 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Thickness of the first slab, of the mean edge of the face: its error is far below the face's own.
 THINNEST = 0.1
@@ -131,9 +129,6 @@ def resistance(
 
     Returns:
         Shape (count, count), [m] in space, [-] in the plane; symmetric, positive definite.
-
-    Raises:
-        LinAlgError: The water resonates at this frequency or a lower one.
     """
     in_face, mixed, across, mass = _matrices(face, upstream)
     in_face -= wavenumber**2 * mass

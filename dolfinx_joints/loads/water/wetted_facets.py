@@ -20,14 +20,11 @@ from typing import Any
 import basix
 import dolfinx.mesh
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DIVISIONS = 8
 _CHUNK = 128  # pieces of facets evaluated at a time
@@ -62,9 +59,6 @@ def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) ->
         jointed: The mesh; its last axis is the vertical.
         group: Name of the facet group.
         level: Height of the water level [m].
-
-    Raises:
-        MeshError: There is no such group, or some of its facets lie inside the body.
     """
     mesh = jointed.mesh
     facets = jointed.facets(group)

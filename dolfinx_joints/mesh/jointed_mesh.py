@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import ufl
-from dolfinx.mesh import Mesh, meshtags
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -30,7 +29,7 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.orientation import facet_normals
-from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
+from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +174,7 @@ def split_mesh(
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
         ValueError: Mesh or tags are not DOLFINx's, or joints or groups are no tags by name.
     """
-    check_kind_of("mesh", mesh, isinstance(mesh, Mesh), "a DOLFINx mesh")
+    check_kind_of("mesh", mesh, isinstance(mesh, dolfinx.mesh.Mesh), "a DOLFINx mesh")
     cell_groups = {} if cell_groups is None else cell_groups
     for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups)):
         named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
@@ -220,14 +219,12 @@ def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
                 f"Group {name!r}: {np.count_nonzero(count == 0)} of its facets belong to no cell."
             )
         slots[name] = owner[:, 0]
-    split = None
-    if duplicated:
+    if duplicated or not names:
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
-    elif names:
+    else:
         split = split_cells(raw.shape, raw.cells, raw.x, [(n, raw.facet_groups[n]) for n in names])
-    cells = raw.cells if split is None else split.cells
-    parent = np.arange(len(raw.x)) if split is None else split.parent
-    pairs = _pair_table(raw.shape, cells, raw.x[parent], names, split, duplicated)
+    x = raw.x[split.parent]
+    pairs = _pair_table(raw.shape, x, names, split, duplicated)
     for i, name in enumerate(names):
         here = pairs.joint == i
         if pairs.bonded[i]:
@@ -241,12 +238,12 @@ def _prepare(raw: RawMesh, joints: list[str] | None) -> _Prepared:
     facets, facet_values, facet_groups = _tag_sets(slots)
     chosen = {name: np.column_stack([c, c]) for name, c in raw.cell_groups.items()}
     tagged, tags, cell_groups = _tag_sets(chosen)
-    cell_values = np.zeros(len(cells), dtype=np.int64)
+    cell_values = np.zeros(len(split.cells), dtype=np.int64)
     cell_values[tagged[:, 0]] = tags
     return _Prepared(
         shape=raw.shape,
-        cells=cells,
-        x=raw.x[parent],
+        cells=split.cells,
+        x=x,
         pairs=pairs,
         facets=facets,
         facet_values=facet_values,
@@ -283,26 +280,10 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
 
 
 def _pair_table(
-    shape: CellShape, cells: Ints, x: Floats, names: list[str], split: Any, duplicated: bool
+    shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
 ) -> JointPairs:
     """Collect what every rank needs to know of the facet pairs."""
-    if split is None:
-        none = np.empty((0, 2), dtype=np.int64)
-        no_vertices = np.empty((0, shape.facet_vertices.shape[1]), dtype=np.int64)
-        return JointPairs(
-            names=(),
-            joint=none[:, 0],
-            minus=none,
-            plus=none,
-            match=no_vertices,
-            minus_vertices=no_vertices,
-            plus_vertices=no_vertices,
-            nodes=np.empty((0, shape.facet_nodes.shape[1], x.shape[1])),
-            sign=none[:, 0],
-            gaps_in_geometry=False,
-            bonded=np.zeros(0, dtype=np.int64),
-        )
-    minus, plus = split.minus, split.plus
+    cells, minus, plus = split.cells, split.minus, split.plus
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1
     inward = x[cells[minus[:, 0], :corners]].mean(axis=1) - x[cycle].mean(axis=1)
@@ -343,43 +324,34 @@ def _tag_sets(slots: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, 
 
 def _distribute(comm: Any, prepare: Any) -> JointedMesh:
     """Create the DOLFINx mesh from what rank 0 prepared, and tag its entities."""
-    prepared: list[_Prepared] = []
+    here: list[_Prepared] = []
 
-    def work() -> tuple[Any, ...]:
-        p = prepare()
-        prepared.append(p)
-        return (p.shape, p.x.shape[1], p.pairs, p.facets, p.facet_values, p.facet_groups,
-                p.cell_values, p.cell_groups)  # fmt: skip
+    def work() -> _Prepared:
+        here.append(prepare())
+        return replace(here[0], cells=here[0].cells[:0], x=here[0].x[:0])
 
-    shape, gdim, pairs, facets, facet_values, facet_groups, cell_values, cell_groups = on_root(
-        comm, work
+    known = on_root(comm, work)
+    whole = here[0] if here else known
+    element = basix.ufl.element(
+        "Lagrange", known.shape.name, known.shape.degree, shape=(whole.x.shape[1],)
     )
-    element = basix.ufl.element("Lagrange", shape.name, shape.degree, shape=(gdim,))
-    if comm.rank == 0:
-        cells, x = prepared[0].cells, prepared[0].x
-    else:
-        cells = np.empty((0, shape.element().dim), dtype=np.int64)
-        x = np.empty((0, gdim))
-    mesh = compat.create_mesh(comm, cells, x, element)
+    mesh = compat.create_mesh(comm, whole.cells, whole.x, element)
     mesh.name = "jointed_mesh"
-    cell_of = local_cells(mesh, len(cell_values))
-    here = np.flatnonzero(cell_of >= 0)
-    order = np.argsort(cell_of[here])
-    tdim = mesh.topology.dim
-    cell_tags = meshtags(
-        mesh, tdim, cell_of[here][order], cell_values[here][order].astype(np.int32)
-    )
-    local, index = local_facets(mesh, cell_of, facets)
-    facet_tags = meshtags(mesh, tdim - 1, local, facet_values[index].astype(np.int32))
+    tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
+    local, index = _local_facets(mesh, local_cells(mesh, len(known.cell_values)), known.facets)
     return JointedMesh(
         mesh=mesh,
-        shape=shape,
-        cell_tags=cell_tags,
-        facet_tags=facet_tags,
-        cell_groups=cell_groups,
-        facet_groups=facet_groups,
-        pairs=pairs,
+        shape=known.shape,
+        cell_tags=_tags(mesh, tdim, np.arange(len(original)), known.cell_values[original]),
+        facet_tags=_tags(mesh, tdim - 1, local, known.facet_values[index]),
+        cell_groups=known.cell_groups,
+        facet_groups=known.facet_groups,
+        pairs=known.pairs,
     )
+
+
+def _tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints, values: Ints) -> Any:
+    return dolfinx.mesh.meshtags(mesh, dim, entities.astype(np.int32), values.astype(np.int32))
 
 
 def local_cells(mesh: dolfinx.mesh.Mesh, num_input_cells: int) -> NDArray[np.int32]:
@@ -390,9 +362,9 @@ def local_cells(mesh: dolfinx.mesh.Mesh, num_input_cells: int) -> NDArray[np.int
     return local
 
 
-def local_facets(
+def _local_facets(
     mesh: dolfinx.mesh.Mesh, cell_of: NDArray[np.int32], slots: Ints
-) -> tuple[NDArray[np.int32], Ints]:
+) -> tuple[Ints, Ints]:
     """Local facets of (input cell, local facet) slots, ascending, and the slots they come from."""
     tdim = mesh.topology.dim
     mesh.topology.create_entities(tdim - 1)
@@ -404,4 +376,4 @@ def local_facets(
     )
     local = facets_of_cell[cell_of[slots[here, 0]], slots[here, 1]]
     facets, first = np.unique(local, return_index=True)
-    return facets.astype(np.int32), here[first]
+    return facets, here[first]

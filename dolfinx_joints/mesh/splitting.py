@@ -220,7 +220,8 @@ def pair_coincident(
         slots: (cell, local facet) of the facets of each group, shape (n, 2).
     """
     local = shape.facet_vertices
-    minus, plus, match, joint = [], [], [], []
+    none: Ints = np.empty((0, local.shape[1]), dtype=np.int64)
+    minus, plus, match, joint = [none[:, :2]], [none[:, :2]], [none], [none[:, 0]]
     for i, name in enumerate(names):
         one, two = slots[f"{name}-"], slots[f"{name}+"]
         if len(one) != len(two):

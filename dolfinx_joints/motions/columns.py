@@ -60,15 +60,10 @@ def states_unit(text: RecordText) -> bool:
 
 
 def read_columns(text: RecordText, user: Columns) -> list[Component]:
-    """Components in a file of plain columns.
-
-    Args:
-        text: the file.
-        user: description by the user.
-    """
+    """Components in a file of plain columns."""
     keys, first = _keys(text), _first_row(text)
     unit, names = _unit(text, keys, user), _names(text, keys, user)
-    rows = text.rows(first, len(names), "the columns are")
+    rows = text.rows(first, len(names))
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
     is_time = [name == "time" for name in names]
@@ -81,7 +76,6 @@ def read_columns(text: RecordText, user: Columns) -> list[Component]:
             unit=unit,
             direction=direction_named(name),
             record=text.path.stem,
-            header=first - 1,
         )
         for place, name in enumerate(names)
         if name != "time"
@@ -101,14 +95,8 @@ def _keys(text: RecordText) -> Keys:
     keys: Keys = {}
     for number in range(1, _first_row(text)):
         match = _KEY.match(text.lines[number - 1].strip())
-        if match is None:
-            continue
-        key = "unit" if match[1].lower() == "units" else match[1].lower()
-        if key in keys:
-            text.fail(
-                number, f"{key} is there again; line {keys[key][0]} has {shown(keys[key][1])}."
-            )
-        keys[key] = (number, match[2].strip())
+        if match is not None:
+            keys[match[1].lower().replace("units", "unit")] = (number, match[2].strip())
     return keys
 
 
@@ -140,7 +128,7 @@ def _names(text: RecordText, keys: Keys, user: Columns) -> list[str]:
     given = None if user.columns is None else [str(name).lower() for name in user.columns]
     names: list[str] | None = _agreed(text, keys, "columns", here, given)
     if names is None:
-        width = len(text.words(_first_row(text))) if _first_row(text) <= len(text.lines) else 0
+        width = len(text.words(_first_row(text)))
         if width not in (1, 2):
             raise RecordError(
                 f"{text.path} has {width} columns and does not name them; pass columns=, "
@@ -174,13 +162,10 @@ def _step(
             )
         return dt
     times = time[:, 0]
-    mean = float((times[-1] - times[0]) / (len(times) - 1))
-    if mean <= 0.0:
-        text.fail(first, f"the times must rise, got {times[0]} to {times[-1]} s.")
-    step = mean if dt is None else dt
-    missed = np.abs(times - times[0] - step * np.arange(len(times)))
-    if missed.max() > _STEP_TOLERANCE * step:
-        row = int(np.argmax(missed > _STEP_TOLERANCE * step))
+    step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
+    missed = np.abs(times - times[0] - step * np.arange(len(times))) >= _STEP_TOLERANCE * step
+    if missed.any():
+        row = int(np.argmax(missed))
         text.fail(
             first + row, f"the times must rise by equal steps of {step:.6g} s, got {times[row]}."
         )

@@ -30,8 +30,7 @@ _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
-_BLOCK_UNIT = re.compile(r"units\s*=[^,(]*\(\s*(\d{1,3})\s*\)", re.I)
-_UNIT_CODES = {2: "g", 4: "cm/s^2", 10: "gal", 11: "mg"}
+_UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
 def _matches(text: RecordText) -> bool:
@@ -63,7 +62,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
         unit = _unit(text, first + 1, whole)
         step = text.positive(second + 1, real[61], "the time step [ms], 62nd real number,")
         after = _after_comments(text, after)
-        values, line = _blocks(text, after, int(whole[2]))
+        values, line = _blocks(text, after)
         yield component(
             text,
             values,
@@ -71,24 +70,17 @@ def _channels(text: RecordText) -> Iterator[Component]:
             unit=unit,
             direction=_direction(whole[53]),
             record=_record(text),
-            header=after - 1,
         )
 
 
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:
     """Name of the unit, by the second and third whole number, which are on a line."""
     if whole[1] not in ("1", "-999"):  # acceleration, or not given here
-        text.fail(
-            number, f"the channel must hold acceleration, code 1, got {shown(whole[1], str)}."
-        )
-    known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
-    for code, name in _UNIT_CODES.items():
-        if whole[2] == str(code):
-            return name
-    text.fail(
-        number,
-        f"the unit has the code {shown(whole[2], str)}; known are {known} (50 is raw counts).",
-    )
+        text.fail(number, f"the channel must hold acceleration, code 1, got {whole[1]}.")
+    if whole[2] not in _UNIT_CODES:
+        known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
+        text.fail(number, f"the unit has the code {whole[2]}; known are {known}.")
+    return _UNIT_CODES[whole[2]]
 
 
 def _header(text: RecordText, number: int) -> tuple[list[str], int]:
@@ -117,7 +109,7 @@ def _after_comments(text: RecordText, number: int) -> int:
     return number + int(match[1]) + 1
 
 
-def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64], int]:
+def _blocks(text: RecordText, first: int) -> tuple[NDArray[np.float64], int]:
     """Accelerations of a channel, and the line after its last block."""
     acceleration, number = None, first
     while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):
@@ -132,11 +124,6 @@ def _blocks(text: RecordText, first: int, code: int) -> tuple[NDArray[np.float64
         last = number + -(-count // int(width[1]))
         values = text.values(number + 1, count, number, width=int(width[2]), last=last)
         if block[2].lower() == "acceleration" and acceleration is None:
-            unit = _BLOCK_UNIT.search(line)
-            if unit is not None and int(unit[1]) != code:
-                text.fail(
-                    number, f"the unit has the code {int(unit[1])} here and {code} in the header."
-                )
             acceleration = values
         number = last + 1
     if acceleration is None:

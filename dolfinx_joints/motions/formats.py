@@ -92,7 +92,7 @@ def _read_at2(text: RecordText) -> list[Component]:
         text.fail(2, "names another component than the file name does.")
     values = text.values(5, count, 4)
     direction = written if direction is None else direction
-    return [component(text, values, dt=dt, unit="g", direction=direction, record=record, header=4)]
+    return [component(text, values, dt=dt, unit="g", direction=direction, record=record)]
 
 
 def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
@@ -142,7 +142,6 @@ def _read_esm(text: RecordText) -> list[Component]:
             unit=unit,
             direction=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
             record=_esm_record(text) or text.path.stem,
-            header=len(keys),
         )
     ]
 
@@ -187,7 +186,6 @@ def _read_knet(text: RecordText) -> list[Component]:
             unit=unit,
             direction=_KNET_DIRECTIONS.get(_knet(text, "Dir.")[1]),
             record=_knet_record(text),
-            header=17,
         )
     ]
 
@@ -216,9 +214,7 @@ def _read_smc(text: RecordText) -> list[Component]:
         text.fail(14, "the file flags a problem of the record (18th whole number is 1).")
     rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
     count = text.count(14, whole[16])
-    if not re.fullmatch(r"\d{1,4}", whole[15]):
-        text.fail(13, f"the number of comments must be a whole number, got {shown(whole[15])}.")
-    comments = int(whole[15])
+    comments = int(text.number(13, whole[15], "the number of comments"))
     tilt, azimuth = (text.number(13, word, "orientation") for word in whole[12:14])
     sideways = direction_named(f"{azimuth:g}") if tilt == 90.0 else None
     vertical: dict[float, Direction] = {0.0: "up", 180.0: "down"}
@@ -230,7 +226,6 @@ def _read_smc(text: RecordText) -> list[Component]:
             unit="cm/s^2",
             direction=vertical.get(tilt, sideways),
             record=_smc_record(text),
-            header=27 + comments,
         )
     ]
 

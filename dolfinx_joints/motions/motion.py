@@ -43,9 +43,6 @@ class Motion:
             kept as a read-only copy.
         dt: time between samples [s].
         name: what to call it in logs and titles.
-
-    Raises:
-        RecordError: The array has another shape or is not finite.
     """
 
     acceleration: NDArray[np.float64]
@@ -269,9 +266,6 @@ def synthetic_motion(
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
         band: lowest and highest frequency of the sines [Hz].
-
-    Raises:
-        RecordError: The step or the band does not fit into the duration.
     """
     low, high = band
     if 100.0 * dt > duration:

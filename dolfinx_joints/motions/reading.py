@@ -23,7 +23,6 @@ from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
     Component,
-    Direction,
     RecordText,
     direction_named,
     unit_named,
@@ -51,9 +50,6 @@ def read_components(
         dt: time between rows of plain columns [s], where the file has no column of time.
         columns: what the plain columns hold, ``"time"`` or directions, where the file does not
             give it.
-
-    Raises:
-        RecordError: With file, line and reason, where the file is anything else.
     """
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
@@ -108,10 +104,6 @@ def read_record(
         directions: of the components in the order of files and columns, where those do not give
             it: ``"N"``, ``"E"``, ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"`` or an azimuth [degrees].
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
-
-    Raises:
-        RecordError: no record, or several, or one that is not two horizontal components at right
-            angles and a vertical one, or with different time steps or units.
     """
     files, title = _files(source, name, unit is not None)
     parts = [
@@ -127,11 +119,7 @@ def read_record(
 
 
 def record_names(directory: str | Path) -> list[str]:
-    """Names of the records whose files are in a directory, subdirectories left out.
-
-    Raises:
-        RecordError: There is no such directory.
-    """
+    """Names of the records whose files are in a directory, subdirectories left out."""
     check_path("directory", directory)
     return list(_records_in(Path(directory), False))
 
@@ -141,12 +129,10 @@ def _files(
 ) -> tuple[list[Path], str]:
     """Files to read, and the name of their record where it is known already."""
     if not isinstance(source, str | Path):
-        files = list(source)
-        for path in files:
-            check_path("A file of source", path)
+        files = [Path(path) for path in source]
         if not files:
             raise RecordError("At least one file is needed, got none.")
-        return [Path(path) for path in files], ""
+        return files, ""
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""
@@ -206,8 +192,7 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
             )
         if part.direction not in (None, direction):
             raise RecordError(
-                f"{part.path} has the direction {_direction_text(part.direction)}, but "
-                f"{shown(given)} was given."
+                f"{part.path} has the direction {part.direction}, but {shown(given)} was given."
             )
         directed.append(replace(part, direction=direction))
     return directed
@@ -215,7 +200,7 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
 
 def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
     """The motion along x, y, z, and the azimuth of x [degrees]."""
-    found = ", ".join(f"{part.path.name} ({_direction_text(part.direction)})" for part in parts)
+    found = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
     upright = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
     pairs = [
@@ -230,23 +215,10 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
             f"{shown(title)} is {found}; give directions= where the files do not."
         )
     ((x, y, azimuth),) = pairs
-    for what, values in (("time steps [s]", "dt"), ("units", "unit")):
-        different = {getattr(part, values) for part in parts}
-        if len(different) != 1:
-            listed = ", ".join(sorted(map(str, different)))
-            raise RecordError(f"The components of {shown(title)} have different {what}, {listed}.")
+    if len({part.dt for part in parts}) != 1:
+        raise RecordError(f"The components of {shown(title)} have different time steps.")
     sign = -1.0 if upright[0].direction == "down" else 1.0
     length = min(len(part.acceleration) for part in parts)
     columns = [part.acceleration[:length] for part in (x, y, upright[0])]
     columns[2] = sign * columns[2]
     return Motion(acceleration=np.stack(columns, axis=1), dt=x.dt, name=title), azimuth
-
-
-def _direction_text(direction: Direction | None) -> str:
-    return (
-        direction
-        if isinstance(direction, str)
-        else "unknown"
-        if direction is None
-        else (f"azimuth {direction:g}")
-    )

@@ -52,15 +52,10 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
     Returns:
         The step [s] and the values, those given where the steps are equal already.
     """
-    t, v = numbers_of(time), numbers_of(values)
-    if t is None or v is None or t.ndim != 1 or v.ndim < 1 or len(t) < 2 or len(v) != len(t):
-        raise ValueError(
-            "At least 2 records with a time each are needed, got times "
-            f"{shown(time, str)} and values {shown(values, str)}."
-        )
+    t, v = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     steps = np.diff(t)
-    if not (steps > 0.0).all():
-        raise ValueError(f"Times must be finite and rise, got {shown(time, str)}.")
+    if len(t) < 2 or len(t) != len(v) or not (steps > 0.0).all():
+        raise ValueError(f"Values at 2 or more times that rise are needed, got times {t}.")
     count = round((t[-1] - t[0]) / steps.min())
     dt = float((t[-1] - t[0]) / count)
     if np.allclose(steps, dt, rtol=1e-6, atol=0.0):

@@ -17,7 +17,6 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
 from dolfinx_joints.motions.record_text import (
-    MAX_BYTES,
     RecordText,
     direction_named,
     unit_named,
@@ -204,12 +203,13 @@ def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, l
     [
         ("at2", "36", "line 12: 37 values up to here, line 4 announces 36"),
         ("esm", "38", "line 51: 37 values up to here, line 8 announces 38"),
-        ("esm", "36.5", "line 8: NDATA must be a whole number, got '36.5'"),
-        ("esm", "", "line 8: NDATA must be a whole number, got ''"),
+        ("esm", "36.5", "line 8: NDATA must be a whole number of 2 or more, got '36.5'"),
+        ("esm", "", "line 8: NDATA must be a whole number of 2 or more, got ''"),
         ("knet", "0.38", "line 22: 37 values up to here, line 12 announces 38"),
         ("knet", "-1", "line 12: the duration must be positive, got -1"),
         ("smc", "30", "line 34: 37 values up to here, line 14 announces 30"),
-        ("smc", "-32768", "line 14: the number of values must be a whole number, got '-32768'"),
+        ("smc", "-32768", "line 14: the number of values must be a whole number of 2 or more"),
+        ("smc", "1", "line 14: the number of values must be a whole number of 2 or more, got '1'"),
         ("cosmos", "40", "line 51: 37 values up to here, line 46 announces 40"),
         ("cosmos", "30", "line 50: 32 values up to here, line 46 announces 30"),
     ],
@@ -217,15 +217,6 @@ def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, l
 def test_a_wrong_count_is_an_error(tmp_path: Path, name: str, count: str, message: str) -> None:
     sentence = error_message(write(tmp_path, FORMATS[name](count=count)))
     assert message in sentence
-
-
-@pytest.mark.parametrize("name", ["at2", "esm", "knet", "smc", "cosmos"])
-def test_a_count_that_the_file_cannot_hold_allocates_nothing(tmp_path: Path, name: str) -> None:
-    path = write(tmp_path, FORMATS[name](count="9" * 10))
-    most = path.stat().st_size // 2
-    assert f"must be from 2 to {most}, which fit into the file, got 9999999999" in error_message(
-        path
-    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -253,7 +244,6 @@ def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str, word: str
         ("knet", "kine", "line 14: 'kine' is no known unit"),
         ("cosmos", "5", "line 15: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
         ("cosmos", "50", "line 15: the unit has the code 50"),
-        ("cosmos", "2", "line 46: the unit has the code 4 here and 2 in the header"),
         ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
     ],
 )
@@ -277,12 +267,9 @@ def test_junk_is_an_error_whatever_its_name(tmp_path: Path, suffix: str) -> None
     for content, message in (
         (b"", " is empty."),
         (b" \n\n", " is empty."),
-        (b"\x89HDF\r\n\x1a\n" + bytes(range(256)), " is not a text file: its byte 0 is 0x89."),
-        (b"PEER" + b"\0" * 100, " is not a text file: its byte 4 is 0x00."),
+        (b"PEER" + b"\0" * 100, " is not a text file."),
         (b"Dear reader,\nno numbers here.\n", " is in no known format (K-NET, COSMOS, SMC, ESM/"),
     ):
-        if content.startswith(b"\x89"):  # bytes above 127 can be letters of a name
-            message = " is not a text file: its byte 6 is 0x1a."
         assert error_message(write(tmp_path, content, f"junk{suffix}")).startswith(message)
 
 
@@ -291,19 +278,12 @@ def forbidden(path: Path, *_: object) -> None:
     raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
 
-def test_what_is_no_file_or_too_large_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert error_message(tmp_path) == " is no file."
-    assert error_message(tmp_path / "none") == " cannot be read: No such file."
+def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert error_message(tmp_path) == " cannot be read: Is a directory."
+    assert error_message(tmp_path / "none") == " cannot be read: No such file or directory."
     locked = write(tmp_path, at2(), "locked.AT2")
     monkeypatch.setattr(Path, "open", forbidden)
     assert error_message(locked) == " cannot be read: Permission denied."
-    monkeypatch.undo()
-    path = tmp_path / "sparse.AT2"
-    with path.open("wb") as file:
-        file.truncate(10**12)  # a hole: it takes no space on the disk
-    assert error_message(path) == f" has {10**12} bytes; a record may have {MAX_BYTES} at most."
 
 
 @pytest.mark.parametrize(
@@ -325,11 +305,9 @@ def test_what_is_no_file_or_too_large_is_an_error(
             "line 25: the",
         ),
         (smc().replace("37    ", "37     "), "line 17"),
-        (smc().replace("-32768         2", "-32768        -2"), "line 13: the number of comments"),
+        (smc().replace("-32768         2", "-32768         x"), "line 13: the number of comments"),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
-        (smc().replace("1.0000000E+02", "1.000000E-320"), ": a time step of inf s is none of a"),
-        (knet().replace("100Hz", "1e-9Hz").replace(" 0.37", " 37e9"), "a time step of 1e+09 s is"),
         (
             smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
             "line 14: the file flags a problem of the record (18th whole number is 1)",
@@ -342,7 +320,7 @@ def test_headers_that_do_not_add_up_are_errors(tmp_path: Path, content: str, mes
 
 def test_a_broken_file_does_not_hide_the_others(tmp_path: Path) -> None:
     write(tmp_path, knet(), "good.NS")
-    write(tmp_path, columns().replace("# columns", "# unit: gal\n# columns"), "twice.txt")
+    write(tmp_path, knet().replace("Station Code", "Station  Cod"), "broken.NS")
     assert record_names(tmp_path) == ["ABC001_20000101_102000"]
 
 
@@ -412,7 +390,7 @@ def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
 
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:
     files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
-    with pytest.raises(RecordError, match=r"1.ASC \(unknown\).*give directions= where the files"):
+    with pytest.raises(RecordError, match=r"1.ASC \(direction None\).*give directions= where"):
         read_record(files)
     motion = read_record(files, directions=[122.0, 32, "up"])
     np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)
@@ -426,11 +404,11 @@ def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) ->
         read_record(files, directions=[122, 31, "up"])
 
 
-def test_components_in_different_units_are_errors(tmp_path: Path) -> None:
+def test_components_in_different_units_are_converted(tmp_path: Path) -> None:
     files = three(tmp_path, "esm")
     write(tmp_path, esm(unit="m/s^2", values=0.01 * WAVE, stream="HNZ"), files[2].name)
-    with pytest.raises(RecordError, match="have different units, cm/s.2, m/s.2"):
-        read_record(files)
+    motion = read_record(files)
+    np.testing.assert_allclose(100.0 * motion.acceleration[:, 2], WAVE, atol=1e-6)
     with pytest.raises(RecordError, match="is in cm/s.2, but unit='g' was given"):
         read_record(files, unit="g")
 

@@ -64,8 +64,6 @@ def test_the_known_headers_are_read(tmp_path: Path, line4: str) -> None:
     expected = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6, 0.7]) * STANDARD_GRAVITY
     np.testing.assert_allclose(found.acceleration, expected, rtol=1e-12)
     assert found.dt == 0.005
-    assert len(found.header) == 4
-    assert found.header[1] == "Somewhere, 1/1/2000, Station, 0"
 
 
 GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
@@ -184,11 +182,7 @@ def test_no_files_are_errors() -> None:
 def test_what_names_no_files_is_an_error(tmp_path: Path) -> None:
     write_record(tmp_path)
     assert len(read_record(path for path in tmp_path.glob("*.AT2")).acceleration) == 20
-    for source, message in (
-        (5, "source is 5; it must be a name or of type Path or of type Iterable"),
-        ([5], "A file of source is 5; it must be the path of a file"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            read_record(source)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="read_record: source is 5; it must be"):
+        read_record(5)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="directory is 5; it must be the path"):
         record_names(5)  # type: ignore[arg-type]

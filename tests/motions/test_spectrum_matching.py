@@ -121,10 +121,10 @@ def test_what_cannot_be_reached_is_an_error_with_the_worst_period() -> None:
         (([0.1, 1.0], [1.0]), "target must be a pair, 2 or more periods"),
         (([0.1], [1.0]), "target must be a pair"),
         ((1.0, 2.0, 3.0), "target must be a pair"),
-        (([0.1, 1.0], [1.0, -2.0]), "A target must be positive and finite, got -2.0"),
-        (([0.1, 1.0], [1.0, np.nan]), "A target must be positive and finite, got nan"),
-        (([0.1, 1.0, 0.5], [1.0, 1.0, 1.0]), "must rise, got 0.5 s after 1 s"),
-        (([0.1, 0.1], [1.0, 1.0]), "must rise, got 0.1 s after 0.1 s"),
+        (([0.1, 1.0], [1.0, -2.0]), "all positive and finite"),
+        (([0.1, 1.0], [1.0, np.nan]), "all positive and finite"),
+        (([0.1, 1.0, 0.5], [1.0, 1.0, 1.0]), "periods .s. that rise"),
+        (([0.1, 0.1], [1.0, 1.0]), "periods .s. that rise"),
         (([0.04, 1.0], [1.0, 1.0]), "begins at 0.04 s; with samples every 0.005 s it may begin at"),
         (([0.1, 3.1], [1.0, 1.0]), "ends at 3.1 s; in a motion of 12 s it may end at 3 s"),
     ],
@@ -139,7 +139,6 @@ def test_targets_that_are_none_are_errors(target: Any, message: str) -> None:
     [
         ({"components": "xw"}, "components is 'xw'; it must be different ones of x, y, z"),
         ({"components": "xx"}, "components is 'xx'"),
-        ({"motion": "record"}, "motion is 'record'; it must be a Motion"),
     ],
 )
 def test_other_wrong_arguments_are_errors(options: dict[str, Any], message: str) -> None:

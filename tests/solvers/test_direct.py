@@ -338,7 +338,7 @@ def test_what_rounding_of_a_product_leaves_is_accepted(comm):
 
 def test_auto_goes_by_memory(wall, monkeypatch):
     assert isinstance(EffectiveMatrix(wall, STEP).solver, DirectSolver)
-    monkeypatch.setattr(memory, "_free_here", lambda: 1e4)
+    monkeypatch.setattr(memory, "_free_in_groups", lambda: [1e4])
     assert isinstance(EffectiveMatrix(wall, STEP).solver, IterativeSolver)
     assert isinstance(EffectiveMatrix(wall, STEP, linear="direct").solver, DirectSolver)
     unsymmetric = replace(wall, symmetric=False)

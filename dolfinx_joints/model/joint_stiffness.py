@@ -127,14 +127,7 @@ class StiffnessProposal:
         return self.normal_stiffness * self.element_size / self.young
 
     def law(self, friction_angle_deg: float | None = None) -> FrictionNoTension:
-        """The law with these stiffnesses.
-
-        Args:
-            friction_angle_deg: Friction angle [degrees], that of the proposal unless given.
-
-        Raises:
-            ValueError: There is no friction angle, or it is out of its range.
-        """
+        """The law with these stiffnesses, its friction angle [degrees] as here unless given."""
         angle = self.friction_angle_deg if friction_angle_deg is None else friction_angle_deg
         if angle is None:
             raise ValueError("The proposal has no friction angle; pass friction_angle_deg.")

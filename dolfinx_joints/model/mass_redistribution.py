@@ -33,7 +33,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import finite, numbers_of, shown
+from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
@@ -85,21 +85,15 @@ def redistribute(
         system: A system with joints and as many components per node as space has dimensions.
         coordinates: Owned nodes, shape (n, components), [m].
         rings: Rings of neighbours that sources are taken from.
-
-    Raises:
-        ValueError: The system has no joints, or the coordinates do not fit to its dofs.
     """
     check_system(system)
     if system.contact is None:
         raise ValueError("The system has no joints; there is no mass to redistribute.")
-    x = numbers_of(coordinates)
-    dofs = system.mass.getLocalSize()[0]
-    shape = (dofs // system.components, system.components)
-    if x is None or x.shape != shape or not finite(x):
-        given = shown(coordinates) if x is None else f"an array of shape {x.shape}"
+    x = np.asarray(coordinates, dtype=np.float64)
+    shape = (system.mass.getLocalSize()[0] // system.components, system.components)
+    if x.shape != shape or not finite(x):
         raise ValueError(
-            f"coordinates is {given}; it needs {dofs // system.components} nodes with "
-            f"{system.components} finite components."
+            f"coordinates is an array of shape {x.shape}; it needs finite numbers of shape {shape}."
         )
     done = redistributed_mass(
         system.mass, system.stiffness, system.contact.operator, x, system.constrained, rings
@@ -130,16 +124,18 @@ def redistributed_mass(
     """
     dim = coordinates.shape[1]
     comm = mass.comm.tompi4py()
-    inward = _inward(operator, mass).reshape(-1, dim)
+    # Forces of a unit pressure on the joints: they point into the body behind the nodes.
+    pressure = np.tile([1.0, 0.0, 0.0], (len(operator.areas), 1))
+    inward = operator.force(pressure, mass.createVecRight()).getArray().reshape(-1, dim)
     size = np.linalg.norm(inward, axis=1)
     largest = max(comm.allgather(float(size.max(initial=0.0))))
     on_joint = size > ROUNDING * largest
     fixed = np.zeros(inward.size, dtype=bool)
     fixed[constrained] = True
     clamped = fixed.reshape(-1, dim).all(axis=1)
-    wanted = np.flatnonzero(on_joint & ~clamped)
+    wanted = on_joint & ~clamped
     pattern = as_aij(stiffness)
-    found = _Sources(pattern, coordinates, on_joint & ~clamped, wanted, rings)
+    found = _Sources(pattern, coordinates, wanted, rings)
     pattern.destroy()
     exists = found.extrapolate(inward[wanted])
     short = int(sum(comm.allgather(int((~exists).sum()))))
@@ -172,35 +168,15 @@ def joint_dofs(operator: GapOperator) -> NDArray[np.bool_]:
     return np.asarray(acted.getArray(readonly=True) > ROUNDING)
 
 
-def _inward(operator: GapOperator, mass: PETSc.Mat) -> Floats:
-    """Forces of a unit pressure on the joints, [N]: they point into the body behind the nodes."""
-    pressure = np.zeros((len(operator.areas), 3))
-    pressure[:, 0] = 1.0
-    return operator.force(pressure, mass.createVecRight()).getArray(readonly=True).copy()
-
-
 class _Sources:
-    """Nodes that the wanted nodes of this rank are extrapolated from.
-
-    Args:
-        stiffness: K.
-        coordinates: Owned nodes.
-        massless: Owned nodes that are to lose their mass.
-        wanted: Their numbers.
-        rings: Rings of neighbours.
-    """
+    """Nodes that the nodes of this rank that are to lose their mass are extrapolated from."""
 
     def __init__(
-        self,
-        stiffness: PETSc.Mat,
-        coordinates: Floats,
-        massless: NDArray[np.bool_],
-        wanted: Ints,
-        rings: int,
+        self, stiffness: PETSc.Mat, coordinates: Floats, massless: NDArray[np.bool_], rings: int
     ) -> None:
-        """Find the candidates of each wanted node (collective)."""
+        """Find the candidates of each such node (collective)."""
         self._dim = coordinates.shape[1]
-        self._wanted = wanted
+        self._wanted = wanted = np.flatnonzero(massless)
         self._first = stiffness.getOwnershipRange()[0] // self._dim
         self._origins = coordinates[wanted]
         reached = _rings(stiffness, wanted + self._first, self._dim, rings)
@@ -282,23 +258,17 @@ def linear_extrapolation(
     conditions[:, 1:] = np.swapaxes(offset, 1, 2) / scale[:, :, None]
     target = np.zeros((count, 1 + dim, 1))
     target[:, 0] = 1.0
-    weights: Floats = np.zeros((count, most))
     share = 1.0 / relative
     for _ in range(REWEIGHTINGS):
-        weights = _least_squares(conditions, share, target)
+        # The solution of the conditions with the least sum of e^2 / share.
+        root = np.sqrt(share)[:, None, :]
+        inverse = np.linalg.pinv(conditions * root, rcond=1e-10)
+        weights: Floats = (inverse @ target)[:, :, 0] * root[:, 0]
         size = np.abs(weights)
         share = np.where(size > 1e-6, size**1.5, 0.0) / np.sqrt(relative)
     left = np.abs(np.einsum("nck,nk->nc", conditions, weights) - target[:, :, 0]).max(axis=1)
     exists = (left < 1e-9) & (np.abs(weights).sum(axis=1) < LARGEST_SUM)
     return weights, exists
-
-
-def _least_squares(conditions: Floats, share: Floats, target: Floats) -> Floats:
-    """Solution of the conditions with the least sum of e^2 / share, shape (n, k)."""
-    root = np.sqrt(share)[:, None, :]
-    inverse = np.linalg.pinv(conditions * root, rcond=1e-10)
-    solution: Floats = (inverse @ target)[:, :, 0] * root[:, 0]
-    return solution
 
 
 def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.model.modes import Modes
 from dolfinx_joints.model.system import MatrixSystem, check_system
 
@@ -79,7 +78,6 @@ def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
         modes: Its modes, from `modes`.
     """
     check_system(system)
-    check_kind_of("modes", modes, isinstance(modes, Modes), "what modes() returns")
     count = len(modes.shapes)
     matrix = np.empty((count, count))
     force = system.mass.createVecRight()

@@ -23,7 +23,7 @@ from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.mpi import lasting
-from dolfinx_joints.common.parameters import check_kind_of, check_vector
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
@@ -33,13 +33,7 @@ from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
 from dolfinx_joints.loads.water.joint_water_state import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.model.arguments import (
-    check_added,
-    check_form,
-    check_joints,
-    check_loads,
-    check_nodal,
-)
+from dolfinx_joints.model.arguments import check_form, check_joints, check_loads
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.system import MatrixSystem
 
@@ -120,10 +114,8 @@ class Model:
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
         check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
-        check_kind_of("damping", damping, isinstance(damping, Rayleigh | None), "a Rayleigh")
         check_joints(jointed, joints, initial_gaps)
         check_loads(jointed, loads)
-        check_added(added_mass)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
@@ -271,7 +263,6 @@ class Model:
             acceleration: Shape (gdim,), [m/s^2].
             body_only: Leave the extra mass form and added masses out.
         """
-        check_vector("acceleration", acceleration, (self.gdim,))
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
         local = uniform.getLocalSize() // self.gdim
@@ -321,28 +312,19 @@ class Model:
 
         Of reactions, the force of a support on the body. Nodes that belong to several groups count
         in each of them.
-
-        Raises:
-            MeshError: There is no such group.
         """
-        check_nodal("force", force, self.mass)
         nodes = self.nodes(group)
         local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
         return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
-        """Owned nodes of a facet group, local numbers (collective).
-
-        Raises:
-            MeshError: There is no such group.
-        """
+        """Owned nodes of a facet group, local numbers (collective)."""
         facets = self.jointed.facets(group)
         nodes = fem.locate_dofs_topological(self.V, self.jointed.mesh.topology.dim - 1, facets)
         return nodes[nodes < self.V.dofmap.index_map.size_local].astype(np.int64)
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""
-        check_nodal("vector", vector, self.mass)
         u = fem.Function(self.V, name=name)
         owned = vector.getLocalSize()
         u.x.array[:owned] = vector.getArray(readonly=True)

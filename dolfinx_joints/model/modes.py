@@ -69,17 +69,15 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     Args:
         system: The system; its joints enter with their elastic stiffness k_n, k_s.
         count: Number of modes.
-
-    Raises:
-        ValueError: There are fewer unconstrained dofs with mass.
-        ConvergenceError: SLEPc found fewer modes.
-        JointsError: SLEPc cannot work on the matrices.
     """
     from slepc4py import SLEPc
 
     check_system(system)
-    if count > _most(system):
-        raise ValueError(f"count is {count}; the system has {_most(system)} modes.")
+    without = np.union1d(system.constrained, system.massless)
+    left = system.mass.getLocalSize()[0] - len(without)
+    most = sum(system.mass.comm.tompi4py().allgather(left))
+    if count > most:
+        raise ValueError(f"count is {count}; the system has {most} modes.")
     stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
     if system.contact is not None:
         every = stiffness.createVecRight()
@@ -115,13 +113,6 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     return _collect(solver, system, count)
 
 
-def _most(system: MatrixSystem) -> int:
-    """Number of unconstrained dofs with mass, as many as there are modes (collective)."""
-    without = np.union1d(system.constrained, system.massless)
-    left = system.mass.getLocalSize()[0] - len(without)
-    return int(sum(system.mass.comm.tompi4py().allgather(left)))
-
-
 def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:
     """Frequencies, normalised shapes and participation factors."""
     frequencies, shapes, factors = [], [], []
@@ -147,11 +138,8 @@ def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:
 
 def _masses(system: MatrixSystem) -> NDArray[np.float64]:
     """iota.M iota of each axis (collective)."""
-    along = system.mass.createVecRight()
-    moved, found = along.duplicate(), []
-    for axis in range(system.components):
-        along.set(0.0)
-        along.getArray()[axis :: system.components] = 1.0
-        system.mass.mult(along, moved)
-        found.append(float(along.dot(moved)))
+    along, found = system.mass.createVecRight(), []
+    for axis in np.eye(system.components):
+        along.setArray(np.tile(axis, along.getLocalSize() // len(axis)))
+        found.append(float(along.dot(system.mass * along)))
     return np.array(found)

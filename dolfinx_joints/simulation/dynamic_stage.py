@@ -21,7 +21,7 @@ from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
-from dolfinx_joints.model.arguments import check_loads, check_nodal
+from dolfinx_joints.model.arguments import check_loads
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.records import Outcome, Record
@@ -257,9 +257,8 @@ def check_beginning(
     check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
     known = isinstance(start, DynamicState | None)
     check_kind_of("start", start, known, "the state of an earlier outcome")
-    for name, vector in (("velocity", velocity), ("start", start and start.displacement)):
-        if vector is not None:
-            check_nodal(name, vector, model.mass)
+    known = isinstance(velocity, PETSc.Vec | None)
+    check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
     if velocity is not None and start is not None:
         raise ValueError("velocity and start are both given; start holds a velocity already.")
 

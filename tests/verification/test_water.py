@@ -356,8 +356,6 @@ def test_refusals(wall, read, wall_file):
     for wrong in (lambda x: 1.0, lambda x: np.full(len(x), -1.0), lambda x: x[:, 0] * np.nan):
         with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
             WestergaardMass(group="x_min", level=5.0, depth=wrong).matrix(wall)
-    with pytest.raises(ValueError, match="An added mass is .*; it must be a WestergaardMass"):
-        model_of(wall.jointed, added_mass=[Gravity()])
     with pytest.raises(MeshError, match="upstream"):
         model_of(wall.jointed, added_mass=[WestergaardMass(group="upstream", level=1.0)])
     with pytest.raises(MeshError, match="upstream"):

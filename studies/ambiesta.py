@@ -23,9 +23,9 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_number
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.geometry.arch import ArchDam
-from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.simulation.records import Outcome
 from dolfinx_joints.time_integration.scheme import Scheme
+from studies.summary import summary_row
 
 Which = Literal["linear", "joints"]
 
@@ -337,7 +337,7 @@ def study_row(
     case = Case(**numbers)
     path = run(case, run_as, folder, envelopes=envelopes)
     with dj.Results(path) as results:
-        measured = measures.summary_row(results)
+        measured = summary_row(results)
         facts = {name: results.metadata[name] for name in ("dofs", "cells", "joint_points")}
     if not keep:
         path.unlink()

@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing import measures, plots
+from studies.profiles import traction_profile
 from studies.tables import POINT
 
 
@@ -47,7 +48,7 @@ def joint_figures(joints: Results, out: Path) -> list[Path]:
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
     for quantity, number in (("tractions", "06"), ("ratio", "07")):
-        ax = plots.traction_profile(joints, name, quantity, time=moment)
+        ax = traction_profile(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"figure_{number}.png"))
     return written
 
@@ -93,7 +94,7 @@ def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))
     for quantity in ("tractions", "ratio"):
-        ax = plots.traction_profile(joints, name, quantity, time=moment)
+        ax = traction_profile(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"profile_{quantity}.png"))
     for component in measures.COMPONENTS:
         ax = plots.history(joints, POINT, component, reference=linear)

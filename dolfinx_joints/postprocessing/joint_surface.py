@@ -100,26 +100,6 @@ class JointSurface:
         """Closed outlines of the facets, shape (facets, corners + 1, 2)."""
         return np.concatenate([self.facets, self.facets[:, :1]], axis=1)
 
-    def points_along(self, position: float) -> NDArray[np.integer[Any]]:
-        """Points whose patches a line at a share of the width meets, from bottom to top."""
-        from matplotlib.path import Path as Outline
-
-        height = np.linspace(self.facets[..., 1].min(), self.facets[..., 1].max(), 801)[1::2, None]
-        start = self.facets.reshape(-1, 2)
-        end = np.roll(self.facets, -1, axis=1).reshape(-1, 2)
-        rise = end[:, 1] - start[:, 1]
-        share = (height - start[:, 1]) / np.where(rise == 0.0, np.inf, rise)
-        crossed = (start[:, 1] - height) * (end[:, 1] - height) <= 0.0
-        across = start[:, 0] + share * (end[:, 0] - start[:, 0])
-        left = np.where(crossed, across, np.inf).min(axis=1)
-        right = np.where(crossed, across, -np.inf).max(axis=1)
-        # Between two columns of patches the line keeps to the left one.
-        inner = np.clip(position - 1e-6, 1e-6, 1.0 - 1e-6)
-        line = np.stack([left + inner * (right - left), height[:, 0]], axis=1)
-        met = [Outline(patch).contains_points(line).any() for patch in self.patches()]
-        numbers = np.flatnonzero(met)
-        return numbers[np.argsort(self.points[numbers, 1], kind="stable")]
-
     def _nearest(self, count: int) -> NDArray[np.integer[Any]]:
         """Numbers of the boundary facets whose centres are nearest to the joint's facets."""
         from scipy.spatial import cKDTree

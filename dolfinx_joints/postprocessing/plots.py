@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
@@ -271,55 +271,6 @@ def joint_traction(
     colour_bar.set_label(LABELS[quantity])
     areas = results.static(f"joints/{joint}/areas")
     _open_legend(ax, float(areas[is_open].sum() / areas.sum()))
-    return ax
-
-
-@checked
-def traction_profile(
-    results: Results,
-    joint: str,
-    quantity: Literal["tractions", "ratio"] = "tractions",
-    *,
-    time: float | None = None,
-    index: int = -1,
-    position: Annotated[float, at.Interval(ge=0.0, le=1.0)] = 0.5,
-    ax: Axes | None = None,
-) -> Axes:
-    """Tractions along the height of a joint, at a share of its width.
-
-    Draws the joint points nearest to the line, normal and tangential traction or their ratio
-    -|t_s|/|t_n|; open points are black, at zero or, as a ratio, at 1.
-
-    Args:
-        results: the run.
-        joint: name of the joint.
-        quantity: ``"tractions"`` or ``"ratio"``.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        position: 0 at the upstream (left) edge of the joint, 1 at the other.
-        ax: where to draw.
-    """
-    number = record_number(results, time, index)
-    surface = JointSurface(results, joint)
-    ax = chosen_axes(ax, width=4.6, height=4.6)
-    chosen = surface.points_along(position)
-    height = surface.points[chosen, 1]
-    traction, is_open = (array[chosen] for array in tractions(results, joint, number))
-    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
-    if quantity == "tractions":
-        curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
-    for name, colour, marker in curves:
-        values = traction_value(traction, name)
-        values[is_open] = 1.0 if name == "ratio" else 0.0
-        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
-        ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
-        ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
-    ax.plot([], [], "o", color="black", markersize=4.5, label="open")
-    ax.axvline(0.0, color=GREY, linewidth=0.8)
-    unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
-    decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
-    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
-    legend(ax, "below")
     return ax
 
 

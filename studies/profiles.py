@@ -1,0 +1,91 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Tractions along the height of a joint, as the paper draws them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints import Results
+from dolfinx_joints.postprocessing.axes import BLUE, GREY, RED, decorate, legend, new_axes
+from dolfinx_joints.postprocessing.joint_surface import (
+    LABELS,
+    JointSurface,
+    Quantity,
+    traction_value,
+    tractions,
+)
+from dolfinx_joints.results.requests import record_number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def traction_profile(
+    results: Results,
+    joint: str,
+    quantity: Literal["tractions", "ratio"] = "tractions",
+    *,
+    time: float | None = None,
+    index: int = -1,
+    position: float = 0.5,
+) -> Axes:
+    """Tractions along the height of a joint, at a share of its width.
+
+    Draws the joint points nearest to the line, normal and tangential traction or their ratio
+    -|t_s|/|t_n|; open points are black, at zero or, as a ratio, at 1.
+
+    Args:
+        results: the run.
+        joint: name of the joint.
+        quantity: ``"tractions"`` or ``"ratio"``.
+        time: draw the record of the stream ``states`` nearest to it [s].
+        index: number of the record where no time is given.
+        position: 0 at the upstream (left) edge of the joint, 1 at the other.
+    """
+    number = record_number(results, time, index)
+    surface = JointSurface(results, joint)
+    ax = new_axes(width=4.6, height=4.6)
+    chosen = points_along(surface, position)
+    height = surface.points[chosen, 1]
+    traction, is_open = (array[chosen] for array in tractions(results, joint, number))
+    curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
+    if quantity == "tractions":
+        curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
+    for name, colour, marker in curves:
+        values = traction_value(traction, name)
+        values[is_open] = 1.0 if name == "ratio" else 0.0
+        label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
+        ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)
+        ax.plot(values[is_open], height[is_open], marker, markersize=4.5, color="black")
+    ax.plot([], [], "o", color="black", markersize=4.5, label="open")
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
+    unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
+    decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
+    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
+    legend(ax, "below")
+    return ax
+
+
+def points_along(joint: JointSurface, position: float) -> NDArray[np.integer[Any]]:
+    """Points whose patches a line at a share of the width meets, from bottom to top."""
+    from matplotlib.path import Path as Outline
+
+    height = np.linspace(joint.facets[..., 1].min(), joint.facets[..., 1].max(), 801)[1::2, None]
+    start = joint.facets.reshape(-1, 2)
+    end = np.roll(joint.facets, -1, axis=1).reshape(-1, 2)
+    rise = end[:, 1] - start[:, 1]
+    share = (height - start[:, 1]) / np.where(rise == 0.0, np.inf, rise)
+    crossed = (start[:, 1] - height) * (end[:, 1] - height) <= 0.0
+    across = start[:, 0] + share * (end[:, 0] - start[:, 0])
+    left = np.where(crossed, across, np.inf).min(axis=1)
+    right = np.where(crossed, across, -np.inf).max(axis=1)
+    # Between two columns of patches the line keeps to the left one.
+    inner = np.clip(position - 1e-6, 1e-6, 1.0 - 1e-6)
+    line = np.stack([left + inner * (right - left), height[:, 0]], axis=1)
+    met = [Outline(patch).contains_points(line).any() for patch in joint.patches()]
+    numbers = np.flatnonzero(met)
+    return numbers[np.argsort(joint.points[numbers, 1], kind="stable")]

@@ -1,0 +1,64 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A run as one row of a table of runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dolfinx_joints import Results
+from dolfinx_joints.postprocessing import measures
+
+
+def summary_row(results: Results, *, strong_until: float | None = None) -> dict[str, float]:
+    """One row of a table of runs: the same names for every run with the same points.
+
+    - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration`` (largest
+      absolute one) [m/s^2], ``POINT/C/frequency`` [Hz] and ``POINT/C/amplitude`` [m s] of the
+      Fourier peak, for each point and component C;
+    - ``joints/NAME`` of `all_joints`;
+    - ``stress/NAME`` of `measures.stress_extremes`;
+    - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN where the
+      summary of the file has none.
+
+    Args:
+        results: The run.
+        strong_until: End of the strong motion [s]; from the file's ground motion unless given.
+    """
+    until = measures.strong_motion_end(results) if strong_until is None else strong_until
+    row = {"strong_until": until}
+    for point in results.point_names:
+        largest = measures.peaks(results, point, strong_until=until)
+        for component in measures.COMPONENTS:
+            where = f"{point}/{component}"
+            spectrum = measures.fourier_peaks(results, point, component)
+            row[f"{where}/peak_strong"] = largest[component]["strong"]
+            row[f"{where}/peak_later"] = largest[component]["later"]
+            acceleration = measures.acceleration_history(results, point, component)[1]
+            row[f"{where}/acceleration"] = float(np.abs(acceleration).max())
+            row[f"{where}/frequency"], row[f"{where}/amplitude"] = spectrum[:2]
+    row |= {f"joints/{name}": value for name, value in all_joints(results).items()}
+    row |= {f"stress/{name}": value for name, value in measures.stress_extremes(results).items()}
+    summary = results.summary
+    for name in ("energy_error", "iterations", "steps"):
+        row[name] = float(summary.get(name, np.nan))
+    row["seconds"] = float(sum(summary["seconds"].values())) if "seconds" in summary else np.nan
+    return row
+
+
+def all_joints(results: Results) -> dict[str, float]:
+    """Measures of all joints together: the largest, of shares the mean over the area.
+
+    By the names of ``measures.JOINT_MEASURES`` but those of times; zero without joints.
+    """
+    names = [name for name in measures.JOINT_MEASURES if not name.endswith("_time")]
+    each = measures.joint_measures(results)
+    if not each:
+        return dict.fromkeys(names, 0.0)
+    areas = np.array([results.static(f"joints/{joint}/areas").sum() for joint in each])
+    found = {}
+    for name in names:
+        values = np.array([of_joint[name] for of_joint in each.values()])
+        shared = name.startswith("share_")
+        found[name] = float(values @ areas / areas.sum() if shared else values.max())
+    return found

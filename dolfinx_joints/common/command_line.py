@@ -14,9 +14,9 @@ def at_least(least: int) -> Callable[[str], int]:
     """A type of argument: whole numbers from one on."""
 
     def read(text: str) -> int:
-        if re.fullmatch(r"[+-]?[0-9]{1,18}", text) and int(text) >= least:
-            return int(text)
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {least}")
+        if not re.fullmatch(r"[+-]?[0-9]{1,18}", text) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {least}")
+        return int(text)
 
     return read
 

@@ -29,10 +29,7 @@ class FileLock:
 
     Args:
         path: The file to be written; it need not exist.
-        error: Exception to raise.
-
-    Raises:
-        Exception: ``error``: another run writes the file, or ``PATH.lock`` cannot be written.
+        error: Raised where another run writes the file, or ``PATH.lock`` cannot be written.
     """
 
     def __init__(self, path: Path, error: type[Exception]) -> None:

@@ -43,13 +43,7 @@ _ATTEMPTS = 26
 def damage_reported(
     path: Path, error: type[Exception], verdict: str = "is damaged"
 ) -> Iterator[None]:
-    """Turn exceptions that reading a damaged file raises into one error message.
-
-    Args:
-        path: The file.
-        error: Exception to raise instead.
-        verdict: Text after the name of the file.
-    """
+    """Turn exceptions that reading a damaged file raises into one ``error``."""
     try:
         yield
     except JointsError:
@@ -70,9 +64,8 @@ def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
 def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
     """A text or whole number among the attributes of a dataset or group; None without it.
 
-    Raises:
-        ValueError: It is something else. Texts of variable length lie in a heap for which HDF5 has
-            no checksum, and some wrong bytes in it are read for ever.
+    Texts of variable length are errors: they lie in a heap for which HDF5 has no checksum, and some
+    wrong bytes in it are read for ever.
     """
     if name not in item.attrs:
         return None
@@ -94,11 +87,7 @@ def seal(content: bytes | memoryview) -> bytes:
 
 
 def check_seal(path: Path) -> None:
-    """Compare the checksum at the end of a file with its content.
-
-    Raises:
-        ValueError: They differ.
-    """
+    """Compare the checksum at the end of a file with its content; a ValueError if they differ."""
     checksum, left = hashlib.sha256(), path.stat().st_size - DIGEST_BYTES
     with path.open("rb") as file:
         while left > 0 and (block := file.read(min(left, 1 << 20))):
@@ -109,16 +98,7 @@ def check_seal(path: Path) -> None:
 
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:
-    """Open a file for reading that a run may still write, or was killed while it did.
-
-    Args:
-        path: The file.
-        error: Exception to raise.
-
-    Raises:
-        Exception: ``error``, where it is no HDF5 of the kind that this package writes, is
-            truncated, or cannot be opened.
-    """
+    """Open a file for reading that a run may still write, or was killed while it did."""
     being_written = _check_superblock(path, error)
     try:
         if not being_written:

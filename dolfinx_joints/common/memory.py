@@ -17,13 +17,7 @@ SHARE = 0.5
 
 
 def factor_fits(comm: Any, dofs: int, components: int) -> bool:
-    """Whether a Cholesky factor fits into the memory that is free (collective).
-
-    Args:
-        comm: MPI communicator.
-        dofs: Rows of the matrix.
-        components: Displacement components per node.
-    """
+    """Whether a Cholesky factor of so many rows fits into the memory that is free (collective)."""
     return factor_bytes(dofs, components) <= SHARE * available_bytes(comm)
 
 

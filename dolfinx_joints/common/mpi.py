@@ -58,15 +58,7 @@ def lasting(comm: Any) -> Any:
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T:
-    """Run ``work`` on rank 0 and give its result, or its exception, to every rank (collective).
-
-    Args:
-        comm: MPI communicator.
-        work: Called on rank 0 only; its result must be picklable.
-
-    Raises:
-        Exception: The exception of ``work``, on every rank.
-    """
+    """Run ``work`` on rank 0 and give its result, or its exception, to every rank (collective)."""
     result: T | None = None
     error: Exception | None = None
     if comm.rank == 0:

@@ -46,10 +46,6 @@ def _record(text: RecordText) -> str:
     return place if time is None else record_named(place, time[1], time[2])
 
 
-def _read(text: RecordText) -> list[Component]:
-    return list(_channels(text))
-
-
 def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
     while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
@@ -140,4 +136,4 @@ def _direction(code: str) -> Direction | None:
     return vertical.get(azimuth)
 
 
-COSMOS = Format("COSMOS", _matches, _record, _read)
+COSMOS = Format("COSMOS", _matches, _record, lambda text: list(_channels(text)))

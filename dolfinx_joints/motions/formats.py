@@ -27,12 +27,8 @@ from dolfinx_joints.motions.record_text import (
 class Format(NamedTuple):
     """A file format.
 
-    Attributes:
-        name: what to call it.
-        matches: whether a file, or its first lines, is of this format.
-        record: name of the record that a file belongs to, from its first lines; None where it
-            cannot be part of one.
-        read: the components in a file.
+    ``matches`` and ``record``, the name of the record that a file belongs to (None where it cannot
+    be part of one), need the first lines of a file only; ``read`` gives its components.
     """
 
     name: str

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Signals of ground motions: integrate, resample, filter, take off baselines; functions of arrays.
 
-Signals run along the first axis, shape (n, 3), and are linear between samples. Parameters are
-checked by the methods of :class:`~dolfinx_joints.motions.motion.Motion`.
+Accelerations [m/s^2] run along the first axis, shape (n, k), with the time ``dt`` [s] between
+samples, and are linear in between. Parameters are checked by the methods of
+:class:`~dolfinx_joints.motions.motion.Motion`, which explain them.
 """
 
 from typing import Any
@@ -18,28 +19,14 @@ ROUNDING = 1e-9
 
 
 def fall(x: NDArray[np.floating[Any]], start: float, end: float) -> Floats:
-    """Half a cosine that falls from 1 at ``start`` to 0 at ``end``.
-
-    Args:
-        x: where to evaluate it, shape (n,).
-        start: up to here it is 1.
-        end: from here on it is 0.
-    """
+    """Half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
     share = np.clip((x - start) / (end - start), 0.0, 1.0)
     values: Floats = np.cos(0.5 * np.pi * share) ** 2
     return np.where(share == 1.0, 0.0, values)
 
 
 def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Velocity and displacement from rest, exact for a piecewise linear acceleration.
-
-    Args:
-        acceleration: shape (n, k), [m/s^2].
-        dt: time between samples [s].
-
-    Returns:
-        Velocity [m/s] and displacement [m], both of shape (n, k) and zero at the first sample.
-    """
+    """Velocity [m/s] and displacement [m] from rest, exact for a piecewise linear acceleration."""
     before, after = acceleration[:-1], acceleration[1:]
     velocity, displacement = np.zeros_like(acceleration), np.zeros_like(acceleration)
     np.cumsum(0.5 * dt * (before + after), axis=0, out=velocity[1:])
@@ -49,17 +36,7 @@ def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
 
 
 def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floats:
-    """Band-limited interpolation at the times 0, dt, ..., (count - 1) dt.
-
-    The samples, followed by as many zeros, are one period of a Fourier series. With a coarser
-    step the series is cut at the new Nyquist frequency, by half a cosine from 80 % of it.
-
-    Args:
-        acceleration: shape (n, k).
-        old_dt: time between these samples [s].
-        dt: time between the new ones [s].
-        count: number of new samples.
-    """
+    """Band-limited interpolation at the times 0, dt, ..., (count - 1) dt."""
     from scipy.fft import next_fast_len
     from scipy.signal import czt
 
@@ -76,12 +53,7 @@ def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floa
 
 
 def without_line(acceleration: Floats, dt: float) -> Floats:
-    """The signal less the straight line that fits each column best (least squares).
-
-    Args:
-        acceleration: shape (n, k).
-        dt: time between samples [s].
-    """
+    """The signal less the straight line that fits each column best (least squares)."""
     time = np.arange(len(acceleration), dtype=np.float64) * dt
     centred = time - time.mean()
     slope = centred @ acceleration / (centred @ centred)
@@ -90,12 +62,7 @@ def without_line(acceleration: Floats, dt: float) -> Floats:
 
 
 def without_baseline(acceleration: Floats, degree: int) -> Floats:
-    """The signal less the polynomial whose velocity fits its own velocity best (least squares).
-
-    Args:
-        acceleration: shape (n, k), n at least ``degree`` + 2.
-        degree: of the polynomial in acceleration; its velocity is zero at the first sample.
-    """
+    """The signal less the polynomial whose velocity fits its own velocity best (least squares)."""
     place = np.linspace(-1.0, 1.0, len(acceleration))
     shapes: Floats = np.polynomial.legendre.legvander(place, degree)
     # Trapezoids on both sides: what is added to a signal as a sampled polynomial goes exactly.
@@ -112,13 +79,6 @@ def band_pass(
 
     Zeros are added at both ends, 1.5 ``order`` periods of the lowest corner long, and cut off
     afterwards.
-
-    Args:
-        acceleration: shape (n, k).
-        dt: time between samples [s].
-        low: lower corner [Hz]; None lets everything below pass.
-        high: upper corner [Hz]; None lets everything above pass.
-        order: of one of the two passes.
     """
     from scipy.signal import butter, sosfilt
 
@@ -133,13 +93,7 @@ def band_pass(
 
 
 def without_drift(values: Floats, envelope: Floats, dt: float) -> Floats:
-    """Take off (b + c t) envelope so that the final velocity and displacement vanish.
-
-    Args:
-        values: shape (n, k).
-        envelope: shape (n,).
-        dt: time between samples [s].
-    """
+    """Take off (b + c t) envelope (n,) so that the final velocity and displacement vanish."""
     time = np.arange(len(values)) * dt
     shapes = envelope[:, None] * np.stack([np.ones_like(time), time], axis=1)
     # Integrals of a and of t a over a piecewise linear a: trapezoids, and t's own hat functions.

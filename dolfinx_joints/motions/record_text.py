@@ -88,7 +88,7 @@ class RecordText:
         raise RecordError(f"{self.path}, line {number}: {text}")
 
     def line(self, number: int, what: str) -> str:
-        """The line of this number, counted from 1, or an error message with what it should hold."""
+        """The line of this number, counted from 1; an error message with what it should hold."""
         if number > len(self.lines):
             raise RecordError(
                 f"{self.path} ends after line {len(self.lines)}; line {number} should hold {what}."
@@ -165,12 +165,7 @@ class RecordText:
 
 
 def unit_named(text: str, where: str) -> str:
-    """Name in ``UNITS`` of a unit of acceleration, however it is written.
-
-    Args:
-        text: for example ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``.
-        where: beginning of an error message.
-    """
+    """Name in ``UNITS`` of a unit of acceleration, as ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``."""
     plain = str(text).strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
     plain = re.sub(r"/s(/s|/?\^?2|²)$", "/s^2", plain)
     plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
@@ -183,11 +178,7 @@ def unit_named(text: str, where: str) -> str:
 
 
 def direction_named(text: str) -> Direction | None:
-    """Direction of a component by its name or azimuth; None if the text names none.
-
-    Args:
-        text: for example ``N``, ``E-W``, ``UP``, ``DWN`` or ``270``.
-    """
+    """Direction by its name or azimuth, as ``N``, ``E-W``, ``UP``, ``DWN``, ``270``; else None."""
     plain = text.strip().upper()
     if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
         return float(plain) % 360.0
@@ -195,11 +186,7 @@ def direction_named(text: str) -> Direction | None:
 
 
 def record_named(*parts: str) -> str:
-    """Name of a record that can name a file too: words joined by ``_``, times without marks.
-
-    Args:
-        parts: for example a station and a time.
-    """
+    """Name of a record that can name a file too: words joined by ``_``, times without marks."""
     words = (re.sub(r"[/:]", "", part) for part in parts)
     return "_".join(filter(None, re.split(r"[^\w.+-]+", " ".join(words))))
 

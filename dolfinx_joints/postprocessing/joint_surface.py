@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.measures import open_points
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import check_joint
 
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
@@ -49,7 +48,7 @@ class JointSurface:
 
     def __init__(self, results: Results, joint: str) -> None:
         """Project the points and the facets of the mesh that carry them."""
-        check_joint(results, joint)
+        results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         frames = results.static(f"joints/{joint}/frames")
         facet = results.static(f"joints/{joint}/facet")

@@ -28,7 +28,6 @@ from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.requests import (
     COMPONENTS,
     Component,
-    check_joint,
     check_results,
 )
 
@@ -210,7 +209,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
         (records, points), [m].
     """
-    check_joint(results, joint)
+    results.check_joint(joint)
     gap = results.series("states", f"joints/{joint}/gap")
     opening = np.maximum(gap[..., 0], 0.0)
     slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import check_joint, check_results
+from dolfinx_joints.results.requests import check_results
 
 Floats = NDArray[np.floating[Any]]
 
@@ -205,7 +205,7 @@ def joint_resultants(
     Raises:
         ResultsError: There is no such joint.
     """
-    check_joint(results, joint)
+    results.check_joint(joint)
     friction, cohesion = _strength(results, joint, friction_angle_deg)
     arrays = _Arrays.of(results, joint)
     geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)

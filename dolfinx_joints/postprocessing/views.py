@@ -36,7 +36,7 @@ from dolfinx_joints.postprocessing.rendering import (
     write,
 )
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import check_joint, check_results, record_number
+from dolfinx_joints.results.requests import check_results, record_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -176,7 +176,7 @@ def joint_map(
     if not joints:
         raise ValueError(f"{results.path} has no joints to draw.")
     for name in joints:
-        check_joint(results, name)
+        results.check_joint(name)
     values = {name: map_value(results, name, quantity, number) for name in joints}
     style, limits = _map_style(quantity, np.concatenate(list(values.values())))
     scene, tops = Scene(), {}

@@ -17,12 +17,7 @@ _METADATA_BYTES = 1 << 20  # more than HDF5 writes besides the values between tw
 
 
 class Room:
-    """Keeps room behind the end of an HDF5 file that is being written.
-
-    Args:
-        path: The file.
-        file: The same, open for writing.
-    """
+    """Keeps room behind the end of an HDF5 file that is being written."""
 
     def __init__(self, path: Path, file: h5py.File) -> None:
         """Open the file a second time; no space is reserved yet."""
@@ -30,15 +25,7 @@ class Room:
         self._handle = os.open(path, os.O_RDWR)
 
     def reserve(self, path: Path, nbytes: int) -> None:
-        """Make sure that so many bytes more can be written.
-
-        Args:
-            path: Name of the file, for the message.
-            nbytes: Bytes of values; what HDF5 writes besides is added.
-
-        Raises:
-            ResultsError: The disk is full, or the file may not become that large.
-        """
+        """Make sure that so many bytes of values, and what HDF5 adds to them, can be written."""
         there = os.fstat(self._handle).st_size
         end = self._file.id.get_filesize() + nbytes + _METADATA_BYTES
         if end <= there:

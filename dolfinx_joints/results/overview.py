@@ -36,12 +36,6 @@ def overview(path: str | Path) -> str:
     """One screen of text: the run, how good it is, what is stored.
 
     Joints share a line: ``joints/*/gap`` stands for the gap of each. `describe` lists every array.
-
-    Args:
-        path: The results file.
-
-    Raises:
-        ResultsError: It cannot be read.
     """
     with Results(path) as results, damage_reported(results.path, ResultsError, OTHER):
         facts, summary = results.metadata, results.summary

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import attribute, damage_reported, open_growing
-from dolfinx_joints.common.parameters import check_file, check_path, shown
+from dolfinx_joints.common.parameters import check_file, shown
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
@@ -64,14 +64,10 @@ class Results:
 
     Args:
         path: the file to read.
-
-    Raises:
-        ResultsError: No such file, not HDF5, not a results file, or written by a newer version.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Open the file."""
-        check_path("path", path)
         self.path = Path(path)
         self._file = _open(self.path)
 
@@ -130,7 +126,8 @@ class Results:
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream, ``time`` left out."""
         groups = self._file["streams"]
-        return {key: [n for n in _dataset_names(groups[key]) if n != "time"] for key in groups}
+        with self._reading():
+            return {key: [n for n in _dataset_names(groups[key]) if n != "time"] for key in groups}
 
     @property
     def joints(self) -> list[str]:
@@ -301,8 +298,6 @@ def _check(file: h5py.File, path: Path) -> None:
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
-    if any(stream["time"].ndim != 1 for stream in file["streams"].values()):
-        raise ValueError("a stream has no times")
 
 
 def _dataset_names(group: h5py.Group) -> list[str]:

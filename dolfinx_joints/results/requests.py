@@ -18,12 +18,6 @@ def check_results(results: Any, name: str = "results") -> None:
     check_kind_of(name, results, isinstance(results, Results), "a Results, as Results(path) gives")
 
 
-def check_joint(results: Results, joint: str) -> None:
-    """Raise a ResultsError for a joint that a file does not hold."""
-    check_results(results)
-    results.check_joint(joint)
-
-
 def record_number(results: Results, time: float | None, index: int) -> int:
     """Number of a record of the stream ``states``, from 0.
 
@@ -31,9 +25,6 @@ def record_number(results: Results, time: float | None, index: int) -> int:
         results: the run.
         time: the record nearest to it [s].
         index: number of the record where no time is given, negative from the end.
-
-    Raises:
-        ValueError: There is no such record.
     """
     check_results(results)
     if time is not None:

@@ -40,8 +40,6 @@ class Stream:
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
     ) -> None:
         """Make the dataset of a quantity, ``shape`` being that of one record."""
-        if dtype.kind not in "iuf":
-            raise ResultsError(f"The series {name!r} must hold real numbers, got {dtype}.")
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name] = dataset
@@ -83,13 +81,8 @@ class Stream:
 
     @property
     def growth(self) -> int:
-        """Bytes that the file needs for the rows that wait, in whole chunks."""
-        total = 0
-        for dataset in (*self._datasets.values(), self._time):
-            rows, height = dataset.shape[0], dataset.chunks[0]
-            chunks = -(-(rows + len(self.rows)) // height) - -(-rows // height)
-            total += chunks * int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
-        return total
+        """Bytes that the file may need for the rows that wait, in whole chunks."""
+        return len(self.rows) * self.row_bytes + self.chunks
 
     def drop(self) -> None:
         """Forget the rows that wait."""
@@ -126,13 +119,6 @@ class Stream:
         self._time[start:] = times
 
 
-def create(group: h5py.Group, name: str, **options: Any) -> h5py.Dataset:
-    """A new dataset of a group."""
-    if name in group:
-        raise ResultsError(f"{name!r} is declared already, or is the path of another.")
-    return group.create_dataset(name, **options)
-
-
 def extendable(
     group: h5py.Group,
     name: str,
@@ -144,6 +130,6 @@ def extendable(
     """A new dataset without rows that can grow; ``shape`` is that of one row."""
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
-    empty, unlimited = (0, *shape), (None, *shape)
-    options = {"maxshape": unlimited, "chunks": chunks, "dtype": dtype, "fillvalue": fill}
-    return create(group, name, shape=empty, **options)
+    return group.create_dataset(
+        name, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunks, fillvalue=fill
+    )

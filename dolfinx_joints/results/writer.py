@@ -7,9 +7,9 @@ import os
 import re
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self
 
 import h5py
@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.results.disk_space import Room
-from dolfinx_joints.results.reader import FORMAT, VERSION, Results, listing
-from dolfinx_joints.results.stream import Stream, create
+from dolfinx_joints.results.reader import FORMAT, VERSION, Results
+from dolfinx_joints.results.stream import Stream
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
@@ -44,10 +44,6 @@ class ResultsWriter:
         overwrite: replace an existing file.
         flush_interval: longest time that appended rows stay in memory [s], counted when the
             next row comes.
-
-    Raises:
-        ResultsError: the file exists, is being written by another run, or cannot be created, or
-            the metadata are not JSON.
     """
 
     def __init__(
@@ -62,7 +58,7 @@ class ResultsWriter:
         self.path = Path(path)
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
-        try:
+        with released(self._lock, at_end=False):
             self._create(overwrite)
             try:
                 self._lay_out(encoded)
@@ -71,11 +67,7 @@ class ResultsWriter:
                 self._room.close()
                 self.path.unlink()
                 raise
-        except BaseException:
-            self._lock.release()
-            raise
         self._streams: dict[str, Stream] = {}
-        self._started = False
         self._finished = False
         self._flush_interval = flush_interval
         self._flushed_at = clock.monotonic()
@@ -115,18 +107,11 @@ class ResultsWriter:
         Args:
             path: the file.
             rows: records to keep of each stream; what follows them is left out.
-
-        Raises:
-            ResultsError: the file has other streams or fewer records, cannot be copied, or is
-                being written by a run that is still alive.
         """
         path = Path(path)
         lock = FileLock(path, ResultsError)
-        try:
+        with released(lock, at_end=False):
             writer = cls._copied(path, rows)
-        except BaseException:
-            lock.release()
-            raise
         writer._lock.release()
         writer.path, writer._lock = path, lock
         return writer
@@ -182,10 +167,7 @@ class ResultsWriter:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
         """Write what is buffered, settle the status and close the file."""
         try:
@@ -206,10 +188,8 @@ class ResultsWriter:
         """
         self._check_declaration(name)
         values = np.asarray(array)
-        if values.dtype.kind not in "biuf":
-            raise ResultsError(f"The static {name!r} must hold real numbers, got {values.dtype}.")
         self._room.reserve(self.path, values.nbytes)
-        dataset = create(self._file["static"], name, data=values)
+        dataset = self._file["static"].create_dataset(name, data=values)
         set_texts(dataset, unit=unit, description=description)
 
     def series(
@@ -233,19 +213,15 @@ class ResultsWriter:
             dtype: type stored, real or integer.
         """
         self._check_declaration(name)
-        self._check_declaration(stream)
         if stream not in self._streams:
             self._streams[stream] = Stream(self._file["streams"], stream)
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
     def start(self) -> None:
         """End the declarations; from here on others may read the file while it grows."""
-        if self._started:
-            raise ResultsError(f"{self.path} has been started already.")
         self._room.reserve(self.path, 0)
         self._file.flush()
         self._file.swmr_mode = True
-        self._started = True
 
     def append(self, stream: str, time: float, values: Mapping[str, ArrayLike]) -> None:
         """Add one record to a stream.
@@ -255,14 +231,8 @@ class ResultsWriter:
             time: time of the record [s], later than the one before.
             values: an array for every quantity declared in the stream; copied.
         """
-        if not self._started or self._finished:
-            state = "finished already" if self._finished else "not started"
-            raise ResultsError(f"No record can be appended: {self.path} is {state}.")
-        if stream not in self._streams:
-            raise ResultsError(f"No stream {stream!r}; declared are {listing(self._streams)}.")
         self._streams[stream].append(float(time), values)
-        due = clock.monotonic() - self._flushed_at >= self._flush_interval
-        if due:
+        if clock.monotonic() - self._flushed_at >= self._flush_interval:
             self.flush()
         elif self._streams[stream].full:
             self._flush_streams([self._streams[stream]])
@@ -275,11 +245,8 @@ class ResultsWriter:
     def to_disk(self) -> None:
         """Bring every appended row into the file, and wait until the disk has it."""
         self.flush()
-        handle = os.open(self.path, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        with self.path.open("rb") as file:
+            os.fsync(file.fileno())
 
     def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
         """Write the buffered rows, the summary and, last, the status.
@@ -293,8 +260,6 @@ class ResultsWriter:
             raise ResultsError(
                 f"The summary may take {_SUMMARY_BYTES} bytes as JSON, got {encoded.size}."
             )
-        if self._finished:
-            raise ResultsError(f"{self.path} is finished already.")
         self._finished = True
         self.flush()
         self._file["summary"][: encoded.size] = encoded
@@ -306,15 +271,12 @@ class ResultsWriter:
         """Close the file; a run that was not finished is marked "stopped"."""
         if not self._file:
             return
-        try:
+        with ExitStack() as last:
+            last.callback(self._lock.release)
+            last.callback(self._room.close)
+            last.callback(self._file.close)
             if not self._finished:
                 self.finish("stopped", {})
-        finally:
-            try:
-                self._file.close()
-            finally:
-                self._room.close()
-                self._lock.release()
 
     def _flush_streams(self, streams: Iterable[Stream]) -> None:
         waiting = [stream for stream in streams if stream.rows]
@@ -333,8 +295,6 @@ class ResultsWriter:
         self._file.flush()
 
     def _check_declaration(self, name: str) -> None:
-        if self._started:
-            raise ResultsError(f"{name!r} must be declared before start.")
         if not _NAME.fullmatch(name):
             raise ResultsError(
                 f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."

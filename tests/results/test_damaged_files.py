@@ -95,7 +95,6 @@ DAMAGED = {
     "unit is a number": attribute("static/mesh/nodes", "unit", 1.0),
     "a group is an array": replaced("streams", np.zeros(3)),
     "a stream without time": layout(lambda file: file.__delitem__("streams/run/time")),
-    "time is a table": replaced("streams/run/time", np.zeros((2, 2))),
     "a series is a number": replaced("streams/run/u", 1.0),
 }
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.mesh.cells import Ints
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 
@@ -18,13 +19,21 @@ def block_of_nodes(nodes: NodeNumbering) -> Ints:
     mesh = nodes.space.mesh
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     cells = mesh.comm.gather(nodes.number[nodes.space.dofmap.list[:owned]], root=0)
-    of_all: Ints = on_root(mesh.comm, lambda: connected_blocks(np.concatenate(cells)))
-    return of_all[nodes.number]
+
+    def blocks() -> Ints:
+        every = np.concatenate(cells)
+        return connected(np.repeat(every[:, 0], every.shape[1]), every.ravel(), every.max() + 1)
+
+    return on_root(mesh.comm, blocks)[nodes.number]
 
 
-def connected_blocks(cells: Ints) -> Ints:
-    """Number of the connected block of each node, from the nodes of the cells."""
-    first = np.broadcast_to(cells[:, :1], cells.shape).ravel()
-    size = int(cells.max()) + 1
-    graph = coo_array((np.ones(cells.size), (first, cells.ravel())), (size, size))
+def connected(one: Ints, other: Ints, size: int) -> Ints:
+    """Number of the connected part of each of ``size`` nodes, of which some pairs are linked."""
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def same_places(points: Floats, distance: float) -> Ints:
+    """Numbers of points, the same for those nearer to each other than a distance [m], (n,)."""
+    pairs = KDTree(points).query_pairs(distance, output_type="ndarray")
+    return connected(pairs[:, 0], pairs[:, 1], len(points))

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.orientation import orient_pairs
 
@@ -82,8 +81,7 @@ def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nod
         graph_rows.append(cell[:, 0] * num_vertices + vertex_one)
         graph_cols.append(cell[:, 1] * num_vertices + vertex_two)
     rows, cols = np.concatenate(graph_rows), np.concatenate(graph_cols)
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, cols)), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
+    label = connected(rows, cols, size)
     node = corner[near].ravel()
     slots = np.flatnonzero(on_joint[node])
     node[slots] = _number_groups(np.stack([node[slots], label[slots]], axis=1), num_nodes)
@@ -131,13 +129,6 @@ def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
     return new
 
 
-def _parents(cells: Ints, new: Ints, num_nodes: int) -> Ints:
-    """Parent of each node of the split mesh."""
-    parent = np.arange(max(int(new.max()) + 1, num_nodes), dtype=np.int64)
-    parent[new.ravel()] = cells.ravel()
-    return parent
-
-
 def split_cells(
     shape: CellShape, cells: Ints, x: Floats, joints: list[tuple[str, Ints]]
 ) -> SplitMesh:
@@ -177,9 +168,11 @@ def split_cells(
     minus_nodes = cells[minus[:, :1], local[minus[:, 1]]]
     plus_nodes = cells[plus[:, :1], local[plus[:, 1]]]
     match = np.argmax(plus_nodes[:, None, :] == minus_nodes[:, :, None], axis=2)
+    parent = np.arange(max(int(new.max()) + 1, len(x)), dtype=np.int64)
+    parent[new] = cells
     return SplitMesh(
         cells=new,
-        parent=_parents(cells, new, len(x)),
+        parent=parent,
         joint=number,
         minus=minus,
         plus=plus,
@@ -231,7 +224,7 @@ def pair_coincident(
             )
         a = x[cells[one[:, :1], local[one[:, 1]]]]
         b = x[cells[two[:, :1], local[two[:, 1]]]]
-        _, partner = cKDTree(b.mean(axis=1)).query(a.mean(axis=1))
+        _, partner = KDTree(b.mean(axis=1)).query(a.mean(axis=1))
         distance = np.linalg.norm(a[:, :, None, :] - b[partner][:, None, :, :], axis=3)
         position = distance.argmin(axis=2)
         size = np.linalg.norm(a[:, 0] - a[:, 1], axis=1)

@@ -18,7 +18,7 @@ from dolfinx_joints.common.mpi import lasting, raised_together
 from dolfinx_joints.common.parameters import check_each, shown
 from dolfinx_joints.loads.load import TimeFactor, always
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.wetted_facets import WettedFacets, wetted_facets
+from dolfinx_joints.loads.water.wetted_facets import wetted_facets
 from dolfinx_joints.mesh.cells import Floats
 
 Depth = float | Callable[[Floats], Any]
@@ -106,7 +106,7 @@ class WestergaardMass:
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """The added mass in the layout of the model's matrices [kg] (collective)."""
-        faces = _faces(model, self.group, self.level)
+        faces = wetted_facets(model.V, model.jointed, self.group, self.level)
         comm = model.jointed.mesh.comm
         lowest = min(comm.allgather(faces.lowest))
         blocks = model.V.dofmap.index_map
@@ -144,7 +144,7 @@ class WestergaardMass:
 
 def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:
     """Nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
-    faces = _faces(model, group, level)
+    faces = wetted_facets(model.V, model.jointed, group, level)
     force = model.mass.createVecRight()
     blocks = model.V.dofmap.index_map
     local = np.zeros((blocks.size_local + blocks.num_ghosts, model.gdim))
@@ -156,7 +156,3 @@ def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PET
     force.setValues(dofs.ravel().astype(PETSc.IntType), local.ravel(), addv=True)
     force.assemble()
     return force
-
-
-def _faces(model: LoadedBody, group: str, level: float) -> WettedFacets:
-    return wetted_facets(model.V, model.jointed, group, float(level))

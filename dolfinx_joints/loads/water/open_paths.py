@@ -7,13 +7,12 @@ from __future__ import annotations
 import basix
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.joints.quadrature import facet_cell_type
 from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.mesh.blocks import connected, same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 Mask = NDArray[np.bool_]
@@ -30,11 +29,6 @@ class OpenPaths:
     vertex in 2-D) are neighbours, those of one facet as well, and paths begin in facets with an
     edge (a vertex) on the group. Places count, not nodes: where another joint crosses, nodes are
     double and water passes. All of it is known to all ranks.
-
-    Args:
-        model: The model.
-        joint: Name of the joint.
-        group: Name of the facet group.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
@@ -43,17 +37,18 @@ class OpenPaths:
         layout, pairs, self._comm = model.operator.layout, model.jointed.pairs, model.operator.comm
         facets = np.flatnonzero(pairs.joint == pairs.names.index(joint))
         number, corners = layout.number[facets], pairs.match.shape[1]
-        wet = _positions(model, group)
+        own = model.V.tabulate_dof_coordinates()[model.nodes(group)]
+        wet = np.concatenate(model.jointed.mesh.comm.allgather(own))
         near = SAME_PLACE * float(layout.sizes.min())
         if bool((layout.rule < 1e-9).any()):  # points on the edge of a facet: a nodal rule
             hubs: Ints = np.arange(len(facets))[:, None]
             here = layout.joint == pairs.names.index(joint)
             starts = here & _close(layout.points, wet, near)
-            same = len(facets) + _places(layout.points, near)[number][..., None]
+            same = len(facets) + same_places(layout.points, near)[number][..., None]
         else:
             at = np.zeros((len(facets), corners, 3))
             at[..., : model.gdim] = pairs.nodes[facets, :corners]
-            hubs = _edges(_places(at.reshape(-1, 3), near).reshape(at.shape[:2]))
+            hubs = _edges(same_places(at.reshape(-1, 3), near).reshape(at.shape[:2]))
             same = None
             touching = _close(at.reshape(-1, 3), wet, near).reshape(at.shape[:2])
             starts = np.zeros(len(layout.areas), dtype=bool)
@@ -76,28 +71,13 @@ class OpenPaths:
     def _reached(self, every: Mask) -> Mask:
         passable = every[self._point]
         count, hubs = len(every), int(self._hub.max()) + 1
-        links = (self._point[passable], count + self._hub[passable])
-        graph = coo_array((np.ones(len(links[0])), links), shape=(count + hubs,) * 2)
-        label = connected_components(graph, directed=False)[1][:count]
+        label = connected(self._point[passable], count + self._hub[passable], count + hubs)[:count]
         return np.asarray(every & np.isin(label, label[every & self._starts]))
-
-
-def _positions(model: LoadedBody, group: str) -> Floats:
-    """Nodes of a facet group on all ranks, shape (n, 3), [m] (collective)."""
-    own = model.V.tabulate_dof_coordinates()[model.nodes(group)]
-    return np.concatenate(model.jointed.mesh.comm.allgather(own))
 
 
 def _close(points: Floats, places: Floats, near: float) -> Mask:
     """Which points lie at one of the places."""
     return np.asarray(KDTree(places).query(points)[0] <= near)
-
-
-def _places(points: Floats, near: float) -> Ints:
-    """Numbers of the places of points (n, 3), the same for those at one place, shape (n,)."""
-    pairs = KDTree(points).query_pairs(near, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points),) * 2)
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _edges(vertices: Ints) -> Ints:

@@ -30,10 +30,10 @@ from dolfinx_joints.loads.water.reservoir_slabs import (
     clipped,
     half_of_inverse,
     lidded,
-    merged,
     resistance,
 )
 from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints, wetted_facets
+from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Of the height of the face: nodes nearer to the level are taken as lying on it.
@@ -132,7 +132,11 @@ class ReservoirMass:
             used, columns = np.unique(dofs, return_inverse=True)
             self._check_size(count, len(used), free)
             water = WaterFace(count=count, nodes=nodes, corners=corners)
-            self._check_regions(lidded(water))
+            if lids := lidded(water):
+                raise ValueError(
+                    f"{self}: {lids} separate regions of the face do not reach up to the level, "
+                    f"{self.level:g} m; each must, since the reservoir has its cross-section."
+                )
             coupling = np.zeros((count, len(used)))
             np.add.at(coupling, (rows, columns.ravel()), values)
             largest = np.abs(coupling).max(axis=0, initial=0.0)
@@ -141,7 +145,7 @@ class ReservoirMass:
                 return used[felt], coupling[:, felt]
             return used[felt], self._half(water, upstream, coupling[:, felt])
 
-        dofs, half = _to_all(comm, solve)
+        dofs, half = on_root(comm, solve)
         return _assembled(model, dofs, np.sqrt(self.density) * half)
 
     def _half(self, water: WaterFace, upstream: Floats, coupling: Floats) -> Floats:
@@ -159,10 +163,8 @@ class ReservoirMass:
 
     def _direction(self, area: Floats) -> Floats:
         """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
-        vector: Floats
-        if self.upstream is None:
-            vector = np.append(area[:-1], 0.0)
-        else:
+        vector = np.append(area[:-1], 0.0)
+        if self.upstream is not None:
             vector = check_vector(f"{self}: upstream", self.upstream, (len(area),))
         size = float(np.linalg.norm(vector))
         if self.upstream is None and size <= STEEPEST * float(np.linalg.norm(area)):
@@ -172,8 +174,7 @@ class ReservoirMass:
                 f"{self}: the wet face has no horizontal normal in the mean, so where it looks is "
                 "not known; give upstream=, or a group that is one face."
             )
-        unit: Floats = np.divide(vector, size)
-        return unit
+        return np.asarray(vector / size)
 
     def _check_top(self, highest: float, lowest: float) -> None:
         """Check that the face reaches up to the level."""
@@ -194,14 +195,6 @@ class ReservoirMass:
                 f"{self}: {100 * sums[0] / sums[1]:.3g} % of the wet face do not look along "
                 f"upstream, ({shown}), but away from it or within 3 degrees of aside; leave these "
                 "facets out of the group, give another upstream=, or take a WestergaardMass."
-            )
-
-    def _check_regions(self, lids: int) -> None:
-        """Check that all water has a surface."""
-        if lids:
-            raise ValueError(
-                f"{self}: {lids} separate regions of the face do not reach up to the level, "
-                f"{self.level:g} m; each must, since the reservoir has its cross-section."
             )
 
     def _check_size(self, nodes: int, dofs: int, free: float) -> None:
@@ -243,9 +236,8 @@ class _Face:
         sides = self._corners - np.roll(self._corners, 1, axis=1)
         shortest = float(np.linalg.norm(sides, axis=2).min(initial=np.inf))
         shortest = min(comm.allgather(shortest))
-        heights = (points[:, -1].min(initial=np.inf), points[:, -1].max(initial=-np.inf))
-        ends = comm.allgather(heights)
-        lowest, highest = min(low for low, _ in ends), max(high for _, high in ends)
+        lowest = min(comm.allgather(points[:, -1].min(initial=np.inf)))
+        highest = max(comm.allgather(points[:, -1].max(initial=-np.inf)))
         mass._check_top(highest, lowest)
         self._on_level = ON_LEVEL * max(highest - lowest, 0.0)
         self._level = level
@@ -255,7 +247,7 @@ class _Face:
             wet = level - np.concatenate(every)[:, -1] > self._on_level
             found = np.full(len(wet), SURFACE)
             _, found[wet] = np.unique(
-                merged(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
+                same_places(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
             )
             splits = np.cumsum([len(p) for p in every])[:-1]
             return np.split(found, splits), int(found.max(initial=SURFACE)) + 1
@@ -332,21 +324,6 @@ def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
     """The rows of all ranks, on rank 0; elsewhere nothing (collective)."""
     every = comm.gather(part, root=0)
     return part[:0] if every is None else np.concatenate(every)
-
-
-def _to_all(comm: Any, work: Any) -> tuple[Ints, Floats]:
-    """Numbers and a matrix that rank 0 finds, on all ranks (collective)."""
-    here: list[Floats] = []
-
-    def on_first() -> tuple[Ints, int]:
-        dofs, matrix = work()
-        here.append(np.ascontiguousarray(matrix))
-        return dofs, len(matrix)
-
-    dofs, rows = on_root(comm, on_first)
-    matrix = here[0] if here else np.empty((rows, len(dofs)))
-    comm.Bcast(matrix, root=0)
-    return dofs, matrix
 
 
 def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:

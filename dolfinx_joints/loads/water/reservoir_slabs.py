@@ -14,10 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
+from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Thickness of the first slab, of the mean edge of the face: its error is far below the face's own.
@@ -94,24 +92,10 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 }
 
 
-def merged(points: Floats, distance: float) -> Ints:
-    """Numbers of points, the same for those nearer to each other than a distance [m], shape (n,).
-
-    Nodes of a mesh split at joints lie on each other; water does not feel the split.
-    """
-    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
-    numbers: Ints = connected_components(links, directed=False)[1].astype(np.int64)
-    return numbers
-
-
 def lidded(face: WaterFace) -> int:
     """Number of the face's separate regions that do not reach the level, so have no solution."""
     ends = np.where(face.nodes == SURFACE, face.count, face.nodes)
-    first, other = np.repeat(ends[:, 0], ends.shape[1]), ends.ravel()
-    size = face.count + 1
-    links = coo_array((np.ones(len(first)), (first, other)), shape=(size, size))
-    return int(connected_components(links, directed=False)[0]) - 1
+    return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.count + 1).max())
 
 
 def resistance(
@@ -150,27 +134,20 @@ def resistance(
         done += 1
     if length is None:
         return near
-    half = _below(cholesky(far, lower=True), between.T)
-    ended: Floats = near - half.T @ half
-    return ended
+    half = half_of_inverse(far, between.T)
+    return near - half.T @ half
 
 
 def half_of_inverse(matrix: Floats, right: Floats) -> Floats:
     """Y with Y^T Y = R^T S^-1 R for S symmetric, positive definite."""
-    return _below(cholesky(matrix, lower=True), right)
+    return solve_triangular(cholesky(matrix, lower=True), right, lower=True)
 
 
 def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats, Floats]:
     """Matrix of two equal stacks of slabs behind each other, over the nodes at their ends."""
     lower = cholesky(near + far, lower=True)
-    back, forth = _below(lower, between.T), _below(lower, between)
+    back, forth = (solve_triangular(lower, b, lower=True) for b in (between.T, between))
     return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
-
-
-def _below(lower: Floats, right: Floats) -> Floats:
-    """L^-1 R."""
-    solution: Floats = solve_triangular(lower, right, lower=True)
-    return solution
 
 
 def _matrices(face: WaterFace, upstream: Floats) -> list[Floats]:

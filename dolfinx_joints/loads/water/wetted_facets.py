@@ -52,14 +52,7 @@ class WettedPoints:
 
 
 def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
-    """The wetted part of a facet group (collective).
-
-    Args:
-        space: Displacement space on the mesh, Lagrange of degree 1 or 2.
-        jointed: The mesh; its last axis is the vertical.
-        group: Name of the facet group.
-        level: Height of the water level [m].
-    """
+    """The part of a facet group below a level [m] (collective)."""
     mesh = jointed.mesh
     facets = jointed.facets(group)
     fdim = mesh.topology.dim - 1
@@ -77,12 +70,6 @@ def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) ->
 
 class WettedFacets:
     """Exterior facets of this rank, cut by a level; iterate for their quadrature points.
-
-    Args:
-        space: Displacement space.
-        jointed: The mesh.
-        facets: Local facets, exterior.
-        level: Height of the level [m].
 
     Attributes:
         lowest: Lowest height of a vertex of the facets here [m], infinite without facets.
@@ -114,7 +101,6 @@ class WettedFacets:
         )
         nodes = compat.geometry_nodes(mesh)[cells]
         self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
-        self.lowest = float("inf")
         self._facet, self._corners = self._pieces()
 
     def __iter__(self) -> Iterator[WettedPoints]:
@@ -129,10 +115,8 @@ class WettedFacets:
         simplices = [[0, 1, 2], [3, 1, 2]] if vertices.shape[1] == 4 else [[0, 1, 2][: self._gdim]]
         corners = np.concatenate([vertices[:, simplex] for simplex in simplices])
         facet = np.tile(np.arange(len(vertices)), len(simplices))
-        if not len(facet):
-            return facet, corners
         depth = self._depth(facet, corners)
-        self.lowest = self._level - float(depth.max())
+        self.lowest = self._level - float(depth.max(initial=-np.inf))
         count = corners.shape[1]
         pairs = [(i, j) for i in range(count) for j in range(i)]
         middles = np.stack([corners[:, i] + corners[:, j] for i, j in pairs], axis=1) / 2
@@ -146,15 +130,11 @@ class WettedFacets:
         parts = _divided(count)
         finer = np.einsum("skc,ncd->nskd", parts, corners[refined]).reshape(-1, *corners.shape[1:])
         finer_facet = np.repeat(facet[refined], len(parts))
-        return (
-            np.concatenate([facet[wet], finer_facet]),
-            np.concatenate([corners[wet], finer]),
-        )
+        return np.concatenate([facet[wet], finer_facet]), np.concatenate([corners[wet], finer])
 
     def _depth(self, facet: Ints, points: Floats) -> Floats:
         """Depths, negative above the level, at points (n, p, dim) of the reference cells."""
-        table = self._geometry.tabulate(0, points.reshape(-1, points.shape[2]))[0, :, :, 0]
-        table = table.reshape(*points.shape[:2], -1)
+        table = _tabulated(self._geometry, 0, points)[0]
         depth: Floats = self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
         return depth
 
@@ -174,11 +154,7 @@ class WettedFacets:
             points: Shape (n, points, dim).
             weights: Lengths or areas on the reference facets, shape (n, points).
         """
-        if not len(facet):
-            return self._nowhere(points.shape[1])
-        flat = points.reshape(-1, points.shape[2])
-        geometry = self._geometry.tabulate(1, flat)[:, :, :, 0]
-        geometry = geometry.reshape(len(geometry), *points.shape[:2], -1)
+        geometry = _tabulated(self._geometry, 1, points)
         x = self._x[facet]
         positions = np.einsum("npg,ngi->npi", geometry[0], x)
         jacobian = np.einsum("dnpg,ngi->npid", geometry[1:], x)
@@ -187,8 +163,7 @@ class WettedFacets:
         outward = np.broadcast_to(outward[:, None, :, None], (*points.shape, 1))
         normals = np.linalg.solve(np.swapaxes(jacobian, 2, 3), outward)[..., 0]
         scale = np.abs(np.linalg.det(jacobian)) * weights
-        shapes = self._displacement.tabulate(0, flat)[0, :, :, 0]
-        shapes = shapes.reshape(*points.shape[:2], -1)
+        shapes = _tabulated(self._displacement, 0, points)[0]
         return WettedPoints(
             nodes=self.nodes[facet],
             shapes=np.take_along_axis(shapes, self._closure[facet][:, None, :], axis=2),
@@ -197,23 +172,20 @@ class WettedFacets:
             depths=np.maximum(self._level - positions[:, :, -1], 0.0),
         )
 
-    def _nowhere(self, count: int) -> WettedPoints:
-        """No pieces with some points each; Basix tabulates none but ends the process."""
-        nodes = self.nodes[:0]
-        vectors = np.empty((0, count, self._gdim))
-        return WettedPoints(
-            nodes=nodes,
-            shapes=np.empty((0, count, nodes.shape[1])),
-            areas=vectors,
-            positions=vectors,
-            depths=vectors[:, :, 0],
-        )
-
     @property
     def places(self) -> Floats:
         """Nodes of the displacement in the reference cells, shape (facets, nodes, dim)."""
         places: Floats = self._displacement.points[self._closure]
         return places
+
+
+def _tabulated(element: Any, order: int, points: Floats) -> Floats:
+    """Basis functions at points (n, p, dim), shape (derivatives, n, p, functions)."""
+    n, p, dim = points.shape
+    # One more than wanted: Basix ends the process where it is given no points.
+    flat = np.append(points.reshape(-1, dim), np.zeros((1, dim)), axis=0)
+    table = element.tabulate(order, flat)[:, :-1, :, 0]
+    return table.reshape(len(table), n, p, element.dim)
 
 
 def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:

@@ -81,26 +81,13 @@ class Checkpoints:
 
     @property
     def found(self) -> bool:
-        """Whether there is a checkpoint to go on from.
-
-        Raises:
-            CheckpointError: Its folder may not be entered.
-        """
-        try:
-            self.file.stat()
-        except (FileNotFoundError, NotADirectoryError):
-            return False
-        except OSError as error:
-            raise CheckpointError(f"{self.path} cannot be read: {error.strerror}.") from None
-        return True
+        """Whether there is a checkpoint to go on from."""
+        return self.file.exists()
 
     def check(self, comm: Any, *, resume: bool) -> None:
         """Check early that no checkpoint would be lost, and lock the file (collective).
 
         From here to `release` no other run may write the checkpoint or go on from it.
-
-        Raises:
-            CheckpointError: A new run finds a checkpoint, or another run writes it.
         """
         if not resume and not self.overwrite and on_root(comm, lambda: self.found):
             raise CheckpointError(
@@ -119,45 +106,28 @@ class Checkpoints:
             self._lock.release()
             self._lock = None
 
-    def keeper(
+
+class CheckpointKeeper:
+    """Writes and reads the checkpoints of one run, known by its `fingerprint`."""
+
+    def __init__(
         self,
+        checkpoints: Checkpoints,
         model: Model,
         system: MatrixSystem,
         settings: Mapping[str, Any],
         motion: Callable[[float], Any] | None,
         times: NDArray[np.float64],
-    ) -> CheckpointKeeper:
-        """Writer and reader of the checkpoints of one run; see `fingerprint` (collective).
-
-        Raises:
-            CheckpointError: The model has plastic cells.
-        """
+    ) -> None:
+        """Find the facts of the run (collective)."""
         if model.bulk is not None:
             raise CheckpointError(
                 "Checkpoints do not hold the state of plastic cells; run this model without them."
             )
-        nodes = NodeNumbering(model.V)
-        facts = fingerprint(model, system, nodes, settings, motion, times)
-        return CheckpointKeeper(self, model, nodes, facts)
-
-
-class CheckpointKeeper:
-    """Writes and reads the checkpoints of one run.
-
-    Args:
-        checkpoints: Where and how often.
-        model: The model.
-        nodes: Numbers the nodes.
-        facts: `fingerprint` of the run.
-    """
-
-    def __init__(
-        self, checkpoints: Checkpoints, model: Model, nodes: NodeNumbering, facts: Mapping[str, Any]
-    ) -> None:
-        """Keep the parts of the run."""
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
-        self._nodes, self._facts = nodes, facts
+        self._nodes = NodeNumbering(model.V)
+        self._facts = fingerprint(model, system, self._nodes, settings, motion, times)
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
         """Write a checkpoint every so many steps (collective)."""
@@ -185,35 +155,12 @@ class CheckpointKeeper:
 
     def load_static(self) -> StaticState:
         """State that `save_static` wrote (collective)."""
-
-        def read() -> Tree:
-            tree = read_checkpoint(self._path, ("run", "static"))
-            difference = first_difference(tree["run"], self._facts)
-            if difference is not None:
-                raise CheckpointError(f"{self._path} is of another model; {difference}.")
-            return tree
-
-        return self._static(on_root(self._comm, read)["static"])
+        return self._static(self._read(("run", "static"))["static"])
 
     def load(self, monitors: Sequence[Any]) -> _Saved:
         """Content of the last checkpoint (collective)."""
-
-        def read() -> Tree:
-            tree = read_checkpoint(self._path, PARTS)
-            difference = first_difference(tree["run"], self._facts)
-            if difference is not None:
-                raise CheckpointError(
-                    f"The checkpoint {self._path} is of another run; {difference}."
-                )
-            names = [type(monitor).__name__ for monitor in monitors]
-            if names != tree["monitors"]:
-                raise CheckpointError(
-                    f"The checkpoint {self._path} is of a run with the monitors "
-                    f"{tree['monitors']}; this one has {names}."
-                )
-            return tree
-
-        tree = on_root(self._comm, read)
+        names = [type(monitor).__name__ for monitor in monitors]
+        tree = self._read(PARTS, monitors=str(names))
         static = tree["static"]
         return _Saved(
             state=self._state(tree["state"]),
@@ -221,6 +168,21 @@ class CheckpointKeeper:
             static=None if static is None else self._static(static),
             state_dict=tree["state_dict"],
         )
+
+    def _read(self, names: Sequence[str], **facts: str) -> Tree:
+        """The tree of the file, if it is of this run (collective)."""
+
+        def read() -> Tree:
+            tree = read_checkpoint(self._path, names)
+            saved = {**tree["run"], **{name: str(tree[name]) for name in facts}}
+            difference = first_difference(saved, {**self._facts, **facts})
+            if difference is not None:
+                raise CheckpointError(
+                    f"The checkpoint {self._path} is of another model or run; {difference}."
+                )
+            return tree
+
+        return on_root(self._comm, read)
 
     def _kept(self, thing: Any) -> Any:
         """A state, response or vector as a tree of arrays, whole on rank 0 (collective)."""
@@ -298,5 +260,4 @@ class CheckpointKeeper:
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
     """Writer and reader of a static state of a model (collective)."""
-    at_zero = np.zeros(1)
-    return Checkpoints(path).keeper(model, model.system(), {}, None, at_zero)
+    return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, None, np.zeros(1))

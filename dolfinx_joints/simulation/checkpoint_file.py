@@ -55,11 +55,11 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
 
 def _image(tree: Mapping[str, Any]) -> memoryview:
     """An HDF5 file of a tree, made in memory: HDF5 does not take a full disk well."""
-    image = io.BytesIO()
+    image, facts = io.BytesIO(), json.dumps(_without_arrays(tree))
     with h5py.File(image, "w", libver="latest") as file:
         set_texts(file, format=FORMAT)
         file.attrs["version"] = VERSION
-        file.create_dataset("facts", data=_encoded(_without_arrays(tree)))
+        file.create_dataset("facts", data=np.frombuffer(facts.encode(), dtype=np.uint8))
         for name, array in _arrays(tree):
             file.create_dataset(f"arrays/{name}", data=array)
     return image.getbuffer()
@@ -76,38 +76,28 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
     with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):
         check_seal(path)
         with h5py.File(path, "r") as file:
-            _check(path, attribute(file, "format"), attribute(file, "version"))
-            if "facts" not in file:
-                raise ValueError("it holds no facts")
+            version = attribute(file, "version")
+            if attribute(file, "format") != FORMAT:
+                raise CheckpointError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+            if version != VERSION:
+                raise CheckpointError(
+                    f"{path} has version {version} of the layout, this program reads version "
+                    f"{VERSION}."
+                )
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
-            for name in _names(file.get("arrays")):
-                *folders, last = name.split("/")
-                place = tree
-                for folder in folders:
-                    place = place[folder]
-                place[last] = file["arrays"][name][()]
+            _add_arrays(tree, file.get("arrays", {}))
             for name in names:
                 tree[name]
             return tree
 
 
-def _check(path: Path, found: Any, version: Any) -> None:
-    if found != FORMAT or version is None:
-        raise CheckpointError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
-    if version != VERSION:
-        raise CheckpointError(
-            f"{path} has version {version} of the layout, this program reads version {VERSION}."
-        )
-
-
-def _names(group: h5py.Group | None) -> list[str]:
-    """Paths of the arrays of a group."""
-    names: list[str] = []
-    if group is not None:
-        group.visititems(
-            lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None
-        )
-    return names
+def _add_arrays(tree: Tree, group: Mapping[str, Any]) -> None:
+    """Put the arrays of a group into the tree."""
+    for name, item in group.items():
+        if isinstance(item, h5py.Dataset):
+            tree[name] = item[()]
+        else:
+            _add_arrays(tree[name], item)
 
 
 def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
@@ -126,10 +116,6 @@ def _without_arrays(tree: Mapping[str, Any]) -> Tree:
         for name, value in tree.items()
         if not isinstance(value, np.ndarray)
     }
-
-
-def _encoded(tree: Tree) -> NDArray[np.uint8]:
-    return np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
 
 
 def _to_disk(path: Path) -> None:

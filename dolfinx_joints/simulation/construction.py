@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.joints.contact import Contact, no_such_joint
-from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Response, Status
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
 from dolfinx_joints.loads.load import JointLoad, Load
 from dolfinx_joints.loads.water.joint_water import JointWater
 from dolfinx_joints.mesh.blocks import block_of_nodes
@@ -82,21 +82,13 @@ def grouted(
     return replace(before, joints=joints, joints_inactive=False, missing=missing)
 
 
-def _chosen(rows: Rows, one: Response, other: Response) -> Response:
-    """Rows of one response, the others of another."""
-
-    def mixed(name: str, a: Any, b: Any) -> Floats:
-        first, second = getattr(a, name), getattr(b, name)
-        shape = (-1,) + (1,) * (first.ndim - 1)
-        return np.where(rows.reshape(shape), first, second) if first.size else first
-
-    gap, slip, internal = (
-        mixed(n, one.state, other.state) for n in ("gap", "elastic_slip", "internal")
-    )
-    state = JointState(gap=gap, elastic_slip=slip, internal=internal)
-    parts = {n: mixed(n, one, other) for n in ("traction", "tangent", "dissipation")}
-    status = np.where(rows, one.status, other.status)
-    return Response(**parts, state=state, status=status)
+def _chosen(rows: Rows, one: Any, other: Any) -> Any:
+    """Rows of one response, state or array, the others of another."""
+    if isinstance(one, np.ndarray):
+        shape = (-1,) + (1,) * (one.ndim - 1)
+        return np.where(rows.reshape(shape), one, other) if one.size else one
+    parts = [f.name for f in fields(one)]
+    return replace(one, **{n: _chosen(rows, getattr(one, n), getattr(other, n)) for n in parts})
 
 
 def check_may_be_inactive(model: Model, before: StaticState | None, acting: Sequence[Load]) -> None:
@@ -134,11 +126,10 @@ def check_blocks_stand(model: Model) -> None:
         supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
         if supported < motions:
             place = ", ".join(f"{c:.4g}" for c in centres[i])
-            beside = _joints_beside(model, block, i)
             raise JointsError(
-                f"The block around ({place}) m, at {beside}, is restrained by its supports "
-                f"alone against {supported} of {motions} rigid motions; while joints are inactive "
-                "each block must stand by itself: give it a support, or keep the joints active."
+                f"The block around ({place}) m is restrained by its supports alone against "
+                f"{supported} of {motions} rigid motions; while joints are inactive each block "
+                "must stand by itself: give it a support, or keep the joints active."
             )
 
 
@@ -187,19 +178,3 @@ def _rigid_motions(arms: Floats) -> Floats:
         turned[:, a], turned[:, b] = -arms[:, b], arms[:, a]
         motions.append(turned)
     return np.stack(motions)
-
-
-def _joints_beside(model: Model, block: NDArray[np.int64], number: int) -> str:
-    """Names of the joints that a block touches (collective)."""
-    from dolfinx import fem
-
-    names = []
-    for name in model.jointed.joint_names:
-        met = False
-        for side in "-+":
-            facets = model.jointed.facets(f"{name}{side}")
-            found = fem.locate_dofs_topological(model.V, model.gdim - 1, facets)
-            met = met or bool((block[found] == number).any())
-        if any(model.jointed.mesh.comm.allgather(met)):
-            names.append(name)
-    return ", ".join(names) or "no joint"

@@ -37,9 +37,8 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.loads.water.joint_water_state import WaterPressures
 
-# Warnings that a results file keeps, and characters of each and of the error that ended a run.
-_MOST_WARNINGS, _LONGEST_WARNING = 40, 500
-_LONGEST_ERROR = 2000
+# Warnings that a results file keeps.
+_MOST_WARNINGS = 40
 
 
 class DynamicRun:
@@ -124,11 +123,8 @@ class DynamicRun:
             state_dict: Of the run to be continued, whose state this one was made with.
             origin: Its displacement at the start of the stage [m].
         """
-        self.origin, self.step, self._iterations = (
-            origin,
-            state_dict["step"],
-            state_dict["iterations"],
-        )
+        self.origin, self.step = origin, state_dict["step"]
+        self._iterations = state_dict["iterations"]
         self._local_error, self._largest = state_dict["local_error"], state_dict["largest"]
         self._watch.load_state_dict(state_dict["watch"])
         self._solver.load_state_dict(state_dict["solver"])
@@ -202,7 +198,7 @@ class DynamicRun:
                     warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
-            self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
         self._finish("complete", {"peak_mb": peak})
@@ -248,15 +244,10 @@ class DynamicRun:
         )
 
 
-def check_beginning(
-    model: Model, loads: Any, *, scheme: Any, control: Any, velocity: Any, start: Any
-) -> None:
-    """Check the arguments of a dynamic stage against their classes and the model (collective)."""
+def check_beginning(model: Model, loads: Any, *, scheme: Any, velocity: Any, start: Any) -> None:
+    """Check the arguments of a dynamic stage."""
     check_loads(model.jointed, loads)
     check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
-    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-    known = isinstance(start, DynamicState | None)
-    check_kind_of("start", start, known, "the state of an earlier outcome")
     known = isinstance(velocity, PETSc.Vec | None)
     check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
     if velocity is not None and start is not None:
@@ -283,7 +274,7 @@ def _warnings_kept(kept: list[str]) -> Iterator[None]:
     shown = warnings.showwarning
 
     def keep(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
-        text = str(message)[:_LONGEST_WARNING]
+        text = str(message)
         if text not in kept and len(kept) < _MOST_WARNINGS:
             kept.append(text)
         shown(message, category, *where, **more)

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.laws.law import JointState, Response, Rule
     from dolfinx_joints.loads.water.joint_water_state import JointWaters
-    from dolfinx_joints.model.system import MatrixSystem
     from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
     from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
@@ -38,8 +36,6 @@ class JointWaterIteration:
 
     def __init__(self, water: JointWaters, solver: StepSolver) -> None:
         """Take the water and the solver."""
-        self.system: MatrixSystem = solver.system
-        self.name = solver.name
         self._water, self._solver, self._step = water, solver, 0
 
     def solve(
@@ -72,10 +68,3 @@ class JointWaterIteration:
             seen.append(codes)
             self._water.change(codes, b)
             start.copy(x)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Empty: statics have no checkpoints."""
-        return {}
-
-    def load_state_dict(self, memory: Mapping[str, Any]) -> None:
-        """Statics have no checkpoints."""

@@ -78,12 +78,8 @@ class Simulation:
     solver: SolverKind = "auto"
 
     def __post_init__(self) -> None:
-        """Check the classes; nothing is solved yet."""
+        """Check the model; nothing is solved yet."""
         check_kind_of("model", self.model, isinstance(self.model, Model), "a Model")
-        watching = all(isinstance(monitor, Monitor) for monitor in self.monitors)
-        check_kind_of("monitors", self.monitors, watching, "a list of monitors")
-        options = isinstance(self.newton, SolverOptions | None)
-        check_kind_of("newton", self.newton, options, "a SolverOptions")
         self.monitors = list(self.monitors)
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
@@ -111,11 +107,9 @@ class Simulation:
                 `grout`. A run may begin so.
 
         Raises:
-            ValueError: A load is not the model's.
-            JointsError: Joints are inactive and should have been grouted, or should be inactive
-                and have been active; a block does not stand without its joints.
+            JointsError: Joints are in the wrong state, a block does not stand without them, or
+                water in joints and their openings do not come to agree.
             ConvergenceError: A load step did not converge.
-            JointsError: Water in a joint and its openings do not come to agree.
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
@@ -141,10 +135,6 @@ class Simulation:
         Args:
             joints: Names of the joints to be grouted, all of them unless given.
             gap: Opening that the grout leaves [m].
-
-        Raises:
-            JointsError: There was no static stage.
-            MeshError: A name stands for no joint.
         """
         if self.static is None:
             raise JointsError(
@@ -200,10 +190,6 @@ class Simulation:
 
         Args:
             path: The file.
-
-        Raises:
-            JointsError: There was no static stage.
-            CheckpointError: The file cannot be written.
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
@@ -254,8 +240,6 @@ class Simulation:
                 looked at.
 
         Raises:
-            ValueError: Both ``velocity`` and ``start`` are given, or ``resume`` without
-                ``checkpoint``.
             CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
                 another run.
             ConvergenceError: A step did not converge however often it was halved; what had been
@@ -263,11 +247,7 @@ class Simulation:
         """
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control
-        check_beginning(
-            self.model, loads, scheme=scheme, control=control, velocity=velocity, start=start
-        )
-        known = isinstance(checkpoint, Checkpoints | None)
-        check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
+        check_beginning(self.model, loads, scheme=scheme, velocity=velocity, start=start)
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         motion = ground_motion(self.model, motion, loads)
@@ -286,7 +266,7 @@ class Simulation:
             times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
             keeper = None
             if checkpoint is not None:
-                keeper = checkpoint.keeper(self.model, system, facts, motion, times)
+                keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
             if saved is not None:
                 self.static = saved.static

@@ -21,7 +21,7 @@ from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.records import StaticState
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
-from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions
+from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.substeps import located
 
@@ -53,6 +53,7 @@ def march(
     system = model.system(only=acting)
     internal_forces = system.internal_forces
     system = replace(system, contact=None) if inactive else system
+    solver: StepSolver | JointWaterIteration
     solver = make_solver(system, newton, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
     u.set(0.0)
@@ -80,7 +81,7 @@ def march(
         x.getArray()[fixed] = at_supports - u.array[fixed]
         try:
             response, report = solver.solve(STATIC, b, x, joints)
-            products = Products(solver, STATIC, b, x, response)
+            products = Products(system, STATIC, b, x, response)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
             raise located(failure, stage="static", step=step, time=time) from None

@@ -83,8 +83,6 @@ class EnergyLedger:
     Attributes:
         row: The newest row.
         scale: Largest of stored energy, |input| and losses so far [J].
-        relative_error: The paper's energy error: largest |error| so far over ``scale``.
-        relative_imbalance: Largest |imbalance| so far over ``scale``.
     """
 
     def __init__(self, system: MatrixSystem) -> None:
@@ -162,7 +160,7 @@ class EnergyLedger:
 
     @property
     def relative_error(self) -> float:
-        """Largest |error| so far over the scale."""
+        """The paper's energy error: largest |error| so far over the scale."""
         return self._error / self.scale if self.scale else 0.0
 
     @property

@@ -70,10 +70,11 @@ def initial_state(
     force.axpy(-1.0, work)
     response = None
     if system.internal_forces is not None:
-        response = joints if isinstance(joints, Response) else None
-        if not isinstance(joints, Response):
-            response = system.internal_forces.trial(u, joints or system.internal_forces.at_rest(u))
-        assert response is not None
+        response = (
+            joints
+            if isinstance(joints, Response)
+            else system.internal_forces.trial(u, joints or system.internal_forces.at_rest(u))
+        )
         system.internal_forces.force_at_end(response, work)
         force.axpy(-1.0, work)
     if velocity is None:

@@ -61,7 +61,7 @@ class _Midpoint:
         before = None if state.joints is None else state.joints.state
         effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
-        products = Products(solver, effective, b, x, joints)
+        products = Products(system, effective, b, x, joints)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):

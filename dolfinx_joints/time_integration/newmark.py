@@ -30,8 +30,6 @@ class _Alpha:
     """
 
     rule: ClassVar[Rule] = BACKWARD_EULER
-    beta: float
-    gamma: float
 
     @property
     def alpha_m(self) -> float:
@@ -42,6 +40,16 @@ class _Alpha:
     def alpha_f(self) -> float:
         """Weight of the start of the step in the other forces."""
         return 0.0
+
+    @property
+    def beta(self) -> float:
+        """Newmark's beta, which damps high frequencies most."""
+        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's gamma, of second order."""
+        return 0.5 - self.alpha_m + self.alpha_f
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the body's balance is exact: for average acceleration on supports at rest."""
@@ -76,7 +84,7 @@ class _Alpha:
             mass=(1.0 - self.alpha_m) / share * of_mass, damping=of_damping, stiffness=1.0
         )
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
-        products = Products(solver, effective, b, x, joints)
+        products = Products(system, effective, b, x, joints)
         a_known.axpy(of_mass, x)
         v_known.axpy(of_damping, x)
         momentum = v_known.duplicate()
@@ -160,16 +168,6 @@ class HilberHughesTaylor(_Alpha):
         """Weight of the start of the step in forces."""
         return self.alpha
 
-    @property
-    def beta(self) -> float:  # type: ignore[override]
-        """Newmark's beta."""
-        return 0.25 * (1.0 + self.alpha) ** 2
-
-    @property
-    def gamma(self) -> float:  # type: ignore[override]
-        """Newmark's gamma."""
-        return 0.5 + self.alpha
-
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -191,13 +189,3 @@ class GeneralizedAlpha(_Alpha):
     def alpha_f(self) -> float:
         """Weight of the start of the step in the other forces."""
         return self.spectral_radius / (self.spectral_radius + 1.0)
-
-    @property
-    def beta(self) -> float:  # type: ignore[override]
-        """Newmark's beta."""
-        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
-
-    @property
-    def gamma(self) -> float:  # type: ignore[override]
-        """Newmark's gamma."""
-        return 0.5 - self.alpha_m + self.alpha_f

@@ -11,7 +11,6 @@ from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.states import DynamicState
 
 
@@ -28,14 +27,13 @@ class Products:
 
     def __init__(
         self,
-        solver: StepSolver,
+        system: MatrixSystem,
         effective: MatrixCoefficients,
         b: PETSc.Vec,
         x: PETSc.Vec,
         joints: Response | None,
     ) -> None:
         """Multiply (collective)."""
-        system = solver.system
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
         system.mass.mult(x, self.mass)
         system.stiffness.mult(x, self.stiffness)

@@ -49,11 +49,7 @@ class StepReport:
 
 
 class Scheme(Protocol):
-    """A time scheme: parameters, and one step.
-
-    Attributes:
-        rule: Response that it asks the laws for.
-    """
+    """A time scheme: parameters, and one step."""
 
     @property
     def rule(self) -> Rule:

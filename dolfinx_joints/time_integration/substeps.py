@@ -160,8 +160,7 @@ class Stepper:
                 self.counts.unbalanced += 1
                 if shortest:
                     raise JointsError(
-                        f"The energy lines of the step to t = {after.time:.6g} s do not add up"
-                        f"{self._where(before, after)}: "
+                        f"The energy lines of the step to t = {after.time:.6g} s do not add up: "
                         f"{missing / scale:.1e} of the largest energy is missing, "
                         f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough, as "
                         "for joints very much stiffer than the body."
@@ -177,17 +176,6 @@ class Stepper:
             self.counts.crossed += 1
             return True
         return False
-
-    def _where(self, before: DynamicState, after: DynamicState) -> str:
-        """The joint that moved most, where there are some (collective)."""
-        contact = self._solver.system.contact
-        if contact is None or before.joints is None or after.joints is None:
-            return ""
-        moved = after.joints.state.gap - before.joints.state.gap
-        worst = contact.worst_joint(
-            np.einsum("ij,ij->i", np.abs(after.joints.traction), abs(moved))
-        )
-        return f" (joint {worst!r} did the largest work)" if worst else ""
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
         """Whether the local error is above the tolerance, this attempt's displacement included."""

@@ -221,7 +221,10 @@ DIFFERENT = {
     "no motion": ({"motion": None}, "ground motion: only the checkpoint has it"),
     "loads": ({"loads": [Gravity()]}, "load Gravity"),
     "law": ({"joints": STIFFER}, "laws of the joints: FrictionNoTension(normal_stiffness=1"),
-    "monitors": ({"monitors": [ProgressMonitor()]}, "a run with the monitors ['ResultsMonitor']"),
+    "monitors": (
+        {"monitors": [ProgressMonitor()]},
+        "monitors: ['ResultsMonitor'] in",
+    ),
 }
 
 

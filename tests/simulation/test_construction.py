@@ -304,7 +304,7 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
     difference.axpy(-1.0, end.displacement)
     assert difference.norm() == 0.0
     np.testing.assert_array_equal(resumed.joints.traction, end.joints.traction)
-    with pytest.raises(CheckpointError, match=r"is of another model; load HydrostaticPressure"):
+    with pytest.raises(CheckpointError, match=r"another model or run; load HydrostaticPressure"):
         Simulation(wall([weight])).load_static(path)
     with pytest.raises(CheckpointError, match="There is no checkpoint"):
         other.load_static(new_path("none.static"))
@@ -318,8 +318,8 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
 def test_a_block_that_does_not_stand_is_refused(wall):
     """Supports on one side of the wall leave two blocks loose; rollers leave all three."""
     message = (
-        r"The block around \(6, 1, 3\) m, at joint_1, joint_2, is restrained by its supports alone "
-        r"against 0 of 6 rigid motions"
+        r"The block around \(6, 1, 3\) m is restrained by its supports alone against 0 of 6 rigid "
+        r"motions"
     )
     with pytest.raises(JointsError, match=message):
         Simulation(
@@ -327,7 +327,7 @@ def test_a_block_that_does_not_stand_is_refused(wall):
         ).statics(joints="inactive")
     # Upright and sideways motion and two rotations are restrained, sliding along x, y and turning
     # not.
-    with pytest.raises(JointsError, match=r"at joint_1, is restrained .* against 3 of 6"):
+    with pytest.raises(JointsError, match=r"is restrained .* against 3 of 6"):
         Simulation(wall([Gravity()], supports=[Fixed(group="base", components="z")])).statics(
             joints="inactive"
         )
@@ -345,7 +345,7 @@ def test_a_plane_block_that_does_not_stand_is_refused(read, two_rectangles_file,
         supports=[Fixed(group="base")],
         loads=[Gravity()],
     )
-    with pytest.raises(JointsError, match=r"at joint_1, is restrained .* against 0 of 3 rigid"):
+    with pytest.raises(JointsError, match=r"is restrained .* against 0 of 3 rigid"):
         Simulation(model).statics(joints="inactive")
 
 

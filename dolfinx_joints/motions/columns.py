@@ -15,9 +15,10 @@ columns, one is a component and two are time and a component.
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
@@ -34,20 +35,6 @@ Keys = dict[str, tuple[int, str]]  # number of the line and value
 _STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its place
 
 
-class Columns(NamedTuple):
-    """Description of plain columns by the user; None leaves it to the file.
-
-    Attributes:
-        unit: of the accelerations.
-        dt: time between rows [s].
-        columns: what each column holds, ``time`` or a direction.
-    """
-
-    unit: str | None = None
-    dt: float | None = None
-    columns: Sequence[str | float] | None = None
-
-
 def is_columns(text: RecordText) -> bool:
     """Whether the first line that is no comment begins with a number."""
     first = _first_row(text)
@@ -59,15 +46,20 @@ def states_unit(text: RecordText) -> bool:
     return "unit" in _keys(text)
 
 
-def read_columns(text: RecordText, user: Columns) -> list[Component]:
-    """Components in a file of plain columns."""
+def read_columns(
+    text: RecordText,
+    unit: str | None,
+    dt: float | None,
+    columns: Sequence[str | float] | None,
+) -> list[Component]:
+    """Components in a file of plain columns; None leaves it to the file to describe them."""
     keys, first = _keys(text), _first_row(text)
-    unit, names = _unit(text, keys, user), _names(text, keys, user)
+    unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     rows = text.rows(first, len(names))
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
     is_time = [name == "time" for name in names]
-    dt = _step(text, keys, user, rows[:, is_time], first)
+    dt = _step(text, keys, dt, rows[:, is_time], first)
     return [
         component(
             text,
@@ -107,12 +99,12 @@ def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> An
     return given if here is None else here
 
 
-def _unit(text: RecordText, keys: Keys, user: Columns) -> str:
+def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
     here = None
     if "unit" in keys:
         number, written = keys["unit"]
         here = unit_named(written, f"{text.path}, line {number}")
-    given = None if user.unit is None else unit_named(user.unit, "unit")
+    given = None if user is None else unit_named(user, "unit")
     unit: str | None = _agreed(text, keys, "unit", here, given)
     if unit is None:
         raise RecordError(
@@ -122,10 +114,10 @@ def _unit(text: RecordText, keys: Keys, user: Columns) -> str:
     return unit
 
 
-def _names(text: RecordText, keys: Keys, user: Columns) -> list[str]:
+def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | None) -> list[str]:
     """Content of each column; by default one is a component, two are time and a component."""
     here = keys["columns"][1].lower().split() if "columns" in keys else None
-    given = None if user.columns is None else [str(name).lower() for name in user.columns]
+    given = None if user is None else [str(name).lower() for name in user]
     names: list[str] | None = _agreed(text, keys, "columns", here, given)
     if names is None:
         width = len(text.words(_first_row(text)))
@@ -147,13 +139,13 @@ def _names(text: RecordText, keys: Keys, user: Columns) -> list[str]:
 def _step(
     text: RecordText,
     keys: Keys,
-    user: Columns,
-    time: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    user: float | None,
+    time: NDArray[np.float64],
     first: int,
 ) -> float:
     """Time between rows [s]."""
     here = text.positive(*keys["dt"], "dt") if "dt" in keys else None
-    dt: float | None = _agreed(text, keys, "dt", here, user.dt)
+    dt: float | None = _agreed(text, keys, "dt", here, user)
     if time.shape[1] == 0:
         if dt is None:
             raise RecordError(

@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import check_path, shown
-from dolfinx_joints.motions.columns import Columns, is_columns, read_columns, states_unit
+from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
 from dolfinx_joints.motions.cosmos import COSMOS
 from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
@@ -54,7 +54,7 @@ def read_components(
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
     if known is None and is_columns(text):
-        return read_columns(text, Columns(unit, dt, columns))
+        return read_columns(text, unit, dt, columns)
     if known is None:
         names = ", ".join(each.name for each in FORMATS)
         raise RecordError(

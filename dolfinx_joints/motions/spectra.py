@@ -140,14 +140,7 @@ def response_history(
 ) -> Floats:
     """Displacement of the oscillators of :func:`response_spectrum` relative to the ground.
 
-    Args:
-        acceleration: of the ground, shape (n, ...), [m/s^2].
-        dt: time between samples [s].
-        periods: natural periods, shape (p,), [s].
-        damping_ratio: zeta, from 0 to less than 1.
-
-    Returns:
-        Shape (n, p, ...), zero at the first sample, [m].
+    Shape (n, p, ...), zero at the first sample, [m]; arguments as there.
     """
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)

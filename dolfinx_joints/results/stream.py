@@ -96,27 +96,29 @@ class Stream:
 
     def copy(self, times: NDArray[np.float64], values: Mapping[str, NDArray[Any]]) -> None:
         """Write whole rows at once, shape (rows, ...) each."""
-        start, stop = len(self._time), len(self._time) + len(times)
-        for name, dataset in (*self._datasets.items(), ("time", self._time)):
-            dataset.resize(stop, axis=0)
-            dataset[start:] = times if name == "time" else values[name]
+        for name, dataset in self._datasets.items():
+            add_rows(dataset, values[name])
+        add_rows(self._time, times)
         self._last = float(times[-1])
 
     def write_values(self) -> list[float]:
         """Write the waiting values and return their times, still to be written."""
         times = [time for time, _ in self.rows]
-        start = self._time.shape[0]
         for name, dataset in self._datasets.items():
-            dataset.resize(start + len(times), axis=0)
-            dataset[start:] = np.stack([row[name] for _, row in self.rows])
+            add_rows(dataset, np.stack([row[name] for _, row in self.rows]))
         self.drop()
         return times
 
     def write_time(self, times: Sequence[float]) -> None:
         """Write the times of rows whose values are in the file."""
-        start = self._time.shape[0]
-        self._time.resize(start + len(times), axis=0)
-        self._time[start:] = times
+        add_rows(self._time, times)
+
+
+def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> None:
+    """Write rows behind those that a dataset has."""
+    start = len(dataset)
+    dataset.resize(start + len(rows), axis=0)
+    dataset[start:] = rows
 
 
 def extendable(

@@ -302,7 +302,7 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.Mon
         (cosmos().replace("acceleration pts", "sag pts"), "line 54: the channel ends here without"),
         (
             cosmos().replace(" 100 Real", "  60 Real").replace(" 17 lines", " 10 lines"),
-            "line 25: the",
+            "60 header values, line 25 announces 60; 100 are needed",
         ),
         (smc().replace("37    ", "37     "), "line 17"),
         (smc().replace("-32768         2", "-32768         x"), "line 13: the number of comments"),

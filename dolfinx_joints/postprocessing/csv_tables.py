@@ -158,15 +158,15 @@ def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
 
 def _histories(results: Results) -> Table:
     """Motions point by point, then what is one per step."""
-    of_points = ("displacement", "acceleration")
+    streams = results.streams["histories"]
+    of_points = [n for n in streams if results.series("histories", n, slice(0)).ndim == 3]
     rest = _plain(results, "histories", of_points)
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
-        if name in results.streams["histories"]:
-            values = results.series("histories", name, slice(len(rest.rows)))
-            unit = results.unit("histories", name)
-            for i, point in enumerate(results.point_names):
-                columns += _parts(f"{name} of {point}", unit, values[:, i])
+        values = results.series("histories", name, slice(len(rest.rows)))
+        unit = results.unit("histories", name)
+        for i, point in enumerate(results.point_names):
+            columns += _parts(f"{name} of {point}", unit, values[:, i])
     motions = _columns(columns)
     header = [rest.header[0], *motions.header, *rest.header[1:]]
     both = zip(rest.rows, motions.rows, strict=True)

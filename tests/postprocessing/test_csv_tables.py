@@ -46,6 +46,7 @@ def write_run(path: Path, joints: tuple[str, ...] = ("joint_1", "joint_2")) -> P
     with ResultsWriter(path, told) as writer:
         declare_histories(writer, RANDOM.random((2, 3)), accelerations=True)
         writer.series("histories", "reaction/base", (3,), "N", "force")
+        writer.series("histories", "velocity", (2, 3), "m/s", "a series of points that a run adds")
         declare_energy(writer, joints, ["Gravity"])
         nodes = RANDOM.random((4, 3))
         declare_states(writer, nodes, [[0, 1, 2, 3]], dict.fromkeys(joints, joint), status=True)
@@ -98,7 +99,7 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
         assert [path.name for path in paths] == [f"{name}.csv" for name in names]
         history, energy, joints, forces, envelopes = paths
         np.testing.assert_array_equal(column(history, "time [s]"), results.time("histories"))
-        for name, unit in (("displacement", "m"), ("acceleration", "m/s^2")):
+        for name, unit in (("displacement", "m"), ("acceleration", "m/s^2"), ("velocity", "m/s")):
             values = results.series("histories", name)
             for i, point in enumerate(results.point_names):
                 for k, axis in enumerate("xyz"):
@@ -108,8 +109,8 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
         np.testing.assert_array_equal(column(history, "reaction/base z [N]"), reaction[:, 2])
         counts = column(history, "iterations [-]")
         np.testing.assert_array_equal(counts, results.series("histories", "iterations"))
-        # Every series of the stream has its columns: 2 points x 2 x 3, and the others.
-        assert len(read(history)[0]) == 1 + 12 + 3 + 3 + 1 + 3
+        # Every series of the stream has its columns: 2 points x 3 x 3, and the others.
+        assert len(read(history)[0]) == 1 + 18 + 3 + 3 + 1 + 3
         for term in (*ENERGY_TERMS, "joints/joint_2/friction", "loads/Gravity"):
             values = results.series("energy", term)
             np.testing.assert_array_equal(column(energy, f"{term} [J]"), values)

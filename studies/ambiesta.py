@@ -23,7 +23,7 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_number
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.geometry.arch import ArchDam
-from dolfinx_joints.simulation.records import Outcome
+from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.time_integration.scheme import Scheme
 from studies.summary import summary_row
 

@@ -31,7 +31,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
-from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 

@@ -21,7 +21,7 @@ from dolfinx_joints.loads.water.joint_water import JointWater
 from dolfinx_joints.mesh.blocks import block_of_nodes
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.simulation.outcome import StaticState
 
 Rows = NDArray[np.bool_]
 

@@ -32,7 +32,7 @@ from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, 
 from dolfinx_joints.simulation.construction import check_may_be_inactive, grouted
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.records import Outcome, StaticState, closing_lines
+from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.static_stage import (
     check_acting,
     check_complete,

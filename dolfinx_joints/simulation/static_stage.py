@@ -18,7 +18,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.construction import inactive_response
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
-from dolfinx_joints.simulation.records import StaticState
+from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver

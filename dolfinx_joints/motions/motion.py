@@ -100,9 +100,7 @@ class Motion:
 
         With c, s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``: the
         ground moves as before, the axes that describe it are turned. As azimuths count
-        clockwise, x' has the azimuth of x less ``angle_deg``. For the Tolmezzo record of 6 May
-        1976 as it is read (x on azimuth 0, y on 270), 25 degrees puts the largest horizontal peak
-        of any angle, 0.395 g, on x'.
+        clockwise, x' has the azimuth of x less ``angle_deg``.
         """
         angle = np.deg2rad(angle_deg)
         c, s = np.cos(angle), np.sin(angle)

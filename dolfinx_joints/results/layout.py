@@ -43,10 +43,8 @@ def declare_energy(
 ) -> None:
     """Declare the stream ``energy``, one record per step, a number [J] per ledger line.
 
-    Args:
-        writer: The writer.
-        joints: Names of the joints; the lines of joints are there for each of them as well.
-        loads: Names of the loads, whose works make up the input together with moving supports.
+    The lines of joints are there for each joint as well; the works of the loads make up the input
+    together with those of moving supports.
     """
     for term in ENERGY_TERMS:
         writer.series("energy", term, (), "J", f"{term} energy" if term != "error" else "residual")

@@ -54,10 +54,7 @@ def overview(path: str | Path) -> str:
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         for stream, names in results.streams.items():
-            times = results.time(stream)
-            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
-            records = "1 record" if times.size == 1 else f"{times.size} records"
-            lines.append(f"stream {stream}: {records}{span}")
+            lines.append(_records(results, stream))
             lines += _line("", _together((n, results.unit(stream, n)) for n in names))
         found = _together((name, results.unit(name)) for name in results.statics)
         lines += _line("written once", found)
@@ -69,21 +66,26 @@ def describe(path: str | Path) -> str:
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _nested(results.metadata) + _nested(results.summary)
-        rows: list[tuple[str, str, tuple[int, ...], tuple[str, ...]]] = [
-            ("static", name, results.static(name).shape, (name,)) for name in results.statics
+        rows: list[tuple[str, tuple[str, ...], tuple[int, ...]]] = [
+            ("static", (name,), results.static(name).shape) for name in results.statics
         ]
         for stream, names in results.streams.items():
-            times = results.time(stream)
-            span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
-            lines.append(f"  stream {stream}: {times.size} records{span}")
+            lines.append(f"  {_records(results, stream)}")
             for name in names:
                 shape = results.series(stream, name, slice(0)).shape[1:]
-                rows.append((stream, name, shape, (stream, name)))
-        width = max((len(name) for _, name, _, _ in rows), default=0)
-        for group, name, shape, where in rows:
+                rows.append((stream, (stream, name), shape))
+        width = max((len(where[-1]) for _, where, _ in rows), default=0)
+        for group, where, shape in rows:
             unit, text = results.unit(*where), results.description(*where)
-            lines.append(f"  {group:<10} {name:<{width}} {shape!s:<16} {unit:<4} {text}")
+            lines.append(f"  {group:<10} {where[-1]:<{width}} {shape!s:<16} {unit:<4} {text}")
     return "\n".join(lines)
+
+
+def _records(results: Results, stream: str) -> str:
+    """Number and times of the records of a stream."""
+    times = results.time(stream)
+    span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
+    return f"stream {stream}: {times.size} record{'' if times.size == 1 else 's'}{span}"
 
 
 def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:

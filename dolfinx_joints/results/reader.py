@@ -58,9 +58,7 @@ Index = int | slice
 
 
 class Results:
-    """Reads a results file; arrays are read only when asked for.
-
-    A file that a run is still writing can be opened; :meth:`refresh` shows the rows added since.
+    """Reads a results file, also one that a run is still writing; arrays when asked for.
 
     Args:
         path: the file to read.
@@ -82,11 +80,6 @@ class Results:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def refresh(self) -> None:
-        """Open the file again, for a run that is still writing."""
-        self._file.close()
-        self._file = _open(self.path)
 
     @property
     def metadata(self) -> dict[str, Any]:

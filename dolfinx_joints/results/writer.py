@@ -178,14 +178,7 @@ class ResultsWriter:
             self.close()
 
     def static(self, name: str, array: ArrayLike, unit: str, description: str) -> None:
-        """Write an array once.
-
-        Args:
-            name: path below ``static``, for example ``"mesh/nodes"``.
-            array: numbers of any shape.
-            unit: for example ``"m"``; ``"-"`` where there is none.
-            description: one line for a reader of the file.
-        """
+        """Write an array once, ``name`` being its path below ``static``."""
         self._check_declaration(name)
         values = np.asarray(array)
         self._room.reserve(self.path, values.nbytes)
@@ -210,7 +203,7 @@ class ResultsWriter:
             shape: shape of one record; ``()`` for a number.
             unit: for example ``"m"``; ``"-"`` where there is none.
             description: one line for a reader of the file.
-            dtype: type stored, real or integer.
+            dtype: of what is stored.
         """
         self._check_declaration(name)
         if stream not in self._streams:
@@ -224,13 +217,7 @@ class ResultsWriter:
         self._file.swmr_mode = True
 
     def append(self, stream: str, time: float, values: Mapping[str, ArrayLike]) -> None:
-        """Add one record to a stream.
-
-        Args:
-            stream: a declared stream.
-            time: time of the record [s], later than the one before.
-            values: an array for every quantity declared in the stream; copied.
-        """
+        """Add one record to a stream, later [s] than the one before; the values are copied."""
         self._streams[stream].append(float(time), values)
         if clock.monotonic() - self._flushed_at >= self._flush_interval:
             self.flush()
@@ -249,12 +236,7 @@ class ResultsWriter:
             os.fsync(file.fileno())
 
     def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
-        """Write the buffered rows, the summary and, last, the status.
-
-        Args:
-            status: ``"complete"``, ``"stopped"`` or ``"failed"``.
-            summary: closing facts of the run; anything JSON can hold.
-        """
+        """Write the buffered rows, the summary and, last, the status."""
         encoded = _encode_json(summary, "summary")
         if encoded.size > _SUMMARY_BYTES:
             raise ResultsError(

@@ -114,17 +114,6 @@ def test_a_growing_file_can_be_read(tmp_path: Path) -> None:
         assert seen.split() == ["running", "100", "99.0"]
 
 
-def test_refresh_shows_rows_added_since(tmp_path: Path) -> None:
-    with writer_of(tmp_path / "r.h5", flush_interval=0.0) as writer:
-        append_rows(writer, 0, 2)
-        results = Results(tmp_path / "r.h5")
-        append_rows(writer, 2, 5)
-        writer.finish("complete", {})
-        results.refresh()
-        assert (results.rows("run"), results.status) == (5, "complete")
-        results.close()
-
-
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys; sys.path.insert(0, sys.argv[2]); import test_results as t\n"
@@ -323,7 +312,7 @@ def test_the_agreed_layout_and_its_description(tmp_path: Path) -> None:
         assert results.unit("states", "joints/joint_1/traction") == "Pa"
     table = describe(tmp_path / "r.h5")
     assert "complete" in table.splitlines()[0]
-    assert "stream energy: 1 records, 0.5 to 0.5 s" in table
+    assert "stream energy: 1 record, 0.5 to 0.5 s" in table
     assert "joints/joint_1/traction" in table
 
 

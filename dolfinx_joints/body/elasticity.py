@@ -141,22 +141,14 @@ def law_degree(shape: CellShape, degree: int) -> int:
     """Degree of the rule at whose points plastic laws are asked.
 
     The least that integrates the stiffness of straight cells exactly: degree + 1 points along each
-    axis of quadrilaterals and hexahedra.
-
-    Args:
-        shape: The cells.
-        degree: Degree of the displacement.
+    axis of quadrilaterals and hexahedra, ``degree`` being that of the displacement.
     """
     simplex = shape.type in (basix.CellType.triangle, basix.CellType.tetrahedron)
     return 2 * (degree - 1) if simplex else 2 * degree + 1
 
 
 def strain_vector(u: Any) -> Any:
-    """(xx, yy, zz, 2 yz, 2 xz, 2 xy) of the strain of a displacement (UFL); (xx, yy, 2 xy) in 2-D.
-
-    Args:
-        u: Displacement.
-    """
+    """(xx, yy, zz, 2 yz, 2 xz, 2 xy) of a displacement's strain (UFL), (xx, yy, 2 xy) in 2-D."""
     eps = strain(u)
     if len(u) == 2:
         return ufl.as_vector([eps[0, 0], eps[1, 1], 2.0 * eps[0, 1]])

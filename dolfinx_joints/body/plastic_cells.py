@@ -156,8 +156,7 @@ class PlasticBulk:
 
     def _stress(self, strain: Floats) -> Floats:
         """Elastic stress of strains of the local points, shape (n, 6), [Pa]."""
-        stress: Floats = np.einsum("nij,nj->ni", self._elastic, strain)
-        return stress
+        return np.einsum("nij,nj->ni", self._elastic, strain)
 
     def elastic_correction(self, state: Any) -> float:
         """Change of u.K u / 2 by plastic strains, the energy of an elastic body [J] (collective).
@@ -218,18 +217,10 @@ class PlasticBulk:
 
 
 class PlasticTangent:
-    """Tangent of joints and plastic cells as a matrix, its sparsity kept.
-
-    Args:
-        bulk: Makes that of the cells.
-        joints: Makes that of the joints, None without joints.
-
-    Attributes:
-        comm: Communicator of the matrix.
-    """
+    """Tangent of joints and plastic cells as a matrix, its sparsity kept."""
 
     def __init__(self, bulk: StrainTangent, joints: JointTangent | None) -> None:
-        """Take the builders of both parts."""
+        """Take the builders of both parts, None without joints."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
         self._sum: PETSc.Mat | None = None
 

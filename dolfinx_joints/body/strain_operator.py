@@ -44,7 +44,6 @@ class StrainOperator:
         matrix: P, shape (6 num_points, num_dofs).
         volumes: Volume w of the local points, shape (n,), [m^3]; [m^2] in 2-D.
         cells: Cell of each local point, shape (n,).
-        points: Coordinates of the local points, shape (n, 3), [m].
         comm: Communicator of the matrix.
     """
 
@@ -57,7 +56,8 @@ class StrainOperator:
         places, weights = basix.make_quadrature(jointed.shape.type, rule)
         self.comm = lasting(mesh.comm)
         self.cells: Ints = np.repeat(own, len(weights)).astype(np.int64)
-        self.volumes, self.points = _geometry(mesh, own, places, weights)
+        scale = fem.Expression(abs(ufl.JacobianDeterminant(mesh)), places, comm=mesh.comm)
+        self.volumes = np.asarray(scale.eval(mesh, own)).ravel() * np.tile(weights, len(own))
         self.matrix = self._assemble(V, own, places, matrix)
         self._work = self.matrix.createVecLeft()
 
@@ -153,16 +153,3 @@ class StrainTangent:
         self._points.assemble()
         self._product = self._points.PtAP(self._operator, result=self._product)
         return self._product
-
-
-def _geometry(
-    mesh: Any, cells: NDArray[Any], places: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
-    """Volumes, shape (n,), and coordinates, shape (n, 3), of the points of some cells."""
-    gdim = mesh.geometry.dim
-    both = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), *ufl.SpatialCoordinate(mesh)])
-    values = np.asarray(fem.Expression(both, places, comm=mesh.comm).eval(mesh, cells))
-    values = values.reshape(-1, 1 + gdim)
-    points = np.zeros((len(values), 3))
-    points[:, :gdim] = values[:, 1:]
-    return values[:, 0] * np.tile(weights, len(cells)), points

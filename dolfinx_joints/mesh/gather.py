@@ -48,16 +48,10 @@ def gather_mesh(
         tagged = np.column_stack([original[cell_tags.indices], cell_tags.values])
     values = _stack(comm, tagged)
     with raised_together(comm):
-        wrong = ~np.isfinite(points).all(axis=1)
-        if wrong.any():
-            place = ", ".join(f"{c:g}" for c in points[wrong][0, 1:])
-            raise MeshError(f"The mesh has a node at ({place}); coordinates must be finite.")
-        for name, tag in groups.items():
-            if not np.any(facets[:, 2] == tag):
-                raise MeshError(f"No facet carries the tag {tag} of the group {name!r}.")
-        for name, tag in cell_groups.items():
-            if not np.any(values[:, 1] == tag):
-                raise MeshError(f"No cell carries the tag {tag} of the group {name!r}.")
+        for kind, rows, given in ("facet", facets, groups), ("cell", values, cell_groups):
+            for name, tag in given.items():
+                if tag not in rows[:, -1]:
+                    raise MeshError(f"No {kind} carries the tag {tag} of the group {name!r}.")
     return _assemble(shape, cells, points, facets, values, groups, cell_groups)
 
 
@@ -67,10 +61,6 @@ def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, 
         check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
         if tags.dim != dim:
             raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
-        if tags.values.dtype.kind not in "iu":
-            raise MeshError(
-                f"{name} holds tags of type {tags.values.dtype}; they must be integers."
-            )
         mesh.topology.create_entities(dim)
         index_map = mesh.topology.index_map(dim)
         if tags.indices.max(initial=-1) >= index_map.size_local + index_map.num_ghosts:

@@ -112,9 +112,6 @@ def _read_model(model: Any, source: str) -> RawMesh:
     nodes = nodes.reshape(-1, blocks[0].shape[1])
     order = np.argsort(tags)
     x = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    if not np.isfinite(x).all():
-        place = ", ".join(f"{c:g}" for c in x[~np.isfinite(x).all(axis=1)][0])
-        raise MeshError(f"{source!r} has a node at ({place}); coordinates must be finite.")
     facets = {
         name: _facets(model, dim, entities, name, used)
         for name, entities in groups[dim - 1].items()

@@ -149,7 +149,6 @@ def seasonal_temperatures(
         ValueError: As in `steady_temperature`.
         MeshError: There is no such group.
     """
-    Temperature(value=0.0, reference=reference, expansion=expansion)  # checked before the work
     values = _face_values(jointed, faces, day)
     mean = _solve(jointed, values[:, :1], None)
     swing = _solve(jointed, values[:, 1:], diffusivity)
@@ -201,7 +200,6 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
     name = f"The temperature of {group!r}"
     if isinstance(face, AnnualWave | ReservoirTemperature):
         return np.column_stack(face.parts(points, day))
-    check_kind_of(name, face, not isinstance(face, type), "a number, a function or a wave")
     if not callable(face):
         check_number(name, face, lambda _: True, "finite")
     mean = check_each(name, face(points) if callable(face) else face, len(points))

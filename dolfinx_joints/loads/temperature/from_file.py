@@ -19,23 +19,9 @@ from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Of coordinates [m] and temperatures, where squares lose no point.
-LARGEST_NUMBER = 1e9
 
-
-def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Floats]:
-    """Points and their temperatures from a file of comma-separated values.
-
-    The first line is ``x,y,z,T`` (``x,y,T`` in the plane), every other a point [m] and its
-    temperature; empty lines and those that begin with # do not count.
-
-    Args:
-        path: The file.
-        axes: Coordinates of a point, 3 or 2.
-
-    Returns:
-        Points, shape (n, axes), [m], and temperatures, shape (n,).
-    """
+def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
+    """Points of a file, shape (n, axes), [m], and their temperatures, shape (n,)."""
     columns = ",".join([*"xyz"[:axes], "T"])
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
@@ -55,10 +41,8 @@ def read_temperature_points(path: str | Path, axes: int = 3) -> tuple[Floats, Fl
         ) from None
     table = table if len(table) else np.zeros((0, axes + 1))
     points = table[:, :axes]
-    if table.shape[1] != axes + 1 or not (np.abs(table) <= LARGEST_NUMBER).all():
-        raise TemperatureError(
-            f"{path} must hold {axes + 1} finite numbers a line, {LARGEST_NUMBER:g} at most."
-        )
+    if table.shape[1] != axes + 1 or not np.isfinite(table).all():
+        raise TemperatureError(f"{path} must hold {axes + 1} finite numbers a line.")
     spread = np.linalg.matrix_rank(points - points[:1], tol=1e-9) if len(points) else 0
     if spread < axes:
         raise TemperatureError(
@@ -84,7 +68,9 @@ def temperature_from_file(
     which curved faces need.
 
     Args:
-        path: The file; see `read_temperature_points`.
+        path: File of comma-separated values. The first line is ``x,y,z,T`` (``x,y,T`` in the
+            plane), every other a point [m] and its temperature; empty lines and those that begin
+            with # do not count.
         jointed: The mesh.
         reach: How far outside a node may lie from the nearest point [m].
 
@@ -96,7 +82,7 @@ def temperature_from_file(
     """
     mesh = jointed.mesh
     axes = mesh.geometry.dim
-    points, values = on_root(mesh.comm, lambda: read_temperature_points(path, axes))
+    points, values = on_root(mesh.comm, lambda: _read_points(path, axes))
     space = fem.functionspace(mesh, ("Lagrange", jointed.shape.degree))
     field = fem.Function(space, name="temperature")
     with raised_together(mesh.comm):

@@ -51,9 +51,10 @@ class Temperature:
         """Check value and references."""
         if not callable(self.value):
             check_number("Temperature: value", self.value, lambda _: True, "finite")
-        for group, value in _by_group(self.reference).items():
-            name = f"Temperature: reference of {shown(group)}"
-            check_number(name, value, lambda _: True, "finite")
+        if isinstance(self.reference, Mapping):
+            for group, value in self.reference.items():
+                name = f"Temperature: reference of {shown(group)}"
+                check_number(name, value, lambda _: True, "finite")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch an unrestrained body as the temperature does (collective)."""
@@ -98,7 +99,6 @@ class Temperature:
         if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
             value = value(ufl.SpatialCoordinate(mesh))
         if not isinstance(value, Expr) and math.isfinite(real(value)):
-            check_number("Temperature: value", value, lambda _: True, "finite")
             return fem.Constant(mesh, float(value))
         if not (isinstance(value, Expr) and value.ufl_shape == ()):
             raise ValueError(
@@ -110,11 +110,6 @@ class Temperature:
         return value
 
 
-def _by_group(reference: float | Mapping[str, float]) -> Mapping[str, float]:
-    """Reference temperatures by cell group, none where there is one for all."""
-    return reference if isinstance(reference, Mapping) else {}
-
-
 def check_temperatures(
     jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
 ) -> None:
@@ -123,12 +118,11 @@ def check_temperatures(
         if not isinstance(load, Temperature):
             continue
         for name, each in materials.items():
-            if isinstance(each, Elastic) or not _share_cells(jointed, load.cells, name):
-                continue
-            raise ValueError(
-                f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
-                "cells only, name those by cells=."
-            )
+            if not isinstance(each, Elastic) and _share_cells(jointed, load.cells, name):
+                raise ValueError(
+                    f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
+                    "cells only, name those by cells=."
+                )
 
 
 def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:

@@ -84,8 +84,7 @@ class SeepageLine:
         at, left = np.transpose([(0.0, 1.0), *drains, (1.0, 0.0)])
         level = self.downstream + (self.upstream - self.downstream) * np.interp(way, at, left)
         depth = np.maximum(level - points[:, len(line) - 1], 0.0)
-        pressure: Floats = self.density * self.gravity * depth
-        return pressure
+        return self.density * self.gravity * depth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,16 +187,9 @@ class Wetness(IntEnum):
 
 
 class WaterInJoint:
-    """One `JointWater` at the local joint points.
-
-    Args:
-        name: Name of the load.
-        load: The load.
-        model: The model.
+    """One `JointWater` and its name, at the local joint points.
 
     Attributes:
-        name: Name of the load.
-        load: The load.
         here: Points of its joint, shape (n,).
     """
 
@@ -215,8 +207,7 @@ class WaterInJoint:
 
     def pressure(self, codes: Codes) -> Floats:
         """Pressure at the local points, zero in other joints, shape (n,), [Pa]."""
-        pressure: Floats = np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
-        return pressure
+        return np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
 
     def factor(self, time: float) -> float:
         """Multiplier of the pressures at a time [s]."""
@@ -270,12 +261,7 @@ def given_pressure(
 
 
 def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
-    """B^T (w p e_n), [N] (collective).
-
-    Args:
-        model: The model.
-        pressure: P at the local joint points, shape (n,), [Pa].
-    """
+    """B^T (w p e_n) of pressures p at the local joint points, (n,) [Pa]; [N] (collective)."""
     assert model.operator is not None
     traction = np.zeros((len(pressure), 3))
     traction[:, 0] = pressure

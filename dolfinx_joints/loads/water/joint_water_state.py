@@ -44,14 +44,9 @@ class _End:
 class JointWaters:
     """All loads of a system that depend on the state of its joints.
 
-    Args:
-        model: The model.
-        loads: The loads by name.
-
     Attributes:
         names: Names of the loads.
         joints: Names of all joints of the body.
-        codes: Wetness of the local points at the end of the step.
     """
 
     def __init__(self, model: LoadedBody, loads: Mapping[str, Any]) -> None:
@@ -82,21 +77,18 @@ class JointWaters:
 
     def by_opening(self, gap: Floats) -> Codes:
         """Codes that a gap (n, 3) [m] leads to (collective)."""
-        return self._together([part.by_opening(gap) for part in self._parts])
+        return np.max([part.by_opening(gap) for part in self._parts], axis=0)
 
     def begin_step(self, codes: Codes, gap: Floats) -> None:
         """Take the water at the ends of a time step from the state at its start (collective)."""
         self._start = self._at(codes)
-        self._end = self._at(self._together([part.in_step(codes, gap) for part in self._parts]))
+        self._end = self._at(np.max([part.in_step(codes, gap) for part in self._parts], axis=0))
 
     def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
         """Add the forces of the end of the step, times ``scale``, [N]."""
         self._time_and_scale = time, scale
         for part, force in zip(self._parts, self._end.forces, strict=True):
-            factor = part.factor(time)
-            if not np.isfinite(factor):
-                raise ValueError(f"The factor of {part.name} is {factor} at t = {time:g} s.")
-            out.axpy(scale * factor, force)
+            out.axpy(scale * part.factor(time), force)
 
     def change(self, codes: Codes, out: PETSc.Vec) -> None:
         """Take other codes, and add what that changes of the forces last added (collective)."""
@@ -137,10 +129,6 @@ class JointWaters:
         total = np.sum(self._operator.comm.allgather(differ), axis=0)
         return np.asarray(total).astype(np.int64)
 
-    def _together(self, parts: Sequence[Codes]) -> Codes:
-        """Codes of all loads, each of other joints."""
-        return np.max(parts, axis=0)
-
     def _at(self, codes: Codes) -> _End:
         """The forces of codes, those of the last few kept (collective)."""
         for known in self._known:
@@ -153,12 +141,7 @@ class JointWaters:
 
 
 class WaterPressures:
-    """All water in the joints of a stage.
-
-    Args:
-        model: The model.
-        loads: The `Uplift` and `JointWater` loads that act.
-    """
+    """All `Uplift` and `JointWater` loads in the joints of a stage."""
 
     def __init__(self, model: LoadedBody, loads: Sequence[Any]) -> None:
         """Find the pressures of each point (collective)."""

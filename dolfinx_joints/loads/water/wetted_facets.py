@@ -135,8 +135,7 @@ class WettedFacets:
     def _depth(self, facet: Ints, points: Floats) -> Floats:
         """Depths, negative above the level, at points (n, p, dim) of the reference cells."""
         table = _tabulated(self._geometry, 0, points)[0]
-        depth: Floats = self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
-        return depth
+        return self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
 
     def _points(self, facet: Ints, corners: Floats) -> WettedPoints:
         """Points of pieces, mapped to the mesh."""
@@ -175,8 +174,7 @@ class WettedFacets:
     @property
     def places(self) -> Floats:
         """Nodes of the displacement in the reference cells, shape (facets, nodes, dim)."""
-        places: Floats = self._displacement.points[self._closure]
-        return places
+        return self._displacement.points[self._closure]
 
 
 def _tabulated(element: Any, order: int, points: Floats) -> Floats:
@@ -264,5 +262,4 @@ def _measure(corners: Floats) -> Floats:
     """Length or area of pieces in the reference cell, shape (n,)."""
     edges = corners[:, 1:] - corners[:, :1]
     gram = np.einsum("nid,njd->nij", edges, edges)
-    measure: Floats = np.sqrt(np.linalg.det(gram)) / (1 if edges.shape[1] == 1 else 2)
-    return measure
+    return np.sqrt(np.linalg.det(gram)) / (1 if edges.shape[1] == 1 else 2)

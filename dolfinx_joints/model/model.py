@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -22,8 +21,9 @@ from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
+from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import lasting
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.parameters import check_kind_of, offers, shown
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
@@ -33,7 +33,6 @@ from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
 from dolfinx_joints.loads.water.joint_water_state import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.model.arguments import check_form, check_joints, check_loads
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.system import MatrixSystem
 
@@ -114,8 +113,8 @@ class Model:
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
         check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
-        check_joints(jointed, joints, initial_gaps)
-        check_loads(jointed, loads)
+        _check_joints(jointed, joints, initial_gaps)
+        _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
@@ -205,7 +204,7 @@ class Model:
         if extra is None:
             return []
         form = extra(*self._arguments)
-        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
         return [form]
 
     def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
@@ -242,14 +241,9 @@ class Model:
         places.setArray(points[:, : self.gdim].ravel())
         return PETSc.NullSpace().createRigidBody(places)
 
-    @cached_property
-    def damping(self) -> PETSc.Mat:
-        """C, added up when first asked for [N s/m] (collective)."""
-        return self.system().damping
-
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
-        check_form(form, 1, "A load must be a linear UFL form of v")
+        _check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return without_ghosts(vector, self.mass)
@@ -280,7 +274,7 @@ class Model:
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
         """
-        check_loads(self.jointed, extra_loads)
+        _check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
             raise ValueError(
                 "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
@@ -335,6 +329,34 @@ class Model:
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
+    """Check that laws and gaps are given where the mesh has joints, and nowhere else."""
+    if jointed.joint_names and joints is None:
+        raise MeshError(
+            f"The mesh has joints ({', '.join(jointed.joint_names)}) but no law was given; "
+            "pass joints=, or read the mesh with joints=[] for a monolithic body."
+        )
+    for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
+        if not jointed.joint_names and isinstance(given, Mapping) and given:
+            names = ", ".join(map(str, given))
+            raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
+
+
+def _check_loads(jointed: JointedMesh, loads: Any) -> None:
+    """Check that loads are some, on groups of the mesh."""
+    for load in loads:
+        check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
+        if isinstance(load, FaceLoad):
+            jointed.facets(load.group)
+
+
+def _check_form(form: Any, arguments: int, what: str) -> None:
+    """Check the number of arguments of a UFL form."""
+    count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if count != arguments:
+        raise ValueError(f"{what}; this one has {count} arguments: {shown(form, str)}.")
 
 
 def _names(loads: Sequence[Load]) -> list[str]:

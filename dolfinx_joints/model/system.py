@@ -175,7 +175,7 @@ class MatrixSystem:
         """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
         factors = scale * self._factors(time)
         out.set(0.0)
-        for factor, vector in zip(factors, self._vectors, strict=True):
+        for factor, (vector, _) in zip(factors, self.patterns, strict=True):
             out.axpy(float(factor), vector)
         if self.water is not None:
             self.water.add(out, time, scale)
@@ -183,10 +183,10 @@ class MatrixSystem:
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
-        names = self.load_names or ["load"] * len(self.patterns)
+        names = self._names
         works = dict.fromkeys(names, 0.0)
         means = 0.5 * (self._factors(start) + self._factors(end))
-        for name, mean, vector in zip(names, means, self._vectors, strict=True):
+        for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
         return works if self.water is None else works | self.water.work(x, start, end)
@@ -197,19 +197,17 @@ class MatrixSystem:
         fixed = dict.fromkeys(self.load_names or ["load"])
         return [*fixed, *([] if self.water is None else self.water.names)]
 
-    @cached_property
-    def _vectors(self) -> list[PETSc.Vec]:
-        return [vector for vector, _ in self.patterns]
+    @property
+    def _names(self) -> Sequence[str]:
+        return self.load_names or ["load"] * len(self.patterns)
 
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
         """Factors of the patterns at a time, those of the last times kept."""
-        names = [*self.load_names, *["load"] * (len(self.patterns) - len(self.load_names))]
-        patterns = list(zip(names, (factor for _, factor in self.patterns), strict=True))
+        named = list(zip(self._names, self.patterns, strict=True))
 
         def factors(time: float) -> Floats:
-            each = [number_at(f"The factor of {name}", factor, time) for name, factor in patterns]
-            return np.array(each, dtype=np.float64)
+            return np.array([number_at(f"The factor of {n}", f, time) for n, (_, f) in named])
 
         return lru_cache(maxsize=2)(factors)
 

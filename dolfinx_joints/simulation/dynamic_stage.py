@@ -15,13 +15,11 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
-from dolfinx_joints.model.arguments import check_loads
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, Record
@@ -44,17 +42,12 @@ _MOST_WARNINGS = 40
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
+    Arguments not listed are those of `Simulation.dynamics`.
+
     Args:
-        model: The model.
-        monitors: Observers of the run.
         watch: Observer of slip and opening.
         seconds: Wall time by phase [s], passed to the monitors at the end.
-        scheme: The time scheme.
-        solver: Solver of the system.
-        control: When steps are cut.
         state: The state to begin with.
-        steps: Steps asked for.
-        motion: Ground acceleration [m/s^2] at a time [s], or None.
         settings: How the stage is run, by name; passed to the monitors.
 
     Attributes:
@@ -242,16 +235,6 @@ class DynamicRun:
             solver=self._solver.name,
             end_point_laws=self._end_point_laws,
         )
-
-
-def check_beginning(model: Model, loads: Any, *, scheme: Any, velocity: Any, start: Any) -> None:
-    """Check the arguments of a dynamic stage."""
-    check_loads(model.jointed, loads)
-    check_kind_of("scheme", scheme, offers(scheme, "advance", "conserves"), "a time scheme")
-    known = isinstance(velocity, PETSc.Vec | None)
-    check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
-    if velocity is not None and start is not None:
-        raise ValueError("velocity and start are both given; start holds a velocity already.")
 
 
 def ground_motion(

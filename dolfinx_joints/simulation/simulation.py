@@ -22,7 +22,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load
@@ -30,7 +30,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.construction import check_may_be_inactive, grouted
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, check_beginning, ground_motion
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.static_stage import (
@@ -247,7 +247,12 @@ class Simulation:
         """
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control
-        check_beginning(self.model, loads, scheme=scheme, velocity=velocity, start=start)
+        known = offers(scheme, "advance", "conserves")
+        check_kind_of("scheme", scheme, known, "a time scheme")
+        known = isinstance(velocity, PETSc.Vec | None)
+        check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
+        if velocity is not None and start is not None:
+            raise ValueError("velocity and start are both given; start holds a velocity already.")
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         motion = ground_motion(self.model, motion, loads)

@@ -159,9 +159,9 @@ def test_loads_of_the_ground_and_of_gravity(blocks):
 def test_damping_by_mass_follows(blocks):
     """C = a M' with a from ratio = a / (4 pi f), so a = 4 pi 0.05 * 5 = pi [1/s]."""
     model = blocks(MESHES[0], damping=mass_proportional(ratio=0.05, frequency=5.0))
-    rest = model.damping.copy()
+    rest = model.system().damping.copy()
     rest.axpy(-np.pi, model.mass)
-    assert rest.norm() <= 1e-12 * model.damping.norm()
+    assert rest.norm() <= 1e-12 * model.system().damping.norm()
 
 
 def test_nothing_happens_unless_asked_for(blocks):

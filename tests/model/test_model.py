@@ -300,7 +300,7 @@ def test_extra_forms(bar):
     for factor, matrix in ((alpha, model.mass), (c, on_top)):
         matrix.mult(x, term)
         expected.axpy(factor, term)
-    model.damping.mult(x, term)
+    model.system().damping.mult(x, term)
     term.axpy(-1.0, expected)
     assert term.norm() <= 1e-12 * expected.norm()
 
@@ -379,8 +379,8 @@ def test_joints_are_not_damped(blocks):
     u = model.mass.createVecRight()
     u.setArray(moved.x.array[: u.getLocalSize()])
     force = u.duplicate()
-    model.damping.mult(u, force)
-    assert force.norm() <= 1e-14 * model.damping.norm() * u.norm()
+    model.system().damping.mult(u, force)
+    assert force.norm() <= 1e-14 * model.system().damping.norm() * u.norm()
 
 
 def test_function_works_in_a_form(blocks):

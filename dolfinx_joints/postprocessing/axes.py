@@ -8,12 +8,11 @@ Matplotlib's global state is not used.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
 
 if TYPE_CHECKING:
@@ -27,27 +26,12 @@ Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 
 @checked
 def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
-    """Axes of a new figure of their own.
-
-    Args:
-        width: of the figure [inch].
-        height: of the figure [inch].
-    """
+    """Axes of a new figure of their own."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="compressed")
     ax: Axes = figure.add_subplot()
     return ax
-
-
-def chosen_axes(ax: Any, **size: float) -> Axes:
-    """Axes that were given, or new ones of a size for None."""
-    if ax is None:
-        return new_axes(**size)
-    from matplotlib.axes import Axes as Known
-
-    check_kind_of("ax", ax, isinstance(ax, Known), "axes of matplotlib, or None")
-    return cast("Axes", ax)
 
 
 def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:

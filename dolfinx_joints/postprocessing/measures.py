@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements are counted from the static state, the first record of a file. :class:`ResultsError`
-names what a file does not hold.
+Displacements are counted from the static state, the first record of a file. Points are given by
+name or number, components are x (stream), y (cross-valley) and z (up). :class:`ResultsError` names
+what a file does not hold.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
@@ -78,11 +78,6 @@ def displacement_history(
 ) -> tuple[Floats, Floats]:
     """Displacement of a point from the static state, relative to the ground.
 
-    Args:
-        results: The run.
-        point: Name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-
     Returns:
         Times [s] and displacements [m], both of shape (records,).
     """
@@ -98,11 +93,7 @@ def acceleration_history(
 ) -> tuple[Floats, Floats]:
     """Acceleration of a point, the mean of each step, at the middle of the step.
 
-    Args:
-        results: The run.
-        point: Name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        absolute: Add the acceleration of the ground, the mean of the ends of the step.
+    The absolute one includes that of the ground, the mean of the ends of the step.
 
     Returns:
         Times [s] and accelerations [m/s^2], both of shape (records - 1,).
@@ -123,13 +114,8 @@ def peaks(
 ) -> dict[str, dict[str, float]]:
     """Largest absolute displacement of a point from the static state, relative to the ground [m].
 
-    Args:
-        results: The run.
-        point: Name or number of the monitor point.
-        strong_until: End of the strong motion [s].
-
     Returns:
-        By component, ``"strong"``, up to that time, and ``"later"``, after it, NaN without records.
+        By component, ``"strong"``, up to ``strong_until`` [s], and ``"later"``, after it, NaN without records.
     """
     found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
@@ -145,13 +131,9 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     Args:
         source: A ground motion, or a run whose file holds that of the ground.
         share: Of the intensity at the end, above 0 and at most 1.
-
-    Raises:
-        ValueError: The share is out of its range, or the ground does not move.
     """
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
-    check_kind_of("source", source, isinstance(source, Results), "a Motion or a Results")
     values = source.series("histories", "ground_acceleration")
     time = source.time("histories")
     dt, ground = equally_spaced(time, values)
@@ -165,13 +147,7 @@ def fourier_peaks(
     """Highest peak of the Fourier amplitude of a point's displacement.
 
     The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
-    to which a residual displacement adds, is none.
-
-    Args:
-        results: The run.
-        point: Name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        below: Look for a second peak at frequencies below this one [Hz].
+    to which a residual displacement adds, is none. A second one is sought ``below`` a frequency.
     """
     time, u = displacement_history(results, point, component)
     dt, values = equally_spaced(time, u)
@@ -201,10 +177,6 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
     the two sides against each other from the static state, the elastic part included, whether they
     touch or not.
 
-    Args:
-        results: The run.
-        joint: Name of the joint.
-
     Returns:
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
         (records, points), [m].
@@ -230,10 +202,6 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
       largest of the points. While the body still moves a mean is what it moves about;
     - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points concerned
       over the joint's, averaged over the records. Sliding is NaN where a file holds no ``status``.
-
-    Args:
-        results: The run.
-        tail: How long before the end residual values are averaged [s].
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}

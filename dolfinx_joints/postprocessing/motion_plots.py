@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures of ground motions: histories and response spectra, also beside a target spectrum.
 
-Functions draw on the axes they are given, or on new ones, and return them.
+Functions draw on the axes ``ax``, or on new ones, and return them. ``reference`` is another motion
+to draw behind; components are x (stream), y (cross-valley) and z (up).
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import response_spectrum
 from dolfinx_joints.motions.spectrum_matching import SpectrumMatch, component_numbers
@@ -25,9 +25,9 @@ from dolfinx_joints.postprocessing.axes import (
     RED,
     DampingRatio,
     Periods,
-    chosen_axes,
     decorate,
     legend,
+    new_axes,
     plain_periods,
 )
 from dolfinx_joints.results.requests import COMPONENTS, Component
@@ -56,17 +56,8 @@ def history(
     """Acceleration [g], velocity [m/s] or displacement [m] of the ground against time.
 
     Velocity and displacement are integrals from rest, which show how far a record drifts.
-
-    Args:
-        motion: the motion.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        quantity: ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
-        ax: where to draw.
-        reference: another motion to draw behind it.
-        labels: what to call the motion and the reference.
     """
-    _check_motions(motion, reference)
-    ax = chosen_axes(ax)
+    ax = ax or new_axes()
     for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
         if each is None:
             continue
@@ -99,20 +90,11 @@ def response_spectra(
 ) -> Axes:
     """Pseudo-acceleration of oscillators on the ground against their period [g].
 
-    Args:
-        motion: the motion.
-        components: which of ``x``, ``y``, ``z`` to draw.
-        damping_ratio: of the oscillators.
-        periods: of the oscillators [s]; 0.03 to 3 s unless given.
-        target: periods [s] and pseudo-accelerations [m/s^2] of a spectrum to compare with.
-        ax: where to draw.
-        reference: another motion, drawn in dashes behind it.
-        reference_label: what to call the reference.
+    Periods are 0.03 to 3 s unless given; a target is periods [s] and pseudo-accelerations [m/s^2].
     """
     columns = component_numbers(components)
-    _check_motions(motion, reference)
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
-    ax = chosen_axes(ax, height=3.6)
+    ax = ax or new_axes(height=3.6)
     for each, line in ((reference, "--"), (motion, "-")):
         if each is None:
             continue
@@ -135,13 +117,7 @@ def response_spectra(
 
 
 def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
-    """Response spectra of a motion before and after matching, and the target with its tolerance.
-
-    Args:
-        match: from :func:`~dolfinx_joints.motions.spectrum_matching.match_spectrum`.
-        ax: where to draw.
-    """
-    check_kind_of("match", match, isinstance(match, SpectrumMatch), "what match_spectrum gives")
+    """Response spectra of a motion before and after matching, and the target with its tolerance."""
     ax = response_spectra(
         match.motion,
         components=match.components,
@@ -157,10 +133,3 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
     ax.fill_between(match.periods, low, high, color="black", alpha=0.15, linewidth=0, label=label)
     legend(ax)
     return ax
-
-
-def _check_motions(motion: Any, reference: Any) -> None:
-    """Raise a ValueError for anything but motions."""
-    check_kind_of("motion", motion, isinstance(motion, Motion), "a Motion")
-    if reference is not None:
-        check_kind_of("reference", reference, isinstance(reference, Motion), "a Motion, or None")

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
 
-Every function draws on the axes it is given, or on new ones, and returns them; nothing here uses
-matplotlib's global state. Tractions keep the sign of the files: compression is negative.
+Every function draws on the axes ``ax``, or on new ones, and returns them; nothing here uses
+matplotlib's global state. ``point`` is the name or number of a monitor point, ``component`` is x
+(stream), y (cross-valley) or z (up), ``reference`` another run to draw behind, ``labels`` are the
+names of both. Of the states that is drawn which is nearest to ``time`` [s] or, without it, has the
+number ``index``. Tractions keep the sign of the files: compression is negative.
 """
 
 from __future__ import annotations
@@ -20,7 +23,6 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.parameters import check_choice, check_kind_of
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
@@ -33,12 +35,11 @@ from dolfinx_joints.postprocessing.axes import (
     RED,
     DampingRatio,
     Periods,
-    chosen_axes,
     decorate,
     legend,
+    new_axes,
     plain_periods,
 )
-from dolfinx_joints.postprocessing.axes import new_axes as new_axes
 from dolfinx_joints.postprocessing.joint_surface import (
     LABELS,
     JointSurface,
@@ -71,23 +72,15 @@ def save(
     *,
     dpi: Annotated[float, at.Interval(ge=10, le=2400)] = 200,
 ) -> Path:
-    """Write a figure to a file whose ending gives the format, and return its path.
-
-    Args:
-        figure: for example ``ax.figure``.
-        path: for example ``crest.pdf``.
-        dpi: dots per inch of pixel formats.
+    """Write a figure to a file whose ending gives the format, whole or not at all.
 
     Raises:
-        JointsError: The file cannot be written; nothing is left of it then.
+        JointsError: The file cannot be written.
     """
-    check_kind_of("figure", figure, hasattr(figure, "figure"), "a figure of matplotlib")
-    whole, place = figure.figure, Path(path)
-    known = sorted(whole.canvas.get_supported_filetypes())
-    check_choice("The ending of the figure's name", place.suffix[1:].lower(), known)
+    place = Path(path)
     part = place.with_name(f".{place.stem}.part{place.suffix}")
     try:
-        whole.savefig(part, dpi=dpi)
+        figure.figure.savefig(part, dpi=dpi)
         part.replace(place)
     except OSError as error:
         raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None
@@ -107,21 +100,11 @@ def history(
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
 ) -> Axes:
-    """Displacement of a monitor point against time [1e-3 m].
-
-    Args:
-        results: the run.
-        point: name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        ax: where to draw.
-        reference: another run to draw behind it, with a monitor point of the same name.
-        labels: what to call the run and the reference.
-    """
-    lines = runs(results, reference, labels)
-    ax = chosen_axes(ax)
-    for run, style in lines:
-        time, displacement = _history(run, point, component)
-        ax.plot(time, 1e3 * displacement, **style)
+    """Displacement of a monitor point against time [1e-3 m]."""
+    ax, column = ax or new_axes(), COMPONENTS.index(component)
+    for run, style in runs(results, reference, labels):
+        displacement = run.series("histories", "displacement")[:, run.point_index(point), column]
+        ax.plot(run.time("histories"), 1e3 * displacement, **style)
     decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
     ax.set_title(f"{point_name(results, point)}: displacement {component}", loc="left")
     ax.margins(x=0.0)
@@ -146,19 +129,9 @@ def fourier(
     The displacement at the first record, that of the static state, is taken off. Records at
     unequal steps are first interpolated to the shortest step. The legend gives the frequency of
     the highest peak.
-
-    Args:
-        results: the run.
-        point: name or number of the monitor point.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        ax: where to draw.
-        reference: another run to draw behind it.
-        labels: what to call the run and the reference.
-        max_frequency: end of the frequency axis [Hz].
     """
-    lines = runs(results, reference, labels)
-    ax = chosen_axes(ax)
-    for run, style in lines:
+    ax = ax or new_axes()
+    for run, style in runs(results, reference, labels):
         dt, values = equally_spaced(*displacement_history(run, point, component))
         frequency, amplitude = fourier_amplitude(values, dt)
         shown = frequency <= max_frequency
@@ -190,26 +163,17 @@ def response_spectra(
 ) -> Axes:
     """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
 
-    Args:
-        results: the run.
-        point: name or number of the monitor point; its absolute acceleration counts.
-        component: ``"x"`` stream, ``"y"`` cross-valley or ``"z"`` up.
-        damping_ratio: of the oscillators.
-        periods: of the oscillators [s]; 0.03 to 3 s unless given.
-        ax: where to draw.
-        reference: another run to draw behind it.
-        labels: what to call the run and the reference.
+    That of the point is its absolute acceleration. Periods are 0.03 to 3 s unless given.
     """
-    lines = runs(results, reference, labels)
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
-    ax = chosen_axes(ax, height=3.6)
+    ax = ax or new_axes(height=3.6)
 
     def draw(time: Floats, acceleration: Floats, style: dict[str, Any]) -> None:
         dt, values = equally_spaced(time, acceleration)
         found = response_spectrum(values, dt, natural, damping_ratio).pseudo_acceleration
         ax.semilogx(natural, found / STANDARD_GRAVITY, **style)
 
-    for run, style in lines:
+    for run, style in runs(results, reference, labels):
         draw(*acceleration_history(run, point, component), style)
     ground = results.series("histories", "ground_acceleration")[:, COMPONENTS.index(component)]
     dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--", "label": "ground"}
@@ -240,20 +204,12 @@ def joint_traction(
 
     A joint is drawn in its mean plane, horizontal distance (growing downstream) against
     elevation. The ratio is -|t_s|/|t_n|, which is -tan(friction angle) where the joint slides.
-
-    Args:
-        results: the run.
-        joint: name of the joint.
-        quantity: ``"normal"``, ``"tangential"`` or ``"ratio"``.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        ax: where to draw.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
-    ax = chosen_axes(ax, width=4.6, height=5.6)
+    ax = ax or new_axes(width=4.6, height=5.6)
     traction, is_open = tractions(results, joint, number)
     values = np.where(is_open, np.nan, traction_value(traction, quantity))
     patches = PolyCollection(
@@ -278,7 +234,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Energies of the ledger against time, with the largest error as a share in the legend."""
     check_results(results)
     time = results.time("energy")
-    ax = chosen_axes(ax, height=3.6)
+    ax = ax or new_axes(height=3.6)
     terms = {term: results.series("energy", term) for term in ENERGY_TERMS}
     largest = max(
         (float(np.abs(values).max(initial=0.0)) for values in terms.values()), default=0.0
@@ -302,7 +258,7 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     """Shares of the joint points that are open and that slide, against time [%]."""
     check_results(results)
     time = results.time("histories")
-    ax = chosen_axes(ax)
+    ax = ax or new_axes()
     for state, colour, label in (("open", "black", "open"), ("slip", RED, "sliding")):
         share = 100.0 * results.series("histories", f"joint_{state}")
         ax.plot(time, share, color=colour, linewidth=1.0, label=label)
@@ -319,19 +275,10 @@ def runs(
 ) -> list[tuple[Results, dict[str, Any]]]:
     """Runs in drawing order, each with the style of its line."""
     check_results(results)
-    if reference is not None:
-        check_results(reference, "reference")
     own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
         return [own]
     return [(reference, {"color": "#f4a261", "linewidth": 1.3, "label": labels[1]}), own]
-
-
-def _history(results: Results, point: int | str, component: Component) -> tuple[Floats, Floats]:
-    """Times [s] and one displacement component [m] of a monitor point."""
-    column = COMPONENTS.index(component)
-    displacement = results.series("histories", "displacement")
-    return results.time("histories"), displacement[:, results.point_index(point), column]
 
 
 def point_name(results: Results, point: int | str) -> str:

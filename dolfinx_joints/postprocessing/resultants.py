@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import annotated_types as at
 import numpy as np
@@ -207,7 +207,7 @@ def joint_resultants(
     """
     results.check_joint(joint)
     friction, cohesion = _strength(results, joint, friction_angle_deg)
-    arrays = _Arrays.of(results, joint)
+    arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
     geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
     where = f"joints/{joint}"
     recorded = f"{where}/force" in results.streams.get("resultants", [])
@@ -273,18 +273,12 @@ def _measures_of(found: JointResultants) -> dict[str, float]:
     return dict(zip(RESULTANT_MEASURES, values, strict=True))
 
 
-@dataclass(frozen=True)
-class _Arrays:
+class _Arrays(NamedTuple):
     """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint as a file holds them."""
 
     points: Floats
     frames: Floats
     areas: Floats
-
-    @classmethod
-    def of(cls, results: Results, joint: str) -> _Arrays:
-        names = ("points", "frames", "areas")
-        return cls(*(results.static(f"joints/{joint}/{name}") for name in names))
 
 
 def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:

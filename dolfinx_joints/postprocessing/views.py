@@ -3,8 +3,10 @@
 """Pictures in space from a results file: mesh, deformed shape, maps on joints, stress envelopes.
 
 Every function returns a figure of matplotlib, for ``plots.save``. Bodies are drawn off screen by
-VTK without perspective; no screen is needed. The arrows in a corner are the axes, to the scale of
-the picture. Tractions keep the sign of the files: compression is negative.
+VTK without perspective; no screen is needed. The eye stands at an azimuth from downstream (x)
+towards y, one for each picture, and an elevation above the horizon. The arrows in a corner are the
+axes, to the scale of the picture. Of the states that is drawn which is nearest to ``time`` [s] or,
+without it, has the number ``index``. Tractions keep the sign of the files: compression is negative.
 """
 
 from __future__ import annotations
@@ -59,13 +61,7 @@ def mesh(
     azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Finite-element mesh with the outlines of its joints, named by their distinct parts.
-
-    Args:
-        results: the run.
-        azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
-        elevation_deg: of the eye above the horizon.
-    """
+    """Finite-element mesh with the outlines of its joints, named by their distinct parts."""
     nodes, surface = _boundary(results)
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     scene, names = Scene(), _short_names(results.joints)
@@ -105,16 +101,8 @@ def deformed(
 ) -> Figure:
     """Deformed surface coloured by the size of its displacement, faces of open joints red.
 
-    Thin lines are the outline of the undeformed body.
-
-    Args:
-        results: the run.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        scale: factor on the displacements; by default a round one by which the largest becomes
-            about 6 % of the model's size.
-        azimuth_deg: of the eye, from downstream (x) towards y.
-        elevation_deg: of the eye above the horizon.
+    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
+    by a round number by which the largest becomes about 6 % of the model's size.
     """
     number = record_number(results, time, index)
     camera = Camera(azimuth_deg, elevation_deg)
@@ -156,18 +144,8 @@ def joint_map(
 
     The joints of a dam are seen nearly from the edge wherever the eye is. So each upright joint is
     turned about the vertical through its middle until it faces the eye, upstream edge to the
-    left. In maps of tractions and states, open points are black.
-
-    Args:
-        results: the run.
-        quantity: ``"normal"``, ``"tangential"``, ``"ratio"`` (-|t_s|/|t_n|), ``"opening"``,
-            ``"slip"`` (tangential gap) or ``"state"``.
-        joint: name of one joint; all of them by default.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        turned: False leaves the joints as they stand.
-        azimuth_deg: of the eye, from downstream (x) towards y.
-        elevation_deg: of the eye above the horizon.
+    left; not with ``turned=False``. In maps of tractions and states, open points are black. The
+    ratio is -|t_s|/|t_n|, the slip the tangential gap.
     """
     camera = Camera(azimuth_deg, elevation_deg)
     number = record_number(results, time, index)
@@ -213,13 +191,8 @@ def envelope(
 ) -> Figure:
     """Envelope of a stress over the run on the boundary, seen from upstream and downstream.
 
-    Nodes without a value, such as those of a crest for arch stresses, are grey.
-
-    Args:
-        results: the run, with the stream ``envelopes``.
-        name: ``"principal_max"``, ``"principal_min"``, or the same of ``arch`` or ``cantilever``.
-        azimuths_deg: of the eye, from downstream (x) towards y, one for each picture.
-        elevation_deg: of the eye above the horizon.
+    Nodes without a value, such as those of a crest for arch stresses, are grey. The run must have
+    recorded the stream ``envelopes``.
     """
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     nodes, surface = _boundary(results)

@@ -30,13 +30,10 @@ _LONGEST = 1000  # characters of a parameter
 def manifest(
     model: Model, settings: Mapping[str, Any], nodes: ArrayLike, surface: ArrayLike
 ) -> dict[str, Any]:
-    """Facts that JSON can hold.
+    """Facts that JSON can hold, of a model and of settings such as the time step.
 
-    Args:
-        model: The model.
-        settings: Further settings by name, such as the time step.
-        nodes: Node coordinates in the order of the input mesh, shape (num_nodes, 3), [m].
-        surface: Vertices of the boundary facets, shape (num_facets, 2 to 4).
+    Nodes are in the order of the input mesh, shape (num_nodes, 3), [m]; the surface is vertices of
+    boundary facets, shape (num_facets, 2 to 4).
     """
     from petsc4py import PETSc
 
@@ -83,12 +80,7 @@ def versions() -> dict[str, str]:
 
 
 def mesh_hash(nodes: ArrayLike, surface: ArrayLike) -> str:
-    """SHA-256 of node coordinates and boundary facets, the same on any number of ranks.
-
-    Args:
-        nodes: Shape (num_nodes, 3), [m].
-        surface: Shape (num_facets, 2 to 4); the facets' order and that of their vertices are free.
-    """
+    """SHA-256 of node coordinates and boundary facets, in whatever order the facets come."""
     facets = np.sort(np.asarray(surface, dtype=np.int64), axis=1)
     facets = facets[np.lexsort(facets.T[::-1])]
     digest = hashlib.sha256(np.ascontiguousarray(nodes, dtype=np.float64).tobytes())

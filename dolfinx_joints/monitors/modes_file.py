@@ -13,7 +13,6 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import on_root
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import Modes
@@ -35,20 +34,12 @@ def write_modes(
     Read them with ``Results(path).static("modes/shape")`` and so on; ``dolfinx-joints csv`` writes
     their table.
 
-    Args:
-        modes: The modes.
-        model: The model that they belong to.
-        path: The file.
-        metadata: Further facts; anything JSON can hold.
-        overwrite: Replace an existing file.
+    Metadata are further facts, anything JSON can hold.
 
     Raises:
         ResultsError: The file exists, or cannot be written.
-        ValueError: The modes are not of this model, or the metadata cannot be stored.
     """
-    check_kind_of("modes", modes, isinstance(modes, Modes), "what modes(model) gives")
-    check_kind_of("model", model, isinstance(model, Model), "a Model")
-    check_storable("metadata", {} if metadata is None else metadata)
+    check_storable("metadata", metadata or {})
     unknowns = {shape.getSize() for shape in modes.shapes}
     if unknowns != {model.num_dofs}:
         raise ValueError(

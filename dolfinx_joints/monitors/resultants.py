@@ -5,14 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response, variables_of
 from dolfinx_joints.mesh.blocks import block_of_nodes
@@ -37,15 +35,10 @@ def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
         inner = getattr(law, "law", law)  # of a joint with dashpots
         found[joint] = {
             "kind": type(law).__name__,
-            "friction_angle_deg": _number(inner, "friction_angle_deg"),
-            "cohesion": _number(inner, "cohesion") or 0.0,
+            "friction_angle_deg": getattr(inner, "friction_angle_deg", None),
+            "cohesion": getattr(inner, "cohesion", 0.0),
         }
     return found
-
-
-def _number(law: Any, name: str) -> float | None:
-    value = getattr(law, name, None)  # a user-defined law may mean anything by it
-    return float(value) if isinstance(value, Real) else None
 
 
 def broken_joints(contact: Contact) -> tuple[str, ...]:
@@ -78,15 +71,10 @@ class JointForces:
     Attributes:
         names: Names of the joints.
         geometry: Centroid, mean normal and area of each joint.
-
-    Raises:
-        MeshError: The model has no joints.
-        ValueError: ``model`` is no model.
     """
 
     def __init__(self, model: Model) -> None:
         """Find the geometry of the joints (collective)."""
-        check_kind_of("model", model, isinstance(model, Model), "a Model")
         if model.operator is None or model.contact is None:
             raise MeshError("The model has no joints, so there are no resultants of joints.")
         self._operator, self._contact = model.operator, model.contact
@@ -122,7 +110,7 @@ class JointForces:
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
             row: Floats = sums[i]
             angle = self._laws[name]["friction_angle_deg"]
-            water = row[8:].reshape(-1, 3)
+            water = {"water_force": row[8:11], "water_moment": row[11:14]} if len(row) > 8 else {}
             found[name] = JointResultants(
                 joint=name,
                 time=None,
@@ -131,9 +119,8 @@ class JointForces:
                 moment=row[3:6],
                 contact=row[6] / geometry.area,
                 bond=row[7],
-                water_force=water[0] if len(water) else None,
-                water_moment=water[1] if len(water) else None,
                 friction=np.nan if angle is None else float(np.tan(np.deg2rad(angle))),
+                **water,
             )
         return found
 
@@ -287,16 +274,10 @@ class ResultantsStream:
         pressure = record.pressure() if record.pressure is not None else None
         found: dict[str, Any] = {}
         for name, one in self._joints(record.joints, pressure).items():
-            parts: dict[str, Any] = {
-                "force": one.force,
-                "moment": one.moment,
-                "contact": one.contact,
-            }
-            if name in self._wet:
-                parts |= {"water_force": one.water_force, "water_moment": one.water_moment}
-            if name in self._bonded:
-                parts["bond"] = one.bond
-            found |= {f"joints/{name}/{part}": value for part, value in parts.items()}
+            parts = ["force", "moment", "contact"]
+            parts += ["water_force", "water_moment"] if name in self._wet else []
+            parts += ["bond"] if name in self._bonded else []
+            found |= {f"joints/{name}/{part}": getattr(one, part) for part in parts}
         sums = self._blocks(self._joints.forces(record.joints.traction))
         found |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
         if pressure is not None:
@@ -327,40 +308,33 @@ class PointExtras:
     Args:
         contact: The joints.
         record: A record of the run.
+
+    Attributes:
+        joints: Names of the joints concerned, by kind of value.
     """
 
     def __init__(self, contact: Contact, record: Record) -> None:
         """Find the joints concerned."""
         self._contact = contact
-        self._of = {"pressure": record.wet_joints, "broken": broken_joints(contact)}
+        self.joints = {"pressure": record.wet_joints, "broken": broken_joints(contact)}
 
     def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
-        """Declare the series of the stream ``states``; on the rank that writes.
-
-        Args:
-            writer: The writer.
-            joints: By joint name, the arrays of `joint_statics`.
-        """
+        """Declare the series, from the arrays of `joint_statics`; on the rank that writes."""
         kinds: dict[str, tuple[str, str, Any]] = {
             "pressure": ("Pa", "pressure of the water, positive where it opens", np.float64),
             "broken": ("-", "1 where the bond is gone", np.int8),
         }
-        for what, names in self._of.items():
+        for what, names in self.joints.items():
             unit, text, dtype = kinds[what]
             for name in names:
-                shape = joints[name]["areas"].shape
-                where = f"joints/{name}/{what}"
+                shape, where = joints[name]["areas"].shape, f"joints/{name}/{what}"
                 writer.series("states", where, shape, unit, text, dtype=dtype)
 
     def values(self, record: Record) -> dict[str, NDArray[Any]]:
         """Values of all points of all ranks, on rank 0, by kind; only those needed (collective)."""
         found, gather = {}, self._contact.operator.gather
-        if self._of["pressure"] and record.pressure is not None:
+        if self.joints["pressure"] and record.pressure is not None:
             found["pressure"] = gather(record.pressure())
-        if self._of["broken"] and record.joints is not None:
+        if self.joints["broken"] and record.joints is not None:
             found["broken"] = gather(broken(self._contact, record.joints))
         return {what: values for what, values in found.items() if values is not None}
-
-    def joints(self, what: str) -> tuple[str, ...]:
-        """Names of the joints with a kind of value."""
-        return self._of[what]

@@ -29,7 +29,7 @@ from dolfinx_joints.monitors.probes import (
 )
 from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, chosen_faces, declare_envelopes
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
@@ -76,7 +76,6 @@ class ResultsMonitor(Monitor):
         """Check what is no plain parameter; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
         self._path, self._points = Path(self.path), checked_points(self.points)
-        self._with_envelopes = chosen_faces(self.envelopes)
         self._writer: ResultsWriter | None = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
@@ -134,8 +133,8 @@ class ResultsMonitor(Monitor):
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         self._supports = model.constraints.groups
         self._envelopes = None
-        if self._with_envelopes is not False:
-            groups = None if self._with_envelopes is True else self._with_envelopes
+        if self.envelopes:
+            groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._extras = PointExtras(model.contact, first) if model.contact else None
         self._resultants: ResultantsStream | None = None
@@ -167,17 +166,14 @@ class ResultsMonitor(Monitor):
     def _settings(self) -> dict[str, Any]:
         """Settings that a continued file must agree in."""
         points = {name: [float(x) for x in place] for name, place in self._points.items()}
-        extra = {"envelopes": self._with_envelopes, "resultants": self.resultants}
+        faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
+        extra = {"envelopes": faces, "resultants": self.resultants}
         return {"points": points, "every": self.every, **extra}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Go on with the file; records after ``last`` are cut off (collective).
-
-        Raises:
-            ResultsError: The file is not that of the run, or was recorded with other settings.
-        """
+        """Go on with the file; records after ``last`` are cut off (collective)."""
         for name, here in self._settings.items():
             was = state_dict["settings"][name]
             if was != here:
@@ -190,11 +186,9 @@ class ResultsMonitor(Monitor):
         self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
-
-        def reopen() -> None:
-            self._writer = ResultsWriter.resume(self._path, state_dict["records"])
-
-        on_root(self._comm, reopen)
+        with raised_together(self._comm):
+            if self._comm.rank == 0:
+                self._writer = ResultsWriter.resume(self._path, state_dict["records"])
 
     def record(self, record: Record) -> None:
         """Append a step (collective)."""
@@ -270,7 +264,7 @@ class ResultsMonitor(Monitor):
                     values[f"joints/{name}/traction"] = traction[points]
                     values[f"joints/{name}/status"] = status[points]
                     for what, every in extras.items():
-                        if name in self._extras.joints(what):
+                        if name in self._extras.joints[what]:
                             values[f"joints/{name}/{what}"] = every[points]
         self._append("states", record.time, values)
 

@@ -7,10 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import basix
 import numpy as np
 import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.sparse import coo_matrix
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import lasting, on_root
@@ -61,7 +64,7 @@ class SurfaceStress:
         self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
         parts = self._comm.allgather(self.own)
         self._order = np.argsort(np.concatenate(parts), kind="stable")
-        vertices = _reference_vertices(model).shape[0]
+        vertices = len(basix.geometry(model.jointed.shape.type))
         num_cells = model.jointed.mesh.topology.index_map(3).size_local
         corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
         place = np.searchsorted(self.nodes, corners)
@@ -76,13 +79,12 @@ class SurfaceStress:
 
     def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
         """Rows of the own vertices, six each; ``place`` is -1 off the boundary."""
-        from scipy.sparse import coo_matrix
-
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
         local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
-        shape, parts = (6 * len(self.nodes), local), []
+        shape = (6 * len(self.nodes), local)
+        parts = [(np.empty(0), np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))]
         for start in range(0, len(cells), _CHUNK):
             chunk = cells[start : start + _CHUNK]
             dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
@@ -94,11 +96,8 @@ class SurfaceStress:
             part = coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape)
             part.sum_duplicates()
             parts.append((part.data, part.row, part.col))
-        if parts:
-            data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-            summed = coo_matrix((data, (row, column)), shape).tocsr()
-        else:
-            summed = coo_matrix(shape).tocsr()
+        data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        summed = coo_matrix((data, (row, column)), shape).tocsr()
         block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
         rows = np.empty(len(self.nodes), dtype=np.int64)
         rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
@@ -152,28 +151,19 @@ class SurfaceStress:
         return None if parts is None else np.concatenate(parts)[self._order]
 
 
-def _reference_vertices(model: Model) -> Floats:
-    """Vertices of the reference cell, shape (vertices, 3)."""
-    import basix
-
-    corners: Floats = basix.geometry(model.jointed.shape.type)
-    return corners
-
-
 def _evaluator(model: Model) -> Any:
     """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
     stress = model.body.stress(ufl.TrialFunction(model.V))
     evaluate = _at_vertices(model, ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
-    vertices = len(_reference_vertices(model))
+    vertices = len(basix.geometry(model.jointed.shape.type))
     return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
 
 
 def _at_vertices(model: Model, expression: Any) -> Any:
     """A function of cells: the values of a UFL expression at their vertices."""
-    from dolfinx import fem
-
     mesh = model.jointed.mesh
-    compiled = fem.Expression(expression, _reference_vertices(model), comm=mesh.comm)
+    vertices = basix.geometry(model.jointed.shape.type)
+    compiled = fem.Expression(expression, vertices, comm=mesh.comm)
     return lambda cells: np.asarray(compiled.eval(mesh, cells))
 
 
@@ -223,13 +213,7 @@ class StressEnvelopes:
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:
-    """Vertices of the exterior facets of named groups, on every rank (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        groups: Names of facet groups.
-    """
+    """Vertices of the exterior facets of named groups, on every rank (collective)."""
     found = []
     for group in groups:
         facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
@@ -240,12 +224,7 @@ def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) 
 
 
 def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
-    """Vertices of the exterior facets of no joint and no support, on every rank (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-    """
+    """Vertices of the exterior facets of no joint and no support, on every rank (collective)."""
     jointed = model.jointed
     sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
     taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]

@@ -7,13 +7,11 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.results.writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]
@@ -33,14 +31,7 @@ _SMOOTH = 0.8  # share of the mean normal: faces that meet at more than about 53
 
 
 def principal_extremes(stress: ArrayLike) -> Floats:
-    """Largest and smallest principal stress.
-
-    Args:
-        stress: Shape (n, 6), [Pa].
-
-    Returns:
-        Shape (2, n), [Pa].
-    """
+    """Largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
     found: Floats = np.linalg.eigvalsh(tensors)[:, [2, 0]].T
@@ -48,15 +39,7 @@ def principal_extremes(stress: ArrayLike) -> Floats:
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
-    """Normal stress along a direction at each point, NaN where the direction is.
-
-    Args:
-        stress: Shape (n, 6), [Pa].
-        direction: Unit vectors, shape (n, 3).
-
-    Returns:
-        Shape (n,), [Pa].
-    """
+    """Normal stress along unit vectors (n, 3) of stresses (n, 6) [Pa], NaN where a vector is."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
     found: Floats = np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
@@ -139,11 +122,7 @@ def declare_envelopes(
 ) -> None:
     """Declare the stream ``envelopes``, one record at the end of a run.
 
-    Args:
-        writer: A writer not started yet.
-        nodes: Numbers of the nodes in ``mesh/nodes``, shape (n,).
-        arch: Arch directions, shape (n, 3), NaN where there are none.
-        cantilever: Likewise.
+    Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
     """
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
@@ -155,18 +134,3 @@ def declare_envelopes(
         what = "principal stress" if quantity == "principal" else along
         text = f"{'largest' if end == 'max' else 'smallest'} {what} over the run"
         writer.series("envelopes", name, shape, "Pa", text)
-
-
-def chosen_faces(envelopes: bool | Sequence[str]) -> bool | list[str]:
-    """Whether envelopes are wanted, or names of facet groups.
-
-    Raises:
-        ValueError: It is neither, or an empty list.
-    """
-    if isinstance(envelopes, bool):
-        return envelopes
-    good = isinstance(envelopes, list | tuple) and all(isinstance(n, str) for n in envelopes)
-    check_kind_of("envelopes", envelopes, good, "True, False or a list of facet groups")
-    if not envelopes:
-        raise ValueError("envelopes is an empty list; name facet groups, or pass False.")
-    return list(envelopes)

@@ -115,7 +115,7 @@ def peaks(
     """Largest absolute displacement of a point from the static state, relative to the ground [m].
 
     Returns:
-        By component, ``"strong"``, up to ``strong_until`` [s], and ``"later"``, after it, NaN without records.
+        By component, ``"strong"``, up to ``strong_until`` [s], and ``"later"``; NaN without any.
     """
     found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:

@@ -131,13 +131,9 @@ def _envelope(content: Content, run: Run, name: str) -> Html:
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """Data of one run for the page's script.
+    """Data of one run for the page's script: the whole boundary, and chosen states.
 
-    All vertices and facets of the boundary are taken. Of the recorded states it takes at most
-    ``MOMENTS`` at equal distances, and those of the largest displacement and opening.
-
-    Args:
-        run: a run whose file holds states of a body in space.
+    At most ``MOMENTS`` at equal distances, and those of the largest displacement and opening.
     """
     results = run.results
     used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
@@ -201,18 +197,9 @@ def _opening(results: Results, joint: str, number: int) -> Floats:
 
 def _joint_faces(results: Results, surface: Integers) -> tuple[dict[str, dict[str, str]], Integers]:
     """Triangles of the joints' faces, and the number of the joint facet of each triangle."""
-    facets: list[Integers] = []
-    cells: list[Integers] = []
-    count = 0
-    for joint in results.joints:
-        sides = JointSurface(results, joint).sides()
-        numbers = count + np.repeat(np.arange(len(sides) // 2), 2)
-        facets.append(sides)
-        cells.append(numbers)
-        count += len(sides) // 2
-    empty = np.zeros(0, dtype=np.int64)
-    chosen = np.concatenate([empty, *facets])
-    return _triangles(surface[chosen], np.concatenate([empty, *cells]))
+    sides = [JointSurface(results, joint).sides() for joint in results.joints]
+    chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
+    return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
 
 
 def _triangles(facets: Integers, cells: Integers) -> tuple[dict[str, dict[str, str]], Integers]:

@@ -151,11 +151,8 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
     A row of one cell is the heading of those that follow.
     """
     whole = [row for row in rows if len(row) > 1]
-    numeric = [
-        all(row[i] is None or _is_number(row[i]) for row in whole) and bool(whole)
-        for i in range(len(head))
-    ]
-    kinds = ["number" if flag else "" for flag in numeric]
+    numeric = [all(row[i] is None or _is_number(row[i]) for row in whole) for i in range(len(head))]
+    kinds = ["number" if whole and flag else "" for flag in numeric]
     top = "".join(
         f'<th scope="col"{_class(kind)}>{text(cell)}</th>'
         for cell, kind in zip(head, kinds, strict=True)
@@ -189,13 +186,7 @@ def panels(
 ) -> dict[str, Any]:
     """Panels one above the other over one abscissa; a name has one colour in all of them.
 
-    Args:
-        curves: of each panel.
-        ordinates: title of each panel's ordinate, with its unit.
-        abscissa: title of the abscissa, with its unit.
-        limit: end of the abscissa.
-        logarithmic: draw the abscissa so.
-        shown: how many names are visible at first.
+    Titles have units, the abscissa ends at a limit, so many names are shown at first.
     """
     names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
     count = len(curves)
@@ -234,19 +225,13 @@ def panels(
 
 
 def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings) -> str:
-    """The whole page.
+    """The whole page: HTML that needs no other file and asks the net for nothing.
 
-    Args:
-        title: heading of the page.
-        top: what stands above the list of contents.
-        sections: in order.
-        drawings: what the scripts draw.
-
-    Returns:
-        HTML that needs no other file and asks the net for nothing.
+    Pieces in ``top`` stand above the list of contents.
     """
     data = {"plots": drawings.plots, "scene": drawings.scene}
-    script, style = _own("report.js"), _own("report.css")
+    own = files("dolfinx_joints.report")
+    script, style = (own.joinpath(f"report.{kind}").read_text("utf-8") for kind in ("js", "css"))
     packed, hashes = _plotly() if drawings.plots or drawings.scene else ("", [])
     hashes = [_hash(script), *hashes]
     policy = (
@@ -297,10 +282,6 @@ def _json(data: Mapping[str, Any]) -> str:
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _own(name: str) -> str:
-    return files("dolfinx_joints.report").joinpath(name).read_text(encoding="utf-8")
-
-
 @functools.cache
 def _plotly() -> tuple[str, list[str]]:
     """Plotly's script, compressed, and the hash by which the page lets it run."""
@@ -322,7 +303,7 @@ def _trace(
     return {
         "type": "scatter",
         "mode": "lines",
-        "name": _literal(name),
+        "name": escape(name, quote=False),
         "legendgroup": name,
         "showlegend": first,
         "visible": True if place < shown else "legendonly",
@@ -333,11 +314,6 @@ def _trace(
         "line": _LINES[place % len(_LINES)],
         "hovertemplate": "%{y:.4g}",
     }
-
-
-def _literal(name: str) -> str:
-    """A name whose mark-up plotly is not to read."""
-    return name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _axis() -> dict[str, Any]:

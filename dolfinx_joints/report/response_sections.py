@@ -18,6 +18,7 @@ from dolfinx_joints.motions.spectra import (
 )
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.report.page import (
+    Curve,
     Html,
     Section,
     details,
@@ -29,6 +30,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, components, nothing
+from dolfinx_joints.results.requests import Component
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)
@@ -68,7 +70,7 @@ def displacements(content: Content) -> Section:
         ),
     ]
     for number, name in enumerate(_points(runs)):
-        having = [run for run in runs if name in run.results.point_names]
+        having = _having(runs, name)
         plotted = []
         for kind, draw in (("history", _histories), ("fourier", _spectra)):
             spec, caption = draw(having, name)
@@ -90,7 +92,7 @@ def response_spectra(content: Content) -> Section:
     pieces: list[Html] = []
     ground = _spectrum(runs[0], None)
     for number, name in enumerate(_points(runs)):
-        having = [run for run in runs if name in run.results.point_names]
+        having = _having(runs, name)
         rows += [_acceleration_row(run, name) for run in having]
         spectra = {run.label: _spectrum(run, name) for run in having}
         spectra["ground"] = ground
@@ -99,12 +101,8 @@ def response_spectra(content: Content) -> Section:
             [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
             for column in range(len(names))
         ]
-        spec = panels(
-            curves,
-            [f"{component} [m/s²]" for component in names],
-            "period [s]",
-            logarithmic=True,
-        )
+        titles = [f"{component} [m/s²]" for component in names]
+        spec = panels(curves, titles, "period [s]", logarithmic=True)
         caption = (
             f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
             f"{name}, and on the ground of {runs[0].label} (hidden at first)."
@@ -123,20 +121,13 @@ def joints(content: Content) -> Section:
     if not runs:
         return nothing("joints", "Joints", "joints with recorded states")
     pieces: list[Html] = []
+    head = ["joint", *(title for title, _, _ in _JOINT_COLUMNS)]
     for run in runs:
         rows = [
-            [
-                name,
-                *(1e3 * m[key] for key in ("opening_static", "opening_max", "opening_residual")),
-                m["opening_time"],
-                *(1e3 * m[key] for key in ("slip_max", "slip_residual")),
-                m["slip_time"],
-                *(100.0 * m[key] for key in ("share_open", "share_sliding")),
-                1e-6 * m["pressure_max"],
-            ]
-            for name, m in measures.joint_measures(run.results).items()
+            [name, *(factor * found[key] for _, factor, key in _JOINT_COLUMNS)]
+            for name, found in measures.joint_measures(run.results).items()
         ]
-        pieces.append(table(f"Joints of {run.label}", _JOINT_HEAD, rows))
+        pieces.append(table(f"Joints of {run.label}", head, rows))
     pieces.append(
         paragraph(
             "Opening is the positive part of the normal gap. Slip is the tangential displacement "
@@ -151,18 +142,18 @@ def joints(content: Content) -> Section:
     return Section("joints", "Joints", pieces)
 
 
-_JOINT_HEAD = (
-    "joint",
-    "static opening [mm]",
-    "largest opening [mm]",
-    "residual opening [mm]",
-    "widest at [s]",
-    "largest slip [mm]",
-    "residual slip [mm]",
-    "largest slip at [s]",
-    "open [%]",
-    "sliding [%]",
-    "largest pressure [MPa]",
+# Title, factor and name of each measure of a joint.
+_JOINT_COLUMNS = (
+    ("static opening [mm]", 1e3, "opening_static"),
+    ("largest opening [mm]", 1e3, "opening_max"),
+    ("residual opening [mm]", 1e3, "opening_residual"),
+    ("widest at [s]", 1.0, "opening_time"),
+    ("largest slip [mm]", 1e3, "slip_max"),
+    ("residual slip [mm]", 1e3, "slip_residual"),
+    ("largest slip at [s]", 1.0, "slip_time"),
+    ("open [%]", 100.0, "share_open"),
+    ("sliding [%]", 100.0, "share_sliding"),
+    ("largest pressure [MPa]", 1e-6, "pressure_max"),
 )
 
 
@@ -237,64 +228,59 @@ def _points(runs: Iterable[Run]) -> list[str]:
     return list(dict.fromkeys(name for run in runs for name in run.results.point_names))
 
 
+def _having(runs: Iterable[Run], name: str) -> list[Run]:
+    return [run for run in runs if name in run.results.point_names]
+
+
 def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
     rows = []
     for component in components(runs):
-        for run in runs:
-            if name not in run.results.point_names or component not in run.components:
-                continue
-            until = strong_until(run)
-            peak = measures.peaks(run.results, name, strong_until=until)[component]
-            spectrum = measures.fourier_peaks(run.results, name, component)
-            rows.append(
-                [
-                    f"{name}, {component}, {run.label}",
-                    until,
-                    1e3 * peak["strong"],
-                    1e3 * peak["later"],
-                    spectrum.frequency,
-                    0.5 * spectrum.bin_width,
-                    1e3 * spectrum.amplitude,
-                ]
-            )
+        for run in _having(runs, name):
+            if component in run.components:
+                until = strong_until(run)
+                peak = measures.peaks(run.results, name, strong_until=until)[component]
+                found = measures.fourier_peaks(run.results, name, component)
+                largest = [until, 1e3 * peak["strong"], 1e3 * peak["later"]]
+                spectrum = [found.frequency, 0.5 * found.bin_width, 1e3 * found.amplitude]
+                rows.append([f"{name}, {component}, {run.label}", *largest, *spectrum])
     return rows
 
 
 def strong_until(run: Run) -> float:
     """End of the strong motion [s], that of the run if the file has no ground motion."""
-    if not run.has("histories", "ground_acceleration"):
-        return run.end
-    if not run.results.series("histories", "ground_acceleration").any():
-        return run.end
-    return measures.strong_motion_end(run.results)
+    name = ("histories", "ground_acceleration")
+    moved = run.has(*name) and run.results.series(*name).any()
+    return measures.strong_motion_end(run.results) if moved else run.end
+
+
+def _curves(runs: Sequence[Run], name: str, of: Callable[..., Any]) -> list[list[Curve]]:
+    """Panels of a quantity of a point, by component."""
+    return [
+        [(run.label, *of(run, name, c)) for run in runs if c in run.components]
+        for c in components(runs)
+    ]
 
 
 def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
-    curves = []
-    for component in components(runs):
-        panel = []
-        for run in (run for run in runs if component in run.components):
-            time, u = measures.displacement_history(run.results, name, component)
-            panel.append((run.label, time, 1e3 * u))
-        curves.append(panel)
+    def history(run: Run, name: str, component: Component) -> tuple[Floats, Floats]:
+        time, u = measures.displacement_history(run.results, name, component)
+        return time, 1e3 * u
+
     titles = [f"{component} [mm]" for component in components(runs)]
     caption = f"Displacement of {name} from the static state over time."
-    return panels(curves, titles, "time [s]"), caption
+    return panels(_curves(runs, name, history), titles, "time [s]"), caption
 
 
 def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
-    curves = []
-    for component in components(runs):
-        panel = []
-        for run in (run for run in runs if component in run.components):
-            time, u = measures.displacement_history(run.results, name, component)
-            dt, values = equally_spaced(time, u)
-            frequency, amplitude = fourier_amplitude(values, dt)
-            shown = frequency <= FREQUENCIES
-            panel.append((run.label, frequency[shown], 1e3 * amplitude[shown]))
-        curves.append(panel)
+    def spectrum(run: Run, name: str, component: Component) -> tuple[Floats, Floats]:
+        dt, u = equally_spaced(*measures.displacement_history(run.results, name, component))
+        frequency, amplitude = fourier_amplitude(u, dt)
+        shown = frequency <= FREQUENCIES
+        return frequency[shown], 1e3 * amplitude[shown]
+
     titles = [f"{component} [mm s]" for component in components(runs)]
     caption = f"Fourier amplitude of the displacement of {name}, up to {FREQUENCIES:g} Hz."
+    curves = _curves(runs, name, spectrum)
     return panels(curves, titles, "frequency [Hz]", limit=FREQUENCIES), caption
 
 

@@ -75,7 +75,7 @@ def cost(content: Content) -> Section:
         for s in summaries
     ]
     rows.append(["iterations per substep", *each])
-    stages = [s["seconds"] if isinstance(s.get("seconds"), dict) else {} for s in summaries]
+    stages = [s.get("seconds", {}) for s in summaries]
     names = dict.fromkeys(name for stage in stages for name in stage)
     rows += [[f"seconds: {name}", *(stage.get(name) for stage in stages)] for name in names]
     rows.append(["seconds in all", *(run.seconds for run in content.runs)])

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.reader import Results
@@ -30,11 +29,7 @@ class Run:
     def has(self, stream: str, *names: str) -> bool:
         """Whether the file has records of these quantities."""
         present = self.results.streams.get(stream)
-        return (
-            present is not None
-            and all(name in present for name in names)
-            and self.results.rows(stream) > 0
-        )
+        return present is not None and set(names) <= set(present) and self.results.rows(stream) > 0
 
     @property
     def end(self) -> float:
@@ -45,10 +40,8 @@ class Run:
     @property
     def seconds(self) -> float | None:
         """Seconds that the run took, None where the file does not hold them."""
-        value = self.results.summary.get("seconds")
-        if isinstance(value, dict):
-            return float(sum(value.values()))
-        return None if value is None else float(value)
+        stages = self.results.summary.get("seconds")
+        return None if stages is None else float(sum(stages.values()))
 
     @property
     def components(self) -> list[Component]:
@@ -129,23 +122,14 @@ def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
 
 @contextmanager
 def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
-    """Runs of results files, closed at the end.
-
-    Args:
-        paths: the files; each is called by the shortest end of its path that no other has.
-
-    Raises:
-        ResultsError: One file was given twice, or one cannot be read.
-    """
-    for path in paths:
-        check_path("A results file", path)
+    """Runs of results files, each called by the shortest end of its path that no other has."""
     resolved = [Path(path).resolve() for path in paths]
     twice = next((path for path in resolved if resolved.count(path) > 1), None)
     if twice is not None:
         raise ResultsError(f"{twice} was given twice.")
     with ExitStack() as stack:
         files = [stack.enter_context(Results(path)) for path in paths]
-        names = _names(_without_endings(resolved))
+        names = _names(resolved)
         yield [Run(file, name) for file, name in zip(files, names, strict=True)]
 
 
@@ -154,23 +138,14 @@ def nothing(name: str, title: str, what: str) -> Section:
     return Section(name, title, [paragraph(f"The files hold no {what}.")])
 
 
-def _without_endings(paths: Sequence[Path]) -> list[Path]:
-    """Paths without .h5 or .hdf5, where that leaves them different."""
-    short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
-    return short if len(set(short)) == len(short) else list(paths)
-
-
 def _names(paths: Sequence[Path]) -> list[str]:
-    """The shortest end of each path that no other has."""
-
-    def end(path: Path, parts: int) -> str:
-        return "/".join(path.parts[-parts:])
-
+    """The shortest end of each path that no other has, without .h5 or .hdf5 where that will do."""
+    short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
+    parts = [path.parts for path in (short if len(set(short)) == len(short) else paths)]
     names = []
-    for path in paths:
-        others = [other for other in paths if other != path]
-        lengths = range(1, len(path.parts) + 1)
-        names.append(
-            next(end(path, n) for n in lengths if end(path, n) not in [end(o, n) for o in others])
-        )
+    for own in parts:
+        count = 1
+        while sum(other[-count:] == own[-count:] for other in parts) > 1:
+            count += 1
+        names.append("/".join(own[-count:]))
     return names

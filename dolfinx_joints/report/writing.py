@@ -14,7 +14,6 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import damage_reported
-from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.report import body_sections, response_sections, run_sections
 from dolfinx_joints.report.page import Drawings, Html, Section, bullets, page, paragraph, plain
 from dolfinx_joints.report.response_sections import largest_displacement, widest_opening
@@ -57,7 +56,6 @@ def write(
     Raises:
         ResultsError: A file cannot be read, a package is missing, or ``out`` cannot be written.
     """
-    check_path("out", out)
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Loads: fixed nodal patterns, each times a factor of time."""
+"""Protocols of loads, and the plain ones: gravity, traction, pressure, a UFL form."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ import annotated_types as at
 import numpy as np
 import ufl
 from dolfinx import fem
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.mesh.cells import Floats
 
+Codes = NDArray[np.int8]
 TimeFactor = Callable[[float], float]
 Vector = Annotated[Sequence[float], at.Len(2, 3)]
 
@@ -41,7 +44,41 @@ class FaceLoad(Load, Protocol):
 class JointLoad(Load, Protocol):
     """A load in a joint."""
 
-    joint: str
+    @property
+    def joint(self) -> str:
+        """Name of the joint."""
+
+
+@runtime_checkable
+class FollowsJoints(JointLoad, Protocol):
+    """A pressure in a joint that depends on the gaps; it has no fixed patterns."""
+
+    def in_joint(self, name: str, model: LoadedBody) -> JointPressure:
+        """Its pressures in a model, under the name of the load (collective)."""
+
+
+class JointPressure(Protocol):
+    """Pressure at the local joint points by codes, zero and code 0 in other joints.
+
+    Attributes:
+        name: Name of the load.
+        settings: Text that distinguishes it from loads of equal pressures, for checkpoints.
+    """
+
+    name: str
+    settings: str
+
+    def pressure(self, codes: Codes) -> Floats:
+        """Pressure of each point, shape (n,), [Pa]."""
+
+    def factor(self, time: float) -> float:
+        """Multiplier of the pressures at a time [s]."""
+
+    def by_opening(self, gap: Floats) -> Codes:
+        """Codes (`Wetness`) that a gap (n, 3) [m] leads to in statics (collective)."""
+
+    def in_step(self, codes: Codes, gap: Floats) -> Codes:
+        """Codes that a time step from a state leads to (collective)."""
 
 
 class AddedMass(Protocol):

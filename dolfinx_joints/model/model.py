@@ -27,9 +27,9 @@ from dolfinx_joints.common.parameters import check_kind_of, offers, shown
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
-from dolfinx_joints.loads.load import AddedMass, FaceLoad, JointLoad, Load
+from dolfinx_joints.loads.load import AddedMass, FaceLoad, FollowsJoints, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.loads.water.joint_water import JointWater, Uplift
+from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.loads.water.joint_water_state import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -283,7 +283,7 @@ class Model:
         loads = [*(self.loads if only is None else only), *extra_loads]
         by_name = dict(zip(_names(loads), loads, strict=True))
         named = [(name, pattern) for name in by_name for pattern in by_name[name].patterns(self)]
-        following = {n: load for n, load in by_name.items() if isinstance(load, JointWater)}
+        following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         return MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -298,7 +298,7 @@ class Model:
             symmetric=self._symmetric,
             components=self.gdim,
             water=JointWaters(self, following) if following else None,
-            in_joints=[load for load in loads if isinstance(load, Uplift | JointWater)],
+            in_joints=[load for load in loads if isinstance(load, Uplift | FollowsJoints)],
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:

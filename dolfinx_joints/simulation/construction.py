@@ -16,8 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.joints.contact import Contact, no_such_joint
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
-from dolfinx_joints.loads.load import JointLoad, Load
-from dolfinx_joints.loads.water.joint_water import JointWater
+from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load
 from dolfinx_joints.mesh.blocks import block_of_nodes
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -76,7 +75,7 @@ def grouted(
     wet = {
         type(load).__name__
         for load in model.loads
-        if isinstance(load, JointWater) and load.joint in chosen
+        if isinstance(load, FollowsJoints) and load.joint in chosen
     }
     missing = tuple(sorted({*before.missing, *wet}))
     return replace(before, joints=joints, joints_inactive=False, missing=missing)

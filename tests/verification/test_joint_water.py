@@ -285,6 +285,34 @@ def test_pressure_follows_its_factor_of_time():
         np.testing.assert_allclose(gap, 1e-3 + wider, rtol=1e-12)
 
 
+def test_a_user_defined_load_may_follow_the_joints():
+    """All that such a load needs is `FollowsJoints`."""
+    water = dj.JointWater(joint="joint", level=30.0)
+
+    class Follower:
+        joint = "joint"
+
+        def patterns(self, model):
+            return []
+
+        def in_joint(self, name, model):
+            return water.in_joint(name, model)
+
+    forces = []
+    for load in (water, Follower()):
+        model = model_of(
+            blocks(),
+            load,
+            held=("base", "top"),
+            initial_gaps={"joint": gap_where(lambda x: x[:, 0] < 2)},
+        )
+        system = model.system()
+        assert system.water.names == [f"{type(load).__name__}_joint"]
+        assert list(system.in_joints) == [load]
+        forces.append(dj.Simulation(model).statics().displacement)
+    assert (forces[0] - forces[1]).norm() == 0.0 < forces[0].norm()
+
+
 def test_water_keeps_a_joint_open_that_it_does_not_open():
     """The halves are pulled apart by U against an interference of 0.1 mm, nu = 0.
 
@@ -717,7 +745,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=level) for level in (1.0, 2.0)],
-            "The joint 'joint' has 2 JointWater loads.",
+            "The joint 'joint' has 2 loads that follow it.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, factor=lambda _: math.inf)],

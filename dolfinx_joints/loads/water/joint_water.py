@@ -24,12 +24,11 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.loads.load import TimeFactor, Vector, always
+from dolfinx_joints.loads.load import Codes, JointLoad, TimeFactor, Vector, always
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.open_paths import OpenPaths
 from dolfinx_joints.mesh.cells import Floats
 
-Codes = NDArray[np.int8]
 PorePressure = float | Callable[[Floats], Any]
 
 
@@ -159,8 +158,12 @@ class JointWater:
         _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """None that is fixed; see `joint_water_state`."""
+        """None that is fixed."""
         return []
+
+    def in_joint(self, name: str, model: LoadedBody) -> WaterInJoint:
+        """Its pressures in a model (collective)."""
+        return WaterInJoint(name, self, model)
 
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
         """Pressure that openings lead to, ``factor`` left out (collective).
@@ -174,7 +177,7 @@ class JointWater:
         Returns:
             At the local joint points, zero in other joints, shape (n,), [Pa].
         """
-        water = WaterInJoint(label(self), self, model)
+        water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
 
 
@@ -187,54 +190,51 @@ class Wetness(IntEnum):
 
 
 class WaterInJoint:
-    """One `JointWater` and its name, at the local joint points.
-
-    Attributes:
-        here: Points of its joint, shape (n,).
-    """
+    """Pressures of a `JointWater`; `JointPressure` says what the methods give."""
 
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
         """Find both pressures of each point (collective)."""
-        self.name, self.load, self.here = name, load, joint_points(model, load)
+        self.name, self._load, self._here = name, load, joint_points(model, load)
+        self.settings = repr((load.joint, load.aperture, load.reached_from, load.in_dynamics))
         assert model.operator is not None
         depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)
-        full = np.where(self.here, load.density * load.gravity * depth, 0.0)
-        closed = given_pressure(model, load, "closed", self.here)
+        full = np.where(self._here, load.density * load.gravity * depth, 0.0)
+        closed = given_pressure(model, load, "closed", self._here)
         self._pressures = np.stack([closed, full, np.zeros(len(full))])
         self._paths: OpenPaths | None = None
         if load.reached_from is not None:
             self._paths = OpenPaths(model, load.joint, load.reached_from)
 
     def pressure(self, codes: Codes) -> Floats:
-        """Pressure at the local points, zero in other joints, shape (n,), [Pa]."""
+        """Pressure of each point."""
         return np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
 
     def factor(self, time: float) -> float:
-        """Multiplier of the pressures at a time [s]."""
-        return number_at(f"{self.name}: factor", self.load.factor, time)
+        """Multiplier at a time."""
+        return number_at(f"{self.name}: factor", self._load.factor, time)
 
     def by_opening(self, gap: Floats) -> Codes:
-        """Codes that a gap (n, 3) [m] leads to, CLOSED in other joints (collective)."""
+        """FULL where open and reached (collective)."""
         wet = self._open(gap)
         if self._paths is not None:
             wet = self._paths.reached(wet)
         return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """Codes that a time step from a state leads to, CLOSED in other joints (collective)."""
-        if self.load.in_dynamics == "follows":
+        """Codes after a time step, by ``in_dynamics`` (collective)."""
+        if self._load.in_dynamics == "follows":
             return self.by_opening(gap)
-        own = np.where(self.here, codes, Wetness.CLOSED).astype(np.int8)
-        if self.load.in_dynamics == "drained":
+        own = np.where(self._here, codes, Wetness.CLOSED).astype(np.int8)
+        if self._load.in_dynamics == "drained":
             now = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
             own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
         return own
 
     def _open(self, gap: Floats) -> NDArray[np.bool_]:
-        return np.asarray(self.here & (gap[:, 0] > self.load.aperture))
+        return np.asarray(self._here & (gap[:, 0] > self._load.aperture))
 
 
-def joint_points(model: LoadedBody, load: Uplift | JointWater) -> NDArray[np.bool_]:
+def joint_points(model: LoadedBody, load: JointLoad) -> NDArray[np.bool_]:
     """Which of the local joint points belong to the joint of a load, shape (n,)."""
     names = () if model.operator is None else model.operator.names
     if model.operator is None or load.joint not in names:
@@ -244,7 +244,7 @@ def joint_points(model: LoadedBody, load: Uplift | JointWater) -> NDArray[np.boo
 
 
 def given_pressure(
-    model: LoadedBody, load: Uplift | JointWater, what: str, here: NDArray[np.bool_]
+    model: LoadedBody, load: JointLoad, what: str, here: NDArray[np.bool_]
 ) -> Floats:
     """A pressure that is a number or a function, at the points ``here``, zero elsewhere [Pa].
 
@@ -268,7 +268,7 @@ def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
     return model.operator.force(traction, model.mass.createVecRight())
 
 
-def label(load: Uplift | JointWater) -> str:
+def label(load: JointLoad) -> str:
     """Name of a load in error messages."""
     return f"{type(load).__name__} in {shown(load.joint)}"
 

@@ -16,15 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.loads.load import Codes, FollowsJoints
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.joint_water import (
-    Codes,
-    Uplift,
-    WaterInJoint,
-    Wetness,
-    label,
-    opening_force,
-)
+from dolfinx_joints.loads.water.joint_water import Uplift, Wetness, label, opening_force
 from dolfinx_joints.mesh.cells import Floats
 
 
@@ -49,15 +43,17 @@ class JointWaters:
         joints: Names of all joints of the body.
     """
 
-    def __init__(self, model: LoadedBody, loads: Mapping[str, Any]) -> None:
+    def __init__(self, model: LoadedBody, loads: Mapping[str, FollowsJoints]) -> None:
         """Begin with closed joints (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
-                raise ValueError(f"The joint {joint!r} has {joints.count(joint)} JointWater loads.")
+                raise ValueError(
+                    f"The joint {joint!r} has {joints.count(joint)} loads that follow it."
+                )
         self.names = list(loads)
         self._model = model
-        self._parts = [WaterInJoint(name, load, model) for name, load in loads.items()]
+        self._parts = [load.in_joint(name, model) for name, load in loads.items()]
         self._known: list[_End] = []
         operator = model.operator
         assert operator is not None
@@ -112,13 +108,12 @@ class JointWaters:
         assert contact is not None
         found: dict[str, Any] = {}
         for part in self._parts:
-            load, count = part.load, len(part.here)
-            of_codes = [np.full(count, code, dtype=np.int8) for code in Wetness]
+            shape = self.codes.shape
+            of_codes = [np.full(shape, code, dtype=np.int8) for code in Wetness]
             sums = [contact.integral(part.pressure(codes)) for codes in of_codes]
             factors = [part.factor(float(t)) for t in times]
-            settings = load.joint, load.aperture, load.reached_from, load.in_dynamics
             found[f"load {part.name}"] = np.array([*sums, *factors])
-            found[f"water of {part.name}"] = repr(settings)
+            found[f"water of {part.name}"] = part.settings
         return found
 
     def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:
@@ -141,14 +136,14 @@ class JointWaters:
 
 
 class WaterPressures:
-    """All `Uplift` and `JointWater` loads in the joints of a stage."""
+    """All loads in the joints of a stage that are pressures."""
 
-    def __init__(self, model: LoadedBody, loads: Sequence[Any]) -> None:
+    def __init__(self, model: LoadedBody, loads: Sequence[Uplift | FollowsJoints]) -> None:
         """Find the pressures of each point (collective)."""
         given = [load for load in loads if isinstance(load, Uplift)]
         self._given = [(load.at_points(model), load.factor) for load in given]
         others = [load for load in loads if not isinstance(load, Uplift)]
-        self._parts = [WaterInJoint(label(load), load, model) for load in others]
+        self._parts = [load.in_joint(label(load), model) for load in others]
         assert model.operator is not None
         self._size = len(model.operator.areas)
 

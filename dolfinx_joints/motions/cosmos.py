@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.motions.formats import Format
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
+    Format,
     RecordText,
     component,
     record_named,

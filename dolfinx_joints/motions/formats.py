@@ -1,40 +1,27 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files of ground motions with one component each: PEER AT2, ESM/ITACA, K-NET and KiK-net, SMC.
+"""Formats of ground motions; here those of one component: PEER AT2, ESM/ITACA, K-NET, SMC.
 
 Each format is recognised by its first lines, and read after its published description.
 Values are kept as recorded: K-NET's, for one, have an offset of their own.
 """
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.motions.cosmos import COSMOS
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
+    Format,
     RecordText,
     component,
     direction_named,
     record_named,
     unit_named,
 )
-
-
-class Format(NamedTuple):
-    """A file format.
-
-    ``matches`` and ``record``, the name of the record that a file belongs to (None where it cannot
-    be part of one), need the first lines of a file only; ``read`` gives its components.
-    """
-
-    name: str
-    matches: Callable[[RecordText], bool]
-    record: Callable[[RecordText], str | None]
-    read: Callable[[RecordText], list[Component]]
 
 
 _COUNT_AND_STEP = (
@@ -226,7 +213,11 @@ def _read_smc(text: RecordText) -> list[Component]:
     ]
 
 
-AT2 = Format("PEER AT2", _at2_matches, lambda text: at2_record(text.path), _read_at2)
-ESM = Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm)
-KNET = Format("K-NET", _knet_matches, _knet_record, _read_knet)
-SMC = Format("SMC", _smc_matches, _smc_record, _read_smc)
+# The first that matches reads a file; AT2 comes last, as words in the head are all it is known by.
+FORMATS = (
+    Format("K-NET", _knet_matches, _knet_record, _read_knet),
+    COSMOS,
+    Format("SMC", _smc_matches, _smc_record, _read_smc),
+    Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),
+    Format("PEER AT2", _at2_matches, lambda text: at2_record(text.path), _read_at2),
+)

@@ -18,8 +18,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import check_path, shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
-from dolfinx_joints.motions.cosmos import COSMOS
-from dolfinx_joints.motions.formats import AT2, ESM, KNET, SMC, at2_record
+from dolfinx_joints.motions.formats import FORMATS, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
     Component,
@@ -28,7 +27,6 @@ from dolfinx_joints.motions.record_text import (
     unit_named,
 )
 
-FORMATS = (KNET, COSMOS, SMC, ESM, AT2)
 _HEAD = 20_000  # bytes that hold the header of any format
 _ANGLE = 1e-6  # degrees by which a right angle may be missed
 

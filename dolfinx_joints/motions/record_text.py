@@ -6,10 +6,10 @@ Every message names the file, the line, what it has and what it should.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +162,19 @@ class RecordText:
                 )
             for word in words:
                 yield self.number(number, word)
+
+
+class Format(NamedTuple):
+    """A file format.
+
+    ``matches`` and ``record``, the name of the record that a file belongs to (None where it cannot
+    be part of one), need the first lines of a file only; ``read`` gives its components.
+    """
+
+    name: str
+    matches: Callable[[RecordText], bool]
+    record: Callable[[RecordText], str | None]
+    read: Callable[[RecordText], list[Component]]
 
 
 def unit_named(text: str, where: str) -> str:

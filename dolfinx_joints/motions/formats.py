@@ -23,7 +23,6 @@ from dolfinx_joints.motions.record_text import (
     unit_named,
 )
 
-
 _COUNT_AND_STEP = (
     re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)(?:\s|,|SEC|$)", re.I),
     re.compile(r"^\s*(\d+)\s+([\d.]+(?:E[+-]?\d+)?)\s+NPTS\s*,\s*DT\b", re.I),

@@ -41,14 +41,7 @@ PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
 
 @dataclass(frozen=True, kw_only=True)
 class _Saved:
-    """Content of a checkpoint.
-
-    Attributes:
-        state: State to go on from.
-        origin: Displacement at the start of the stage [m].
-        static: Static state that the stage started from, None without one.
-        state_dict: For `DynamicRun.resume`.
-    """
+    """Content of a checkpoint: what `DynamicRun` goes on from, and its static state."""
 
     state: DynamicState
     origin: PETSc.Vec

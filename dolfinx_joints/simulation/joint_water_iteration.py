@@ -28,10 +28,6 @@ class JointWaterIteration:
 
     It begins with the water of the last load step. Where water opens and opening lets water in,
     openings only grow on the way, and the smallest that agree are found.
-
-    Args:
-        water: The water.
-        solver: Solver for given pressures.
     """
 
     def __init__(self, water: JointWaters, solver: StepSolver) -> None:

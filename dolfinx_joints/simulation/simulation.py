@@ -154,9 +154,6 @@ class Simulation:
 
         Args:
             times: Times [s] of the load steps.
-
-        Raises:
-            ConvergenceError: A load step did not converge.
         """
         return self._statics([(float(t), 1.0) for t in times], self.model.loads)
 
@@ -200,9 +197,6 @@ class Simulation:
 
         Args:
             path: The file that `save_static` wrote, on any number of ranks.
-
-        Raises:
-            CheckpointError: There is no such file, it is damaged, or of another model.
         """
         self.static = static_keeper(path, self.model).load_static()
         return self.static

@@ -74,13 +74,9 @@ def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
 def joint_work(
     system: MatrixSystem, before: DynamicState, joints: Response | None, *, mean_traction: bool
 ) -> Floats:
-    """Work of the body on each joint in a step [J] (collective).
+    """Work of the body on each joint in a step that ends with a response [J] (collective).
 
-    Args:
-        system: The system.
-        before: State at the start of the step.
-        joints: Response of the joints at its end.
-        mean_traction: Take the mean of the tractions of both, not those of the response.
+    ``mean_traction`` takes the mean of the tractions at both ends, not those of the response.
     """
     if system.contact is None or before.joints is None or joints is None:
         return np.zeros(0)

@@ -35,13 +35,15 @@ def geometry_degree(mesh: Any) -> int:
     return int(found.degree)
 
 
-def gmsh_permutation(cell_type: Any, num_nodes: int) -> NDArray[np.int64]:
+def gmsh_permutation(cell_name: str, num_nodes: int) -> NDArray[np.int64]:
     """Map from Gmsh's node order to DOLFINx's; the module was renamed in 0.10."""
+    from dolfinx.mesh import CellType
+
     try:
         from dolfinx.io.gmsh import cell_perm_array
     except ImportError:
         from dolfinx.io.gmshio import cell_perm_array
-    return np.asarray(cell_perm_array(cell_type, num_nodes), dtype=np.int64)
+    return np.asarray(cell_perm_array(getattr(CellType, cell_name), num_nodes), dtype=np.int64)
 
 
 def petsc_code(error: Exception) -> int:

@@ -118,7 +118,7 @@ def _read_model(model: Any, source: str) -> RawMesh:
     }
     if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
         raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
-    cells = nodes[:, _permutation(shape, nodes.shape[1])]
+    cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
     return RawMesh(
         shape=shape, cells=cells, x=x[:, :dim].copy(), cell_groups=cell_groups, facet_groups=facets
     )
@@ -170,9 +170,3 @@ def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) ->
     if np.any(used[np.minimum(position, len(used) - 1)] != vertices):
         raise MeshError(f"Group {name!r} has facets with nodes that belong to no cell.")
     return position.astype(np.int64)
-
-
-def _permutation(shape: CellShape, num_nodes: int) -> Ints:
-    from dolfinx.mesh import CellType
-
-    return gmsh_permutation(getattr(CellType, shape.name), num_nodes)

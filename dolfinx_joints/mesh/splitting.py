@@ -134,11 +134,7 @@ def split_cells(
 ) -> SplitMesh:
     """Duplicate the nodes across the joints and pair the facets of the two sides.
 
-    Args:
-        shape: The reference cell.
-        cells: Nodes of the conforming cells, shape (num_cells, nodes per cell).
-        x: Node coordinates, shape (num_nodes, gdim), [m].
-        joints: Name of each joint and the vertices of its facets, shape (n, vertices per facet).
+    Joints come by name with the vertices of their facets, shape (n, vertices per facet).
     """
     names = [name for name, _ in joints]
     facets = np.vstack([vertices for _, vertices in joints])
@@ -203,14 +199,9 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
 def pair_coincident(
     shape: CellShape, cells: Ints, x: Floats, names: list[str], slots: dict[str, Ints]
 ) -> SplitMesh:
-    """Pair the facets of joints whose faces are duplicated in the mesh already.
+    """Pair the facets of joints whose faces ``NAME-`` and ``NAME+`` are duplicated already.
 
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes, shape (num_cells, nodes per cell).
-        x: Node coordinates, shape (num_nodes, gdim), [m].
-        names: Joint names; the faces of NAME are the groups ``NAME-`` and ``NAME+``.
-        slots: (cell, local facet) of the facets of each group, shape (n, 2).
+    Groups come by name with the (cell, local facet) of their facets, shape (n, 2).
     """
     local = shape.facet_vertices
     none: Ints = np.empty((0, local.shape[1]), dtype=np.int64)

@@ -43,8 +43,8 @@ from dolfinx_joints.joints.operator import JointOperator, JointTangent
 from dolfinx_joints.joints.points import _frames, joint_points
 from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
-from dolfinx_joints.mesh.compat import create_mesh
-from dolfinx_joints.mesh.gmsh_file import _permutation, load_msh
+from dolfinx_joints.mesh.compat import create_mesh, gmsh_permutation
+from dolfinx_joints.mesh.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 
 pytestmark = pytest.mark.mpi
@@ -642,7 +642,7 @@ def _network(out, *, name, cell, order, doubled):
             groups |= {f"{n}{side}": facets[split.joint == i] for i, (n, _) in enumerate(joints)}
     kind = {"triangle": 2, "quadrilateral": 3, "tetrahedron": 4, "hexahedron": 5}[cell]
     facet_kind = {2: 1, 3: 2, 4: 3}[shape.facet_vertices.shape[1]]
-    to_gmsh = np.argsort(_permutation(shape, cells.shape[1]))
+    to_gmsh = np.argsort(gmsh_permutation(shape.name, cells.shape[1]))
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)

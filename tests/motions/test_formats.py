@@ -306,6 +306,10 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.Mon
         ),
         (smc().replace("37    ", "37     "), "line 17"),
         (smc().replace("-32768         2", "-32768         x"), "line 13: the number of comments"),
+        (
+            cosmos().replace("Comment", "Other"),
+            "must say how many comment lines follow, got '2 Oth",
+        ),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
         (

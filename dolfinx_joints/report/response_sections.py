@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the response: points, spectra, joints, the body in space, stresses."""
+"""Sections of a report on the response: displacements of points, response spectra, joints."""
 
 from __future__ import annotations
 

@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Layout of results files: streams and arrays by name, declared with a writer."""
+"""Series that every run with a results file has, declared with a writer.
+
+Monitors declare others where they record them, such as reactions, resultants and envelopes.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 

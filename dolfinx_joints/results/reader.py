@@ -19,8 +19,7 @@ its ``time`` does, hence a row whose time can be read is a whole row.
 
 A file whose status is still "running" belongs to a live run or to one that was killed.
 
-A simulation writes the contents named in ``declare_histories``, ``declare_energy`` and
-``declare_states`` of ``results.layout``; any other name may be added.
+Any name may be declared; `layout` says where those of a simulation are.
 """
 
 import json

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files written, on one process and from plain arrays; `reader` has their layout."""
+"""Results files written, on one process and from plain arrays; `reader` has the format."""
 
 import json
 import os

@@ -74,14 +74,9 @@ class Scene:
         of_faces: ArrayLike | None = None,
         **style: Any,
     ) -> None:
-        """Add polygons.
+        """Add polygons: points (n, 3) [m], and their numbers in cyclic order.
 
-        Args:
-            points: shape (n, 3), [m].
-            faces: numbers of the points of each polygon, in cyclic order.
-            nodal: a value for each point, drawn in the colours ``cmap`` over the range ``clim``.
-            of_faces: a value for each polygon, drawn likewise.
-            style: options of ``pyvista.Plotter.add_mesh``.
+        Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
         """
         data = polygons(points, faces)
         if nodal is not None:
@@ -104,15 +99,9 @@ class Scene:
     ) -> None:
         """Add the outline of polygons, whose points count as one where they coincide.
 
-        They coincide within 1e-6 of the size of all.
-
-        Args:
-            points: shape (n, 3), [m].
-            faces: numbers of the points of each polygon, in cyclic order.
-            sharper_than_deg: edges with a larger angle between their polygons belong to the
-                outline, and edges with one polygon; None for the latter alone.
-            radius: draw tubes of this radius [m] instead of lines.
-            style: options of ``pyvista.Plotter.add_mesh``.
+        They coincide within 1e-6 of the size of all. To the outline belong edges with one polygon
+        and, unless it is None, those sharper than an angle. Tubes of a radius [m] are drawn instead
+        of lines.
         """
         lines = (
             polygons(points, faces)
@@ -138,15 +127,10 @@ class Scene:
         return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
 
     def render(self, camera: Camera, *, pixels: int = 1600) -> NDArray[np.uint8]:
-        """Draw the layers on white.
-
-        Args:
-            camera: where to look from.
-            pixels: length of the longer side.
+        """Draw the layers on white, the longer side of so many pixels, edges as `extent` says.
 
         Returns:
-            Red, green and blue, shape (height, width, 3), from the top left; its edges are
-            those of :meth:`extent`.
+            Red, green and blue, shape (height, width, 3), from the top left.
         """
         pyvista = load_pyvista()
         left, right, bottom, top = self.extent(camera)

@@ -421,7 +421,7 @@ def test_what_is_refused(dam):
     for material in (lifts, {"rock": lifts, "dam": CONCRETE}):
         with pytest.raises(ValueError, match="on base have orthotropic cells behind them, which"):
             model("base", material=material)
-    assert np.isfinite(model("base", material={"rock": ROCK, "dam": lifts}).damping.norm())
+    assert np.isfinite(model("base", material={"rock": ROCK, "dam": lifts}).system().damping.norm())
     with pytest.raises(ValueError, match="'base' has no viscous boundary; add ViscousBoundary"):
         load(model("left"))
     with pytest.raises(ValueError, match="surface is 3 m; .* from 0 to 4 m"):

@@ -60,9 +60,7 @@ class FollowsJoints(JointLoad, Protocol):
 class JointPressure(Protocol):
     """Pressure at the local joint points by codes, zero and code 0 in other joints.
 
-    Attributes:
-        name: Name of the load.
-        settings: Text that distinguishes it from loads of equal pressures, for checkpoints.
+    ``settings`` distinguishes it from loads of equal pressures, for checkpoints.
     """
 
     name: str

@@ -37,12 +37,7 @@ Floats = NDArray[Any]
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
-
-    Attributes:
-        header: Names of the columns, with units.
-        rows: As many values each.
-    """
+    """Names of columns with their units, and rows of as many values."""
 
     header: list[str]
     rows: list[list[Any]]
@@ -72,9 +67,6 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
     Returns:
         The files written.
-
-    Raises:
-        ResultsError: A file exists, or cannot be written.
     """
     check_path("folder", folder)
     folder, tables = Path(folder), tables_of(results)

@@ -46,11 +46,7 @@ def grouted(
 ) -> StaticState:
     """A static state with its joints grouted; displacements and forces stay (collective).
 
-    Args:
-        model: The model.
-        before: The state that the grout comes to.
-        names: Joints to be grouted, all of them unless given.
-        gap: Opening that the grout leaves [m].
+    All joints are grouted unless ``names`` are given; the grout leaves the opening ``gap`` [m].
     """
     known = model.jointed.joint_names
     for name in names or ():

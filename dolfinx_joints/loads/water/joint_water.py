@@ -111,12 +111,7 @@ class Uplift:
         return [(opening_force(model, self.at_points(model)), self.factor)]
 
     def at_points(self, model: LoadedBody) -> Floats:
-        """Pressure at the local joint points, zero in other joints, shape (n,), [Pa] (collective).
-
-        Raises:
-            MeshError: There is no such joint.
-            ValueError: The function gives something else than one pressure per point.
-        """
+        """Pressure at the local joint points, shape (n,), [Pa], 0 in other joints (collective)."""
         return given_pressure(model, self, "pressure", joint_points(model, self))
 
 
@@ -166,16 +161,10 @@ class JointWater:
         return WaterInJoint(name, self, model)
 
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
-        """Pressure that openings lead to, ``factor`` left out (collective).
+        """Pressure that openings lead to, ``factor`` left out, shape (n,), [Pa] (collective).
 
-        That of a static state; in a dynamic stage only where it ``follows``.
-
-        Args:
-            model: The model.
-            joints: Response of the joints, such as ``StaticState.joints``.
-
-        Returns:
-            At the local joint points, zero in other joints, shape (n,), [Pa].
+        At the local joint points, zero in other joints. ``joints`` is a response such as
+        ``StaticState.joints``; of a dynamic stage only where the water ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))

@@ -148,13 +148,7 @@ class WaterPressures:
         self._size = len(model.operator.areas)
 
     def __call__(self, time: float, codes: Codes | None) -> Floats:
-        """Pressure at the local joint points, shape (n,), [Pa].
-
-        Args:
-            time: Time [s].
-            codes: What the water does there, ``DynamicState.water``; None where no load depends
-                on the joints.
-        """
+        """Pressure at the local joint points, (n,), [Pa]; ``codes`` are ``DynamicState.water``."""
         total = np.zeros(self._size)
         for pressure, factor in self._given:
             total += float(factor(time)) * pressure

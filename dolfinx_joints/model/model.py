@@ -113,6 +113,7 @@ class Model:
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
         check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
+        check_kind_of("damping", damping, isinstance(damping, Rayleigh | None), "a Rayleigh")
         _check_joints(jointed, joints, initial_gaps)
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}

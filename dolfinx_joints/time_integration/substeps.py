@@ -160,7 +160,8 @@ class Stepper:
                 self.counts.unbalanced += 1
                 if shortest:
                     raise JointsError(
-                        f"The energy lines of the step to t = {after.time:.6g} s do not add up: "
+                        f"The energy lines of the step to t = {after.time:.6g} s do not add up"
+                        f"{self._where(before, after)}: "
                         f"{missing / scale:.1e} of the largest energy is missing, "
                         f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough, as "
                         "for joints very much stiffer than the body."
@@ -176,6 +177,16 @@ class Stepper:
             self.counts.crossed += 1
             return True
         return False
+
+    def _where(self, before: DynamicState, after: DynamicState) -> str:
+        """The joint with the largest work in the step, where there are joints (collective)."""
+        contact = self._solver.system.contact
+        if contact is None or before.joints is None or after.joints is None:
+            return ""
+        change = after.joints.state.gap - before.joints.state.gap
+        work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
+        worst = contact.worst_joint(work)
+        return f" (joint {worst!r} did the largest work)" if worst else ""
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
         """Whether the local error is above the tolerance, this attempt's displacement included."""

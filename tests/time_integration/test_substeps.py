@@ -143,6 +143,15 @@ def test_missing_energy_is_a_failed_solve():
         take(stepper(Leaky(lambda time: 0.0), control=StepControl(max_halvings=1)), 0.1)
 
 
+def test_missing_energy_names_the_joint_that_did_most():
+    law = FrictionNoTension(normal_stiffness=1e3, shear_stiffness=0.0, friction_angle_deg=0.0)
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
+    name = system.contact.operator.names[0]
+    leaky = Leaky(lambda time: 0.0)
+    with pytest.raises(JointsError, match=rf"add up \(joint '{name}' did the largest work\)"):
+        take(stepper(leaky, system, StepControl(max_halvings=0), v0=-1.0), 0.01)
+
+
 def test_nothing_lands_without_joints():
     work = stepper(Reluctant(lambda time: 1.0), control=StepControl(max_halvings=3, landing=True))
     assert len(take(work, 0.1)) == 1

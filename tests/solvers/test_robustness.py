@@ -47,7 +47,7 @@ def wall(wall_file, read):
         ),
         (
             {"supports": [dj.Prescribed(group="base", component="z", value=lambda t: NAN)]},
-            "The displacement z prescribed on 'base' at t = 0 s is nan; it must be finite",
+            "The displacement z prescribed on 'base' at t = 0 s is nan m",
         ),
         ({"initial_gaps": {"joint_1": NAN}}, "The initial gap of 'joint_1' is nan; it must be"),
         ({"initial_gaps": {"joint_1": lambda x: np.zeros((2, 2))}}, "gave an array of shape"),

@@ -61,12 +61,7 @@ class Component:
 
 
 class RecordText:
-    """Lines of a text file.
-
-    Args:
-        path: the file.
-        head: how many bytes to read; all unless given.
-    """
+    """Lines of a text file, of its first ``head`` bytes where that is given."""
 
     def __init__(self, path: str | Path, *, head: int = -1) -> None:
         """Read the lines."""

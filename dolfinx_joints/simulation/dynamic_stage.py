@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.loads.water.joint_water_state import WaterPressures
 
-# Warnings that a results file keeps.
-_MOST_WARNINGS = 40
+# Warnings that a results file keeps, and characters of each and of the error that ended a run.
+_MOST_WARNINGS, _LONGEST_WARNING, _LONGEST_ERROR = 40, 500, 2000
 
 
 class DynamicRun:
@@ -191,7 +191,7 @@ class DynamicRun:
                     warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
-            self._finish(status, {"error": f"{type(error).__name__}: {error}"})
+            self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
         self._finish("complete", {"peak_mb": peak})
@@ -257,7 +257,7 @@ def _warnings_kept(kept: list[str]) -> Iterator[None]:
     shown = warnings.showwarning
 
     def keep(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
-        text = str(message)
+        text = str(message)[:_LONGEST_WARNING]
         if text not in kept and len(kept) < _MOST_WARNINGS:
             kept.append(text)
         shown(message, category, *where, **more)

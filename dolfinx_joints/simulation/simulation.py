@@ -81,6 +81,8 @@ class Simulation:
         """Check the model; nothing is solved yet."""
         check_kind_of("model", self.model, isinstance(self.model, Model), "a Model")
         self.monitors = list(self.monitors)
+        for monitor in self.monitors:
+            check_kind_of("A monitor", monitor, isinstance(monitor, Monitor), "a Monitor")
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
         self._options = self.newton or SolverOptions()

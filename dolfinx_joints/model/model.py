@@ -157,6 +157,8 @@ class Model:
             return body, body
         total = self._matrix(form, *self._extra(extra))
         for added in added_mass:
+            wanted = "a WestergaardMass or a ReservoirMass"
+            check_kind_of("An added mass", added, offers(added, "matrix"), wanted)
             moved = added.matrix(self)
             total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             moved.destroy()

@@ -17,6 +17,6 @@ module                 model
 
 All meshes are conforming: a joint is an ordinary interior surface, and the physical group
 ``joint_1``, ``joint_2``, ... holds its active part only.  Duplicating the nodes across the joints
-is left to the reader of the file.  Nothing is imported here, so that ``import geometry`` needs
-neither Gmsh nor NumPy.
+is left to the reader of the file.  Nothing is imported here, so that importing it needs neither
+Gmsh nor NumPy.
 """

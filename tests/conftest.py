@@ -156,7 +156,7 @@ def two_rectangles_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def blocks_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
-    """``blocks_file(**parameters)``: two blocks, coarse, inclined by 20 degrees unless told."""
+    """``blocks_file(**parameters)``: two blocks, coarse, inclined by 20 degrees by default."""
     from dolfinx_joints.geometry.two_blocks import two_blocks
 
     return lambda **parameters: mesh_file(two_blocks, **{"size": 0.5, "angle": 20.0, **parameters})
@@ -164,7 +164,7 @@ def blocks_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def wall_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
-    """``wall_file(**parameters)``: a jointed wall of 4 x 1 x 3 cells unless told."""
+    """``wall_file(**parameters)``: a jointed wall of 4 x 1 x 3 cells by default."""
     from dolfinx_joints.geometry.jointed_wall import jointed_wall
 
     return lambda **parameters: mesh_file(jointed_wall, **{"divisions": (4, 1, 3), **parameters})

@@ -652,7 +652,7 @@ def coulomb(ratio: float) -> Problem:
 
 
 def sliding(shear_stiffness: float = math.inf) -> Problem:
-    """Newmark's block, 1 kg, on a base shaken by a pulse; rigid joint unless told, k_s [N/m]."""
+    """Newmark's block, 1 kg, on a base shaken by a pulse; rigid joint by default, k_s [N/m]."""
     exact = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
 
     def push(time: float) -> float:

@@ -228,7 +228,7 @@ def _holds(bound: Any, value: Any) -> bool:
 
 
 def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
-    """A kind and its bounds in words."""
+    """A kind and its bounds as text."""
     ranges = [_RANGES[type(b)] + (b,) for b in bounds if type(b) in _RANGES]
     limits = [(getattr(b, name), text, zero) for name, _, text, zero, b in ranges]
     range_of = " and ".join(zero if zero and not v else f"{text} {v:g}" for v, text, zero in limits)

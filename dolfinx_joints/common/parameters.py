@@ -54,7 +54,7 @@ def check_number(
         name: What the value is.
         value: The value.
         valid: Whether a finite number is in the range.
-        allowed: The range in words.
+        allowed: The range as text.
         unit: Unit of the value.
 
     Raises:

@@ -85,6 +85,8 @@ class Simulation:
             check_kind_of("A monitor", monitor, isinstance(monitor, Monitor), "a Monitor")
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
+        known = isinstance(self.newton, SolverOptions | None)
+        check_kind_of("newton", self.newton, known, "a SolverOptions")
         self._options = self.newton or SolverOptions()
         self._watch = SmallDisplacements(self.model.contact)
 
@@ -106,7 +108,7 @@ class Simulation:
             steps: Number of load steps.
             loads: Those of the model's loads that act at the end; all of them unless given.
             joints: ``active``, or ``inactive``: blocks stand alone, joints carry nothing until
-                `grout`. A run may begin so.
+                `grout`. Only the first stage may do so.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
@@ -232,8 +234,8 @@ class Simulation:
             start: State to go on from instead, such as ``state`` of an earlier outcome.
             checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
             resume: Go on from that checkpoint, with the arguments and monitors of the run that
-                wrote it. Its static state is taken as well; ``velocity`` and ``start`` are not
-                looked at.
+                wrote it. Its static state is taken as well; ``velocity`` and ``start`` are
+                ignored.
 
         Raises:
             CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
@@ -244,7 +246,12 @@ class Simulation:
         scheme = EnergyConsistent() if scheme is None else scheme
         control = StepControl() if control is None else control
         known = offers(scheme, "advance", "conserves")
-        check_kind_of("scheme", scheme, known, "a time scheme")
+        check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
+        check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+        known = isinstance(start, DynamicState | None)
+        check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
+        known = isinstance(checkpoint, Checkpoints | None)
+        check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
         known = isinstance(velocity, PETSc.Vec | None)
         check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
         if velocity is not None and start is not None:

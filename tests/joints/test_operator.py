@@ -730,7 +730,7 @@ def test_networks_from_files(mesh_file, comm, shape, doubled, name):
 
 
 def test_failed_solve_names_the_cause(blocks_file, read):
-    # Two blocks that nothing holds: a singular matrix, refused in words on every rank.
+    # Two blocks that nothing holds: a singular matrix, an error on every rank.
     model = Model(read(blocks_file()), material=CONCRETE, joints=LAW)
     model.loads.append(
         FormLoad(form=lambda v: ufl.inner(ufl.as_vector((1e6, 0.0, 0.0)), v) * ufl.dx)

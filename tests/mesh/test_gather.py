@@ -130,7 +130,7 @@ def test_joints_are_all_split_here_or_all_split_already(square):
         split_mesh(mesh, edges_at(mesh, **at), joints={"a": 1, "b": 2}, groups=groups)
 
 
-def test_facets_that_stay_closed_are_told(square, comm):
+def test_facets_that_stay_closed_are_reported(square, comm):
     # Of an edge apart from the others both ends are inside the body, on the front of the joint.
     mesh = square[0]
     row = lambda x, y, low, high: (  # noqa: E731
@@ -142,9 +142,9 @@ def test_facets_that_stay_closed_are_told(square, comm):
         jointed = split_mesh(mesh, tags, joints={"a": 1}, groups={})
     assert jointed.pairs.bonded.tolist() == [1]
     assert len(jointed.pairs.joint) == 2
-    told = [str(w.message) for w in caught if "stay closed" in str(w.message)]
+    found = [str(w.message) for w in caught if "stay closed" in str(w.message)]
     expected = ["Joint 'a': 1 facets have all their vertices on the joint's front inside the body"]
-    assert [text[: len(expected[0])] for text in told] == (expected if comm.rank == 0 else [])
+    assert [text[: len(expected[0])] for text in found] == (expected if comm.rank == 0 else [])
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Record files of every format: what they hold, and what malformed ones are told.
+"""Record files of every format: what they hold, and what is said of malformed ones.
 
 The files are made here after the published descriptions of the formats. The values of every file
 are those of ``WAVE``, in cm/s^2, to the digits of the format.

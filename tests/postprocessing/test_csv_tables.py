@@ -37,13 +37,13 @@ def write_run(path: Path, joints: tuple[str, ...] = ("joint_1", "joint_2")) -> P
         "facet": np.zeros(2, dtype=np.int64),
     }
     laws = {"kind": "FrictionNoTension", "friction_angle_deg": 45.0, "cohesion": 0.0}
-    told = {
+    facts = {
         "point_names": ["crest", "left, top"],
         "stage": "dynamic",
         "steps": STEPS,
         "laws": dict.fromkeys(joints, laws),
     }
-    with ResultsWriter(path, told) as writer:
+    with ResultsWriter(path, facts) as writer:
         declare_histories(writer, RANDOM.random((2, 3)), accelerations=True)
         writer.series("histories", "reaction/base", (3,), "N", "force")
         writer.series("histories", "velocity", (2, 3), "m/s", "a series of points that a run adds")
@@ -156,10 +156,10 @@ def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     (out / "joints.csv").write_text("mine")
     arguments = ["csv", str(run), "--out", str(out)]
     assert cli.main(arguments) == 2
-    told = capsys.readouterr()
+    facts = capsys.readouterr()
     joints = out / "joints.csv"
     expected = f"dolfinx-joints: {joints}: there already; --force replaces (overwrite=True).\n"
-    assert told.err == expected
+    assert facts.err == expected
     assert [path.name for path in out.iterdir()] == ["joints.csv"]
     assert joints.read_text() == "mine"
     assert cli.main([*arguments, "--force"]) == 0
@@ -313,11 +313,11 @@ def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     assert "joints/joint_12/traction" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("told", [{"point_names": 1}, {"manifest": {"joint_laws": {"a": []}}}])
+@pytest.mark.parametrize("facts", [{"point_names": 1}, {"manifest": {"joint_laws": {"a": []}}}])
 @pytest.mark.parametrize("summary", [{"seconds": {"steps": "long"}}, {"seconds": 3}])
-def test_overview_and_tables_of_what_no_run_writes(tmp_path, told, summary):
+def test_overview_and_tables_of_what_no_run_writes(tmp_path, facts, summary):
     path = tmp_path / "r.h5"
-    with ResultsWriter(path, told) as writer:
+    with ResultsWriter(path, facts) as writer:
         writer.static("histories/points", np.zeros((1, 3)), "m", "points")
         writer.series("histories", "displacement", (), "m", "one number, not one per point")
         writer.start()

@@ -136,10 +136,10 @@ def test_a_report_on_a_file_of_other_shapes_is_one_message(tmp_path, capsys):
             writer.append("histories", float(row), {"displacement": 0.0})
         writer.finish("complete", {})
     assert main(["report", str(path), "--out", str(tmp_path / "r.html"), "--no-3d"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("dolfinx-joints: ")
-    assert "r.html cannot be made of what the files hold: " in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("dolfinx-joints: ")
+    assert "r.html cannot be made of what the files hold: " in printed
+    assert printed.count("\n") == 1
     assert not (tmp_path / "r.html").exists()
 
 

@@ -507,8 +507,8 @@ def test_signal_9_at_random_moments(wall_file, tmp_path, ranks):
 def test_corrections_go_on_with_the_same_bits(comm):
     """The set of points kept and the way chosen belong to what is remembered.
 
-    Corrections solved to 3 % depend on them: without `recall` the two differ by far more than
-    rounding.
+    Corrections solved to 3 % depend on them: without `load_state_dict` the two differ by far more
+    than rounding.
     """
     from joint_tangents import right_side, scaled_compliance, states, stuck_tangent, tangents
 

@@ -301,10 +301,10 @@ def test_other_failures_reported_by_petsc():
 
     matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
     assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
-    told = of_error(PETSc.Error(76), matrix)
-    assert told.startswith(f"{NOT_FACTORED}; PETSc reports: ")
-    assert told.endswith(".")
-    assert "\n" not in told
+    message = of_error(PETSc.Error(76), matrix)
+    assert message.startswith(f"{NOT_FACTORED}; PETSc reports: ")
+    assert message.endswith(".")
+    assert "\n" not in message
     # What is said in MUMPS's words is of MUMPS, and of a failure.
     assert reported_by_package(Failed(0, 0)) == ""
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)

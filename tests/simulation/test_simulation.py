@@ -93,3 +93,16 @@ def test_start_and_velocity_exclude_each_other(wall):
     outcome = simulation.dynamics(dt=DT, steps=1)
     with pytest.raises(ValueError, match="velocity and start are both given"):
         simulation.dynamics(dt=DT, steps=1, start=outcome.state, velocity=outcome.state.velocity)
+
+
+@pytest.mark.parametrize("name", ["control", "start", "checkpoint", "scheme"])
+def test_other_kinds_are_reported_before_anything_is_solved(wall, name):
+    with pytest.raises(ValueError, match=f"{name} is 'run'; it must be "):
+        Simulation(wall).dynamics(dt=DT, steps=1, **{name: "run"})
+
+
+def test_monitors_and_options_are_reported_when_they_are_given(wall):
+    with pytest.raises(ValueError, match=r"A monitor is 'r.h5'; it must be a Monitor"):
+        Simulation(wall, monitors=["r.h5"])
+    with pytest.raises(ValueError, match="newton is {}; it must be a SolverOptions"):
+        Simulation(wall, newton={})

@@ -217,7 +217,7 @@ def test_other_refusals():
         make_solver(random_system()[2], kind="magic")
 
 
-def test_a_moving_support_moves_as_told():
+def test_a_moving_support_moves_as_prescribed():
     # Two masses on a spring, the first moved by 5 t^2 m: the relative motion r of the second obeys
     # r'' + w^2 r = -10, so r = -10 (1 - cos w t) / w^2, and the support pushes with m1 10 - k r.
     m1, m2, k = 3.0, 2.0, 800.0

@@ -39,7 +39,7 @@ REACH = 0.9 * CRACK.half_length  # the tips are left out
 
 
 def solve(ratio=1e6, crack=CRACK, **options):
-    """The crack with k_n h/E = ratio, cells of 0.2 b unless told."""
+    """The crack with k_n h/E = ratio, cells of 0.2 b by default."""
     options = {"size": 0.2, "cell": "quad", **options}
     stiffness = ratio * crack.young / options["size"]
     return solve_crack(crack, COMM, normal_stiffness=stiffness, **options)

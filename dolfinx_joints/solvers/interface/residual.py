@@ -59,7 +59,7 @@ class JointStep:
     ) -> None:
         self.condensed, self._contact, self._mine = condensed, contact, mine
         self._compliance, self._areas = condensed.compliance, areas
-        self._free_gap, self.state, self._rule = trial_gap, state, rule
+        self._trial_gap, self.state, self._rule = trial_gap, state, rule
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
         reach = float((passed / self._compliance.scale[mine]).max(initial=0.0))
         self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
@@ -72,7 +72,7 @@ class JointStep:
     def evaluate(self, force: Floats, coupled: Floats) -> Iterate:
         """Residual and tangent of all points, response of the rank's (collective)."""
         scale, comm = self._compliance.scale, self._contact.operator.comm
-        gap = self._free_gap - (scale * coupled)[self._mine].reshape(-1, 3)
+        gap = self._trial_gap - (scale * coupled)[self._mine].reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         if springs is None:
             response = self._contact.respond_condensed(gap, own, self.state, self._rule)
@@ -112,7 +112,7 @@ class JointStep:
         scale, dead = compliance.scale[mine], compliance.dead.ravel()[mine]
         forces, coupled = at.force[mine].copy(), at.coupled
         for colour, rows in colours:
-            gap = self._free_gap - (scale * coupled[mine]).reshape(-1, 3)
+            gap = self._trial_gap - (scale * coupled[mine]).reshape(-1, 3)
             change = np.zeros_like(forces)
             for points, traction in self._contact.condensed_tractions(
                 colour, gap, compliance.own, self.state, self._rule

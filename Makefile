@@ -89,20 +89,20 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
 
-test: ## Run the tests but the slow ones, on 1 rank, and those of any rank count on 2
+test: ## Run the tests but the slow ones on 1 rank; those of any rank count on 2, but verification
 	$(PYTEST) -m "not slow" tests
-	$(MPIRUN) -n 2 $(MPI_PYTEST) tests
+	$(MPIRUN) -n 2 $(MPI_PYTEST) tests --ignore=tests/verification
 
-test-3: ## Run the tests of any rank count outside of tests/verification on 3 ranks
-	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
+test-3: ## Run the verification of any rank count on 3 ranks
+	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
 
 test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
 	$(PYTEST) -m "not slow" tests
 
-verify: test-3 ## Run test-3, the slow tests, verification on 3 ranks, a part on 4, demos on 2
+verify: test-3 ## Run test-3, the slow tests, the others on 3 ranks, a part on 4, demos on 2
 	$(PYTEST) -m slow tests
-	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
+	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
 		tests/verification/test_objectivity.py tests/verification/test_many_ranks.py
 	$(MPIRUN) -n 2 python3 demos/01_impact.py

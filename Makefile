@@ -67,7 +67,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-3 test-0.11 verify coverage mutants bench lint dist docs clean
+.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -93,16 +93,18 @@ test: ## Run the tests but the slow ones on 1 rank; those of any rank count on 2
 	$(PYTEST) -m "not slow" tests
 	$(MPIRUN) -n 2 $(MPI_PYTEST) tests --ignore=tests/verification
 
-test-3: ## Run the verification of any rank count on 3 ranks
-	$(MPIRUN) -n 3 $(MPI_PYTEST) tests/verification
+test-2: ## Run the verification of any rank count on 2 ranks
+	$(MPIRUN) -n 2 $(MPI_PYTEST) tests/verification
+
+test-3: ## Run the tests of any rank count on 3 ranks
+	$(MPIRUN) -n 3 $(MPI_PYTEST) tests
 
 test-0.11: DOLFINX := 0.11
 test-0.11: ## Run the tests but the slow ones on 1 rank with DOLFINx 0.11 of Debian unstable
 	$(PYTEST) -m "not slow" tests
 
-verify: test-3 ## Run test-3, the slow tests, the others on 3 ranks, a part on 4, demos on 2
+verify: test-2 test-3 ## Run test-2, test-3, the slow tests, a part on 4 ranks, demos on 2
 	$(PYTEST) -m slow tests
-	$(MPIRUN) -n 3 $(MPI_PYTEST) tests --ignore=tests/verification
 	$(MPIRUN) -n 4 python3 -m pytest -q -x --color=no -p no:cacheprovider -m mpi \
 		tests/verification/test_objectivity.py tests/verification/test_many_ranks.py
 	$(MPIRUN) -n 2 python3 demos/01_impact.py

@@ -86,6 +86,7 @@ def good_values(each: Declaration) -> st.SearchStrategy[Any]:
 
 def good_values_of(kind: Any, bounds: tuple[Any, ...]) -> st.SearchStrategy[Any]:
     """Values of one kind within bounds."""
+    kind = getattr(kind, "__value__", kind)  # of an alias that a ``type`` statement made
     lows = [b.gt if isinstance(b, at.Gt) else b.ge for b in bounds if isinstance(b, at.Gt | at.Ge)]
     highs = [b.lt if isinstance(b, at.Lt) else b.le for b in bounds if isinstance(b, at.Lt | at.Le)]
     low, high = max(lows, default=-1e9), min(highs, default=1e9)

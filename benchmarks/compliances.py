@@ -114,7 +114,7 @@ def measure(scene: Scene, kind: str, options: argparse.Namespace) -> Row:
     simulation = dj.Simulation(
         model,
         monitors=[watch],
-        newton=dj.SolverOptions(compliance=kind, linear=options.linear, max_iterations=100),
+        options=dj.SolverOptions(compliance=kind, linear=options.linear, max_iterations=100),
         solver="condensed",
     )
     free_memory()

@@ -65,7 +65,7 @@ def measure(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any
         model = scene.model(jointed, None if tied else scene.law())
     progress(f"{kind}: {model.num_dofs} dofs are assembled, {phases.seconds['assembly']:.0f} s")
     newton = dj.SolverOptions(linear=options.linear, compliance="matrix-free", max_iterations=100)
-    simulation = dj.Simulation(model, monitors=[watch], newton=newton)
+    simulation = dj.Simulation(model, monitors=[watch], options=newton)
     petsc_seconds(SET_UP)
     with phases.phase("steps"):
         motion = scene.strong_shaking(options.steps * TIME_STEP)

@@ -112,7 +112,7 @@ def run_law(
     """The cases of one law (collective)."""
     extremes = _Extremes()
     model = scene.model(jointed, scene.law(stiffness, angle))
-    simulation = dj.Simulation(model, monitors=[extremes], newton=NEWTON, solver=options.solver)
+    simulation = dj.Simulation(model, monitors=[extremes], options=NEWTON, solver=options.solver)
     case: dict[str, Any] = {"scene": scene.name, "stiffness": stiffness, "angle": angle}
     steps = [factor * TIME_STEP for factor in options.factor]
     try:

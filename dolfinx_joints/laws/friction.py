@@ -158,7 +158,7 @@ class FrictionNoTension:
 
     Attributes:
         normal_stiffness: k_n.
-        shear_stiffness: k_s.
+        shear_stiffness: k_s; zero leaves the joint without friction.
         friction_angle_deg: alpha.
     """
 

@@ -80,7 +80,7 @@ class DynamicRun:
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
-        self._end_point_laws = contact.without_balance if whole and contact else ()
+        self._backward_euler_laws = contact.without_balance if whole and contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
         self.origin = state.displacement.copy()
@@ -146,12 +146,12 @@ class DynamicRun:
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(self.step, report.solve, self._ledger.row, self._substeps - 1)
+        record = self._record(self.step, report.solve, self._ledger.row, self._substeps)
         for monitor in self.monitors:
             monitor.record(record)
 
     def _record(
-        self, step: int, solve: SolveReport | None, row: EnergyRow, halvings: int
+        self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
     ) -> Record:
         in_joints = self._solver.system.in_joints
         return Record(
@@ -165,7 +165,7 @@ class DynamicRun:
             motion=self._motion,
             solve=solve,
             energy=row,
-            halvings=halvings,
+            substeps=substeps,
             wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
             pressure=partial(self._pressure, self.state) if in_joints else None,
         )
@@ -233,7 +233,7 @@ class DynamicRun:
             counts=self._stepper.counts,
             iterations=self._iterations,
             solver=self._solver.name,
-            end_point_laws=self._end_point_laws,
+            backward_euler_laws=self._backward_euler_laws,
         )
 
 

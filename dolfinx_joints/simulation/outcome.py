@@ -35,7 +35,7 @@ class Record:
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        halvings: Substeps that this step was cut into, less one.
+        substeps: Substeps that this step was cut into, 1 for a whole step.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
@@ -52,7 +52,7 @@ class Record:
     motion: Callable[[float], Any] | None
     solve: SolveReport | None
     energy: EnergyRow
-    halvings: int
+    substeps: int
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class Outcome:
         counts: Accepted substeps, more than ``steps`` where steps were cut, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.
         solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
-        end_point_laws: Kinds of laws that were asked for the end of steps although the scheme asks
+        backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
             for whole steps, because they know nothing else.
     """
 
@@ -117,7 +117,7 @@ class Outcome:
     counts: StepCounts
     iterations: int
     solver: str
-    end_point_laws: tuple[str, ...]
+    backward_euler_laws: tuple[str, ...]
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:
@@ -143,6 +143,6 @@ def _solver(outcome: Outcome, model: Model) -> str:
         text += f" (no condensed form in {', '.join(missing)})"
     if model.bulk is not None:
         text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
-    if outcome.end_point_laws:
-        text += f", end-point law in {', '.join(outcome.end_point_laws)}"
+    if outcome.backward_euler_laws:
+        text += f", backward Euler in {', '.join(outcome.backward_euler_laws)}"
     return text

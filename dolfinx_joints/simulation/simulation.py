@@ -62,7 +62,7 @@ class Simulation:
     Args:
         model: The model.
         monitors: Observers of the run.
-        newton: Tolerances and limits of Newton's method.
+        options: Tolerances and limits of Newton's method.
         solver: ``auto``, ``condensed`` or ``monolithic``; see `make_solver`.
 
     Attributes:
@@ -74,7 +74,7 @@ class Simulation:
     model: Model
     _: KW_ONLY
     monitors: Sequence[Monitor] = ()
-    newton: SolverOptions | None = None
+    options: SolverOptions | None = None
     solver: SolverKind = "auto"
 
     def __post_init__(self) -> None:
@@ -85,9 +85,9 @@ class Simulation:
             check_kind_of("A monitor", monitor, isinstance(monitor, Monitor), "a Monitor")
         self.static: StaticState | None = None
         self.seconds: dict[str, float] = {}
-        known = isinstance(self.newton, SolverOptions | None)
-        check_kind_of("newton", self.newton, known, "a SolverOptions")
-        self._options = self.newton or SolverOptions()
+        known = isinstance(self.options, SolverOptions | None)
+        check_kind_of("options", self.options, known, "a SolverOptions")
+        self._options = self.options or SolverOptions()
         self._watch = SmallDisplacements(self.model.contact)
 
     @checked
@@ -178,7 +178,7 @@ class Simulation:
                 path,
                 acting,
                 inactive=inactive,
-                newton=self._options,
+                options=self._options,
                 kind=self.solver,
                 watch=self._watch,
             )

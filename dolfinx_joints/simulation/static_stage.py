@@ -33,7 +33,7 @@ def march(
     acting: Sequence[Load],
     *,
     inactive: bool,
-    newton: SolverOptions,
+    options: SolverOptions,
     kind: SolverKind,
     watch: SmallDisplacements,
 ) -> StaticState:
@@ -46,7 +46,7 @@ def march(
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
         inactive: Whether joints carry nothing.
-        newton: Tolerances and limits of Newton's method.
+        options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
     """
@@ -54,7 +54,7 @@ def march(
     internal_forces = system.internal_forces
     system = replace(system, contact=None) if inactive else system
     solver: StepSolver | JointWaterIteration
-    solver = make_solver(system, newton, kind, static_steps=len(path))
+    solver = make_solver(system, options, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
     u.set(0.0)
     joints = system.internal_forces.at_rest(u) if system.internal_forces else None

@@ -109,7 +109,7 @@ class TestMixed:
             loads=[Gravity()],
         )
         newton = SolverOptions(relative_tolerance=1e-12)
-        simulation = Simulation(model, newton=newton, solver="auto")
+        simulation = Simulation(model, options=newton, solver="auto")
         simulation.statics()
         motion = synthetic_motion(duration=2.0)
         outcome = simulation.dynamics(dt=0.005, steps=20, motion=motion, scheme=scheme or Newmark())
@@ -147,8 +147,8 @@ class TestMixed:
             "joint_3": ViscousJoint(law=FrictionNoTension(**FRICTION), shear_viscosity=1e6),
         }
         _, simulation, outcome = self.run(jointed, laws, EnergyConsistent())
-        assert outcome.end_point_laws == ("MohrCoulombJoint",)
-        assert "end-point law in MohrCoulombJoint\n" in simulation.report(outcome)
+        assert outcome.backward_euler_laws == ("MohrCoulombJoint",)
+        assert "backward Euler in MohrCoulombJoint\n" in simulation.report(outcome)
         assert outcome.imbalance < 1e-10
         friction, mohr, _ = outcome.energy.joint_numerical
         assert abs(friction) < 1e-10 * outcome.energy.stored

@@ -77,7 +77,9 @@ def test_both_solvers_march_alike(wall):
     # The same equations, solved for all dofs and for the joint forces alone.
     ends = []
     for solver in ("condensed", "monolithic"):
-        simulation = Simulation(wall, solver=solver, newton=SolverOptions(relative_tolerance=1e-12))
+        simulation = Simulation(
+            wall, solver=solver, options=SolverOptions(relative_tolerance=1e-12)
+        )
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
         assert outcome.solver == solver
@@ -104,5 +106,5 @@ def test_other_kinds_are_reported_before_anything_is_solved(wall, name):
 def test_monitors_and_options_are_reported_when_they_are_given(wall):
     with pytest.raises(ValueError, match=r"A monitor is 'r.h5'; it must be a Monitor"):
         Simulation(wall, monitors=["r.h5"])
-    with pytest.raises(ValueError, match="newton is {}; it must be a SolverOptions"):
-        Simulation(wall, newton={})
+    with pytest.raises(ValueError, match="options is {}; it must be a SolverOptions"):
+        Simulation(wall, options={})

@@ -106,7 +106,7 @@ def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: 
     scheme = options.pop("scheme", None)
     path = Path()
     newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
-    simulation = Simulation(model, newton=newton, solver=solver, monitors=[path])
+    simulation = Simulation(model, options=newton, solver=solver, monitors=[path])
     static = simulation.statics()
     outcome = simulation.dynamics(dt=DT, steps=steps, motion=shaking, scheme=scheme)
     return path, static, outcome
@@ -202,7 +202,7 @@ def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
     for name, hard in (("never", 10**6), ("always", 0)):
         monkeypatch.setattr(interface, "HARD", hard)
         monkeypatch.setattr(interface, "EASY", hard)
-        simulation = Simulation(wall(law), newton=SolverOptions(relative_tolerance=1e-12))
+        simulation = Simulation(wall(law), options=SolverOptions(relative_tolerance=1e-12))
         simulation.statics()
         ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=shaking)
     one, other = ends["never"], ends["always"]
@@ -278,12 +278,12 @@ def test_steps_of_changing_length(wall):
 def test_a_step_too_hard_is_cut(wall):
     # Four iterations are too few for some of the steps from a sudden self weight; halves pass.
     model = wall()
-    simulation = Simulation(model, newton=SolverOptions(max_iterations=4))
+    simulation = Simulation(model, options=SolverOptions(max_iterations=4))
     outcome = simulation.dynamics(dt=4 * DT, steps=10, motion=shaking)
     assert outcome.counts.rejected > 0
     assert outcome.imbalance <= 1e-10
     with pytest.raises(ConvergenceError, match="dynamic stage.* did not converge in 1 iteration:"):
-        Simulation(model, newton=SolverOptions(max_iterations=1)).dynamics(
+        Simulation(model, options=SolverOptions(max_iterations=1)).dynamics(
             dt=4 * DT, steps=10, motion=shaking, control=StepControl(max_halvings=0)
         )
 

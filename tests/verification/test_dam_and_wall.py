@@ -56,7 +56,9 @@ def test_both_solvers_on_the_dam(tmp_path):
     motion = dj.synthetic_motion().trimmed(1.0, start=3.0)
     model, ends = dam(mesh), []
     for solver in ("condensed", "monolithic"):
-        run = dj.Simulation(model, solver=solver, newton=dj.SolverOptions(relative_tolerance=1e-12))
+        run = dj.Simulation(
+            model, solver=solver, options=dj.SolverOptions(relative_tolerance=1e-12)
+        )
         run.statics(steps=4)
         ends.append(run.dynamics(dt=0.00488, steps=50, motion=motion).state.displacement)
     change = ends[0].copy()

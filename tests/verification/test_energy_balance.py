@@ -401,7 +401,7 @@ def test_wall(wall_file, read, stiffness, kind, dt):
     )
     lines = Lines()
     newton = SolverOptions(relative_tolerance=1e-12)
-    simulation = dj.Simulation(model, solver=kind, newton=newton, monitors=[lines])
+    simulation = dj.Simulation(model, solver=kind, options=newton, monitors=[lines])
     simulation.statics()
     outcome = simulation.dynamics(dt=dt, steps=50, motion=shaking)
     print(f"\nk_n {stiffness:g}, {kind}, dt {dt}: {outcome.imbalance:.1e}, {lines.seen}")

@@ -103,7 +103,7 @@ def largest(values: Any) -> float:
 
 
 def statics(model: Any, solver: str = "condensed", **options: Any) -> Any:
-    return Simulation(model, solver=solver, newton=SolverOptions(**options)).statics()
+    return Simulation(model, solver=solver, options=SolverOptions(**options)).statics()
 
 
 def difference(one: Any, two: Any) -> float:
@@ -315,7 +315,7 @@ def test_a_bar_pressed_on_a_wall(kind):
         ],
     )
     middle = model.operator.joint == 1
-    run = Simulation(model, solver="condensed", newton=SolverOptions(compliance=kind))
+    run = Simulation(model, solver="condensed", options=SolverOptions(compliance=kind))
     compliance = length / YOUNG + 2.0 / 1e16
     for time in (1.0, 0.6, 0.9):
         found = run.quasi_statics([time])
@@ -377,7 +377,7 @@ def shaking(time: float) -> np.ndarray:
 def test_dynamics_from_a_static_state(name):
     """At rest nothing moves; shaken, the lines of the ledger add up."""
     model = column(LAWS[name], blocks=3, poisson=0.2)
-    run = Simulation(model, solver="condensed", newton=SolverOptions(relative_tolerance=1e-12))
+    run = Simulation(model, solver="condensed", options=SolverOptions(relative_tolerance=1e-12))
     static = run.statics()
     still = run.dynamics(dt=0.002, steps=10)
     assert difference(still.state.displacement, static.displacement) <= 1e-9

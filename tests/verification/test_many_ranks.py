@@ -171,7 +171,7 @@ def run(jointed, comm, path, *, kind="plain", envelopes=True, more=(), **options
     """Self weight and a few steps, with everything that a results file can hold."""
     model = model_of(jointed(comm), kind)
     results = dj.ResultsMonitor(path, points=POINTS, every=3, envelopes=envelopes, resultants=True)
-    simulation = dj.Simulation(model, monitors=[results, *more], newton=NEWTON)
+    simulation = dj.Simulation(model, monitors=[results, *more], options=NEWTON)
     if not options.get("resume"):
         simulation.statics(steps=2)
     return simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **options)
@@ -204,7 +204,7 @@ def test_statics(jointed, kind, solver):
         pytest.skip("rigid joints have the condensed solver alone")
 
     def found(comm):
-        simulation = dj.Simulation(model_of(jointed(comm), kind), solver=solver, newton=NEWTON)
+        simulation = dj.Simulation(model_of(jointed(comm), kind), solver=solver, options=NEWTON)
         return of_all(simulation.model, simulation.statics(steps=2))
 
     same_states(found(COMM), found(MPI.COMM_SELF))
@@ -214,7 +214,7 @@ def test_statics(jointed, kind, solver):
 def test_linear_solvers(jointed, linear):
     def found(comm):
         newton = replace(NEWTON, linear=linear)
-        simulation = dj.Simulation(model_of(jointed(comm)), newton=newton)
+        simulation = dj.Simulation(model_of(jointed(comm)), options=newton)
         simulation.statics()
         end = simulation.dynamics(dt=DT, steps=3, motion=shaking)
         return of_all(simulation.model, end.state)
@@ -295,7 +295,7 @@ def test_construction_and_saved_states(jointed, new_path):
             supports=[dj.Fixed(group="base")],
             loads=[weight, cold],
         )
-        return dj.Simulation(model, newton=NEWTON)
+        return dj.Simulation(model, options=NEWTON)
 
     together, mine = simulation(COMM), simulation(MPI.COMM_SELF)
     for each in (together, mine):
@@ -339,7 +339,7 @@ def test_waves_from_below(jointed, new_path):
 
     def found(comm):
         held = model_of(jointed(comm))
-        static = dj.Simulation(held, newton=NEWTON).statics()
+        static = dj.Simulation(held, options=NEWTON).statics()
         free = dj.Model(
             jointed(comm),
             material=CONCRETE,
@@ -347,7 +347,7 @@ def test_waves_from_below(jointed, new_path):
             supports=[dj.ViscousBoundary(group="base")],
             loads=[dj.Gravity(), dj.SupportForces(reaction=static.reaction)],
         )
-        simulation = dj.Simulation(free, newton=NEWTON)
+        simulation = dj.Simulation(free, options=NEWTON)
         simulation.static = static
         waves = dj.FreeField(groups=["base"], incident=incident, surface=20.0)
         end = simulation.dynamics(dt=DT, steps=STEPS, loads=[waves])
@@ -362,7 +362,7 @@ def test_fields_progress_and_resultants(jointed, new_path):
     path = new_path("fields.bp")
 
     def found(comm, monitors):
-        simulation = dj.Simulation(model_of(jointed(comm)), monitors=monitors, newton=NEWTON)
+        simulation = dj.Simulation(model_of(jointed(comm)), monitors=monitors, options=NEWTON)
         state = simulation.statics()
         simulation.dynamics(dt=DT, steps=3, motion=shaking)
         force = dj.JointForces(simulation.model)(state.joints)["joint_1"]

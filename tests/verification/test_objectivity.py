@@ -287,7 +287,7 @@ SIDE = path(0.0, 2.0, 0.3, -1.0, 1.5, 2.5)
 def pushed(case, view, comm, friction=30.0):
     """The quasi-static scene, two steps per unit of time."""
     scene = Scene(case, view, comm, friction=friction)
-    run = Simulation(scene.model, newton=NEWTON)
+    run = Simulation(scene.model, options=NEWTON)
     for time in np.arange(1, 11) / 2:
         state = run.quasi_statics([time])
         scene.take(state.displacement, state.joints)
@@ -315,7 +315,7 @@ class Watch(Monitor):
 def shaken(case, view, comm, solver="auto"):
     """Self weight, then 20 steps in which the blocks are thrown up and strike."""
     scene = Scene(case, view, comm)
-    run = Simulation(scene.model, newton=NEWTON, monitors=[Watch(scene)], solver=solver)
+    run = Simulation(scene.model, options=NEWTON, monitors=[Watch(scene)], solver=solver)
     run.statics()
 
     def ground(time):

@@ -338,7 +338,7 @@ def shake(
         a = exact.amplitude * math.sin(exact.frequency * time)
         return a * c, a * s, 0.0
 
-    simulation = Simulation(model, monitors=[history], solver=solver, newton=newton)
+    simulation = Simulation(model, monitors=[history], solver=solver, options=newton)
     simulation.statics()
     dt = PERIOD / steps
     outcome = simulation.dynamics(dt=dt, steps=CYCLES * steps, motion=ground)

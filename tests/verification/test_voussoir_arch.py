@@ -216,7 +216,7 @@ def simulation(
         loads=[dj.Gravity()],
         quadrature=quadrature,
     )
-    return dj.Simulation(model, newton=dj.SolverOptions(max_iterations=60))
+    return dj.Simulation(model, options=dj.SolverOptions(max_iterations=60))
 
 
 def stands(*args, **more):

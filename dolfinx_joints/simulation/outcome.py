@@ -35,7 +35,7 @@ class Record:
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        substeps: Substeps that this step was cut into, 1 for a whole step.
+        substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).

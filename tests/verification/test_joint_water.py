@@ -499,7 +499,7 @@ class History(Monitor):
         self.gap.append(record.joints.state.gap[:, 0])
         self.pressure.append(self.water.at_points(self.model, record.joints))
         self.work.append(record.energy.input_by_load["JointWater_joint"])
-        self.cuts += record.substeps - 1
+        self.cuts += max(record.substeps - 1, 0)
 
 
 def shaken(water, scheme=None, steps=120, solver="auto", **options):

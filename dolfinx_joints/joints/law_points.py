@@ -148,8 +148,8 @@ def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
 
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """The same on a point's own compliance; no method stands for one that is not there."""
-    if not isinstance(law, CondensedLaw):
+    """The same on a point's own compliance, where there are such; none of laws with rates."""
+    if not isinstance(law, CondensedLaw) or isinstance(law, RateDependentLaw):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}
     if isinstance(law, CondensedEnergyConsistentLaw):

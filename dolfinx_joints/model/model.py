@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -369,7 +370,9 @@ def _names(loads: Sequence[Load]) -> list[str]:
         where = load.group if isinstance(load, FaceLoad) else ""
         where = load.joint if isinstance(load, JointLoad) else where
         plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
-    return [
-        name if plain.count(name) == 1 else f"{name}_{plain[: i + 1].count(name)}"
-        for i, name in enumerate(plain)
-    ]
+    names: list[str] = []
+    for name in plain:
+        numbered = (f"{name}_{number}" for number in count(1))
+        unused = (other for other in numbered if other not in (*plain, *names))
+        names.append(name if plain.count(name) == 1 else next(unused))
+    return names

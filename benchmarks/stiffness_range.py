@@ -26,7 +26,7 @@ from benchmarks.shared.measure import free_memory
 from benchmarks.shared.scenes import TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.outcome import Record
+from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.choice import SolverKind
 
 STIFFNESSES = (1e9, 1e11, 1e13, 1e15, math.inf)

@@ -63,7 +63,8 @@ from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.simulation.outcome import Outcome, Record
+from dolfinx_joints.simulation.outcome import Outcome
+from dolfinx_joints.simulation.record import Record
 
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]
 CONCRETE = Elastic(young=30e9, poisson=0.2, density=2400.0)

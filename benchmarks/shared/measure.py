@@ -27,7 +27,8 @@ from benchmarks.shared.scenes import TIME_STEP, Scene
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.outcome import Outcome, Record
+from dolfinx_joints.simulation.outcome import Outcome
+from dolfinx_joints.simulation.record import Record
 
 FACTOR = (
     *("MatCholFctrSym", "MatCholFctrNum"),

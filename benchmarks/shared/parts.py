@@ -16,7 +16,7 @@ import dolfinx_joints as dj
 from benchmarks.shared.measure import StepWatch, petsc_seconds, slowest
 from benchmarks.shared.scenes import Scene
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.simulation.outcome import Record
+from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver

@@ -10,7 +10,7 @@ from typing import Any
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.outcome import Record
+from dolfinx_joints.simulation.record import Record
 
 
 @dataclass(eq=False)

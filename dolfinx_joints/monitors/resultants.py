@@ -19,7 +19,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import joint_facet_points
 from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.simulation.outcome import Record
+from dolfinx_joints.simulation.record import Record
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]

@@ -34,7 +34,7 @@ from dolfinx_joints.results.layout import declare_energy, declare_histories, dec
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.outcome import Record
+from dolfinx_joints.simulation.record import Record
 
 Floats = NDArray[np.floating[Any]]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
-    from dolfinx_joints.simulation.outcome import Record
+    from dolfinx_joints.simulation.record import Record
 
 
 class Monitor:

@@ -14,21 +14,9 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import damage_reported
-from dolfinx_joints.report import body_sections, response_sections, run_sections
-from dolfinx_joints.report.page import Drawings, Html, Section, bullets, page, paragraph, plain
-from dolfinx_joints.report.response_sections import largest_displacement, widest_opening
+from dolfinx_joints.report import sections
+from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
-
-SECTIONS: tuple[Callable[[Content], Section], ...] = (
-    run_sections.parameters,
-    run_sections.cost,
-    run_sections.energies,
-    run_sections.convergence,
-    response_sections.displacements,
-    response_sections.response_spectra,
-    response_sections.joints,
-)
-SECTIONS_OF_BODY = (body_sections.space, body_sections.envelopes)
 
 
 @checked
@@ -71,11 +59,9 @@ def write(
         ordered = [*first, *(run for run in runs if run not in first)]
         drawings = Drawings(picture_folder(target))
         content = Content(ordered, drawings, main, reference)
-        made = [make(content) for make in (*SECTIONS, *(SECTIONS_OF_BODY if with_3d else ()))]
-        closing = [run_sections.warnings(content), run_sections.versions(content)]
-        sections = [*added.first, *made, *added.last, *closing]
-        top = [*_alerts(runs), *_summary(content, added.note)]
-        html = page(_title(runs), top, sections, drawings)
+        shown = sections.ordered(content, added, of_body=with_3d)
+        top = [*sections.alerts(runs), *sections.summary(content, added.note)]
+        html = page(_title(runs), top, shown, drawings)
         partial = target.with_name(f"{target.name}.partial")
         partial.write_text(html, encoding="utf-8")
         partial.replace(target)
@@ -92,46 +78,6 @@ def _title(runs: Sequence[Run]) -> str:
         str(r.results.metadata["case"]) for r in runs if "case" in r.results.metadata
     )
     return f"Report: {', '.join(cases or [run.label for run in runs])}"
-
-
-def _alerts(runs: Sequence[Run]) -> list[Html]:
-    """Runs that did not reach their end, above everything else."""
-    unfinished = [paragraph(run_sections.ending(run)) for run in runs if not run.results.complete]
-    return (
-        [Html(f'<div class="alert" role="alert">{"".join(unfinished)}</div>')] if unfinished else []
-    )
-
-
-def _summary(content: Content, note: str) -> list[Html]:
-    """Five lines, on the runs that are compared where there are such."""
-    runs = content.compared
-    others = len(content.runs) - len(runs)
-    further = f"; {others} further run{'s' if others > 1 else ''}" if others else ""
-    lines = [
-        f"Duration: {_each(runs, lambda run: f'{plain(run.end)} s')}{further}.",
-        f"Largest displacement from the static state: {_each(runs, largest_displacement)}.",
-        f"Largest energy error, as a share of the largest energy: {_each(runs, _energy_error)}.",
-        f"Widest joint: {_each(runs, widest_opening)}.",
-        f"Cost: {_each(runs, _cost)}. {note}".rstrip(),
-    ]
-    return [Html(f'<div class="summary">{bullets(lines, ordered=True)}</div>')]
-
-
-def _each(runs: Sequence[Run], of: Callable[[Run], str | None]) -> str:
-    return "; ".join(f"{run.label} {of(run) or 'not recorded'}" for run in runs)
-
-
-def _energy_error(run: Run) -> str | None:
-    value = run.results.summary.get("energy_error")
-    return None if value is None else plain(float(value))
-
-
-def _cost(run: Run) -> str | None:
-    seconds = run.seconds
-    if seconds is None:
-        return None
-    peak = run.results.summary.get("peak_mb")
-    return f"{plain(seconds)} s" + (f", {plain(peak)} MB" if peak is not None else "")
 
 
 def _check_packages() -> None:

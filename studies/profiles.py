@@ -18,7 +18,7 @@ from dolfinx_joints.postprocessing.joint_surface import (
     traction_value,
     tractions,
 )
-from dolfinx_joints.results.requests import record_number
+from dolfinx_joints.results.arguments import record_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -29,8 +29,8 @@ from dolfinx_joints.postprocessing.resultants import (
     joint_resultants,
     resultant_measures,
 )
+from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.reader import Results, listing
-from dolfinx_joints.results.requests import COMPONENTS, check_results
 
 Floats = NDArray[Any]
 

@@ -24,12 +24,12 @@ from dolfinx_joints.motions.spectra import (
     significant_duration,
 )
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import (
+from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,
     check_results,
 )
+from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]

@@ -30,7 +30,7 @@ from dolfinx_joints.postprocessing.axes import (
     new_axes,
     plain_periods,
 )
-from dolfinx_joints.results.requests import COMPONENTS, Component
+from dolfinx_joints.results.arguments import COMPONENTS, Component
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

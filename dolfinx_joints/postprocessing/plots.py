@@ -50,13 +50,13 @@ from dolfinx_joints.postprocessing.joint_surface import (
     tractions,
 )
 from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
-from dolfinx_joints.results.requests import (
+from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,
     check_results,
     record_number,
 )
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import check_results
 
 Floats = NDArray[np.floating[Any]]
 

@@ -37,8 +37,8 @@ from dolfinx_joints.postprocessing.rendering import (
     round_scale,
     write,
 )
+from dolfinx_joints.results.arguments import check_results, record_number
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import check_results, record_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

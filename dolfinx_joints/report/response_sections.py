@@ -30,7 +30,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, components, nothing
-from dolfinx_joints.results.requests import Component
+from dolfinx_joints.results.arguments import Component
 
 FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)

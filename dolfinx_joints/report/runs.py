@@ -13,8 +13,8 @@ from typing import Any
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.report.page import Drawings, Section, paragraph
+from dolfinx_joints.results.arguments import Component
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.requests import Component
 
 _ENDINGS = (".h5", ".hdf5")
 

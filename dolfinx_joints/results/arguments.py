@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Requests to results files: components, joints and records, checked in one place."""
+"""Checks of arguments that choose of results files: components, and records by time or index."""
 
 from __future__ import annotations
 

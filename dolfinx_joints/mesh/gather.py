@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.gmsh_file import RawMesh
 
@@ -38,7 +38,7 @@ def gather_mesh(
     with raised_together(comm):
         original = _order_of_cells(mesh)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-    dofmap = compat.geometry_nodes(mesh)
+    dofmap = dolfinx_versions.geometry_nodes(mesh)
     cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     points = _stack(comm, np.column_stack([nodes.astype(np.float64), x]))
@@ -68,7 +68,7 @@ def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, 
 
 
 def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
-    name, degree = mesh.topology.cell_name(), compat.geometry_degree(mesh)
+    name, degree = mesh.topology.cell_name(), dolfinx_versions.geometry_degree(mesh)
     if mesh.geometry.dim != mesh.topology.dim:
         raise MeshError(
             f"A mesh of dimension {mesh.topology.dim} in {mesh.geometry.dim}-D space cannot be "

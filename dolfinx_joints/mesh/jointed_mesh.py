@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
-from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
@@ -335,7 +335,7 @@ def _distribute(comm: Any, prepare: Any) -> JointedMesh:
     element = basix.ufl.element(
         "Lagrange", known.shape.name, known.shape.degree, shape=(whole.x.shape[1],)
     )
-    mesh = compat.create_mesh(comm, whole.cells, whole.x, element)
+    mesh = dolfinx_versions.create_mesh(comm, whole.cells, whole.x, element)
     mesh.name = "jointed_mesh"
     tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
     local, index = _local_facets(mesh, local_cells(mesh, len(known.cell_values)), known.facets)

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.joints.operator import JointTangent
-from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
 
@@ -103,7 +103,7 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     try:
         solver.solve()
     except (PETSc.Error, SystemError) as exc:
-        code = compat.petsc_code(exc)
+        code = dolfinx_versions.petsc_code(exc)
         raise JointsError(
             "The modes could not be computed: the stiffness cannot be factored, or the body has no "
             f"mass; SLEPc's error code is {code}."

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of arguments that choose of results files: components, and records by time or index."""
+"""Arguments that say what to read of a results file, checked: components, results, records."""
 
 from __future__ import annotations
 

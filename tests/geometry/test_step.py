@@ -15,7 +15,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.geometry import from_step as script
 from dolfinx_joints.geometry.from_step import from_step
 from dolfinx_joints.geometry.meshing import gmsh_model, step_file
-from dolfinx_joints.mesh.compat import geometry_nodes
+from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 
 # A pier of 2 x 2 x 5 m on a rock of 4 x 2 x 3 m, and a second block of rock beside it, in mm:
 # x, y, z and extents.

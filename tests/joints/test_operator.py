@@ -43,7 +43,7 @@ from dolfinx_joints.joints.operator import JointOperator, JointTangent
 from dolfinx_joints.joints.points import _frames, joint_points
 from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
-from dolfinx_joints.mesh.compat import create_mesh, gmsh_permutation
+from dolfinx_joints.mesh.dolfinx_versions import create_mesh, gmsh_permutation
 from dolfinx_joints.mesh.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 

@@ -23,7 +23,7 @@ from dolfinx.mesh import (
 )
 
 from dolfinx_joints import MeshError, split_mesh
-from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh import dolfinx_versions
 
 pytestmark = pytest.mark.mpi
 
@@ -106,7 +106,7 @@ def test_a_surface_in_space_is_refused(comm):
     cells = np.array([[0, 1, 2], [1, 3, 2]] if first else np.empty((0, 3)), dtype=np.int64)
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]] if first else np.empty((0, 3)))
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
-    shell = _compat.create_mesh(comm, cells, x.astype(np.float64), element)
+    shell = dolfinx_versions.create_mesh(comm, cells, x.astype(np.float64), element)
     message = "A mesh of dimension 2 in 3-D space cannot be split; solids, or plane meshes in 2-D"
     with pytest.raises(MeshError, match=message):
         split_mesh(shell, None, joints={}, groups={})

@@ -28,7 +28,7 @@ from dolfinx_joints import (
     write_csv,
     write_modes,
 )
-from dolfinx_joints.mesh import compat as _compat
+from dolfinx_joints.mesh import dolfinx_versions
 
 pytestmark = pytest.mark.mpi
 
@@ -154,9 +154,9 @@ def test_a_body_without_stiffness_has_no_modes():
 def test_other_errors_than_petscs_are_not_taken_for_its_own():
     hidden, other = SystemError("a result with an exception set"), SystemError("no room")
     hidden.__cause__ = PETSc.Error(76)
-    assert _compat.petsc_code(hidden) == _compat.petsc_code(PETSc.Error(76)) == 76
+    assert dolfinx_versions.petsc_code(hidden) == dolfinx_versions.petsc_code(PETSc.Error(76)) == 76
     with pytest.raises(SystemError, match="no room"):
-        _compat.petsc_code(other)
+        dolfinx_versions.petsc_code(other)
 
 
 def test_effective_masses_of_a_body_on_springs_are_its_mass(column):

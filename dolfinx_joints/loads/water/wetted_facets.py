@@ -22,7 +22,7 @@ import dolfinx.mesh
 import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -99,7 +99,7 @@ class WettedFacets:
         self.nodes: Ints = np.take_along_axis(
             space.dofmap.list[cells].astype(np.int64), self._closure, axis=1
         )
-        nodes = compat.geometry_nodes(mesh)[cells]
+        nodes = dolfinx_versions.geometry_nodes(mesh)[cells]
         self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
         self._facet, self._corners = self._pieces()
 

@@ -31,7 +31,7 @@ from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.load import AddedMass, FaceLoad, FollowsJoints, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.joint_water import Uplift
-from dolfinx_joints.loads.water.joint_water_state import JointWaters
+from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass

@@ -22,7 +22,7 @@ from dolfinx_joints.laws.law import AnyLaw
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
-    from dolfinx_joints.loads.water.joint_water_state import JointWaters
+    from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
 Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]

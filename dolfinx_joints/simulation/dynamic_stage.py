@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dolfinx_joints.loads.water.joint_water_state import WaterPressures
+    from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 # Warnings that a results file keeps, and characters of each and of the error that ended a run.
 _MOST_WARNINGS, _LONGEST_WARNING, _LONGEST_ERROR = 40, 500, 2000
@@ -174,7 +174,7 @@ class DynamicRun:
     @cached_property
     def _pressures(self) -> WaterPressures:
         """Pressures of the water in joints, found when first asked for (collective)."""
-        from dolfinx_joints.loads.water.joint_water_state import WaterPressures
+        from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
         return WaterPressures(self.model, self._solver.system.in_joints)
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from petsc4py import PETSc
 
     from dolfinx_joints.laws.law import JointState, Response, Rule
-    from dolfinx_joints.loads.water.joint_water_state import JointWaters
+    from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
     from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
     from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 

@@ -36,7 +36,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water.joint_water import Wetness
-from dolfinx_joints.loads.water.joint_water_state import JointWaters
+from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Water pressures that depend on the joints: their state, their forces, and their agreement.
+"""All pressures in joints together: those that follow the joints (`JointWaters`), and their sum.
 
 What the water does is one number per joint point (`Wetness`); with the settings of the loads it
 gives all pressures. Within a static solve and within a time step it is given.

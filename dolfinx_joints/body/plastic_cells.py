@@ -8,7 +8,7 @@ stress that plastic strains take off, -C eps_p: nothing where no point has yield
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,11 +118,11 @@ class PlasticBulk:
         """Answer of the laws of the local points (collective)."""
         with raised_together(self.operator.comm):
             if len(self._laws) == 1:
-                return getattr(self._laws[0][0], rule.name)(strain, state)
+                return _method(self._laws[0][0], rule)(strain, state)
             answer = _empty_response(len(strain))
             for law, points in self._laws:
                 before = BulkState(**{name: each[points] for name, each in vars(state).items()})
-                part = getattr(law, rule.name)(strain[points], before)
+                part = _method(law, rule)(strain[points], before)
                 for name in ("stress", "plastic_strain", "tangent", "dissipation", "status"):
                     getattr(answer, name)[points] = getattr(part, name)
                 for name in vars(state):
@@ -239,6 +239,12 @@ class PlasticTangent:
         self._sum.axpy(1.0, joints, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._sum.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return self._sum
+
+
+def _method(law: BulkLaw, rule: Rule) -> Callable[[Floats, BulkState], BulkResponse]:
+    """The method of a law that a rule asks."""
+    methods = {"backward_euler": law.backward_euler, "discrete_gradient": law.discrete_gradient}
+    return methods[rule.name]
 
 
 def _empty_response(count: int) -> BulkResponse:

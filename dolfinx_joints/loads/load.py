@@ -29,7 +29,7 @@ class Load(Protocol):
 
 @runtime_checkable
 class FaceLoad(Load, Protocol):
-    """A load on a facet group, whose name is looked up when the model is made."""
+    """A load with a ``group``, a facet group that is looked up when the model is made."""
 
     group: str
 

@@ -89,12 +89,14 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
 
-test: ## Run the tests but the slow ones on 1 rank; those of any rank count on 2, but verification
+# Left to test-2: what puts the parts together that the other tests look at one by one.
+WHOLE = tests/verification tests/studies tests/test_benchmarks.py
+test: ## Run the tests but the slow ones on 1 rank; those of the parts also on 2
 	$(PYTEST) -m "not slow" tests
-	$(MPIRUN) -n 2 $(MPI_PYTEST) tests --ignore=tests/verification
+	$(MPIRUN) -n 2 $(MPI_PYTEST) tests $(WHOLE:%=--ignore=%)
 
-test-2: ## Run the verification of any rank count on 2 ranks
-	$(MPIRUN) -n 2 $(MPI_PYTEST) tests/verification
+test-2: ## Run verification, studies and benchmarks of any rank count on 2 ranks
+	$(MPIRUN) -n 2 $(MPI_PYTEST) $(WHOLE)
 
 test-3: ## Run the tests of any rank count on 3 ranks
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests

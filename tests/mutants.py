@@ -93,7 +93,7 @@ def reaching(file: str, line: int) -> list[str]:
     lines, seconds = reach["lines"].get(file, {}), reach["seconds"]
     source = (ORIGINAL / file).read_text(encoding="utf-8")
     statements = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt)]
-    around = [n for n in statements if n.lineno <= line <= n.end_lineno]
+    around = [n for n in statements if n.lineno <= line <= n.end_lineno] or statements[:1]
     inner = max(around, key=lambda node: node.lineno)
     near = {t for n in range(inner.lineno, inner.end_lineno + 1) for t in lines.get(str(n), ())}
     found = near - {""} or {test for tests in lines.values() for test in tests} - {""}

@@ -150,6 +150,19 @@ def random_system(seed=0, size=4, damping=0.0):
     return m, k, MatrixSystem.from_arrays(mass=m, stiffness=k, damping=damping * k)
 
 
+# By hand from the papers: beta = (1 + alpha)^2 / 4, gamma = 1/2 + alpha of HHT; of the other
+# beta = (1 - alpha_m + alpha_f)^2 / 4 with alpha_m = 0 and alpha_f = 1/3.
+@pytest.mark.parametrize(
+    ("scheme", "beta", "gamma"),
+    [
+        (HilberHughesTaylor(alpha=0.2), 0.36, 0.7),
+        (GeneralizedAlpha(spectral_radius=0.5), 4 / 9, 5 / 6),
+    ],
+)
+def test_newmark_parameters_of_damped_schemes(scheme, beta, gamma):
+    assert (scheme.beta, scheme.gamma) == pytest.approx((beta, gamma), rel=1e-14)
+
+
 @pytest.mark.parametrize(
     "scheme", [EnergyConsistent(), Newmark(), HilberHughesTaylor(), GeneralizedAlpha()]
 )

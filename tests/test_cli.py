@@ -86,7 +86,6 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     assert message.count("\n") == 1
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("command", ["info", "csv"])
 def test_a_full_disk_below_the_output_is_one_line(tmp_path, command):
     path = write_file_with_records(tmp_path / "r.h5")

@@ -358,9 +358,9 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
 
 def _check_form(form: Any, arguments: int, what: str) -> None:
     """Check the number of arguments of a UFL form."""
-    count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
-    if count != arguments:
-        raise ValueError(f"{what}; this one has {count} arguments: {shown(form, str)}.")
+    found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if found != arguments:
+        raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
 
 
 def _names(loads: Sequence[Load]) -> list[str]:

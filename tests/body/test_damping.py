@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
-from mpi4py import MPI
 
 from dolfinx_joints import (
     Elastic,
@@ -115,7 +114,6 @@ def test_dashpot_on_the_end_of_a_bar(bar):
     assert lines[-1] == "the damping is not classical: ratios of single modes are approximate"
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="small systems live on one process")
 def test_two_masses_with_one_dashpot():
     """By hand: omega^2 = (3 -+ 5^.5) k / 2 m; the outer mass moves by g and 1/g of the inner's.
 

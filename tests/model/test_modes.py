@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("dolfinx")
 pytest.importorskip("slepc4py")
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_joints import (
@@ -144,7 +143,6 @@ def test_asking_for_what_is_not_there(column):
         modes(system, 4 * CELLS + 1)
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="small systems live on one process")
 def test_a_body_without_stiffness_has_no_modes():
     system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
     with pytest.raises(JointsError, match="The modes could not be computed: the stiffness"):

@@ -349,7 +349,6 @@ def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_pat
     lock.release()  # again is nothing
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 def test_a_lock_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "r.h5.lock").symlink_to("/dev/full")
     with pytest.raises(

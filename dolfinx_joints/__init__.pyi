@@ -53,8 +53,8 @@ from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
-from .mesh.jointed_mesh import read_msh as read_msh
-from .mesh.jointed_mesh import split_mesh as split_mesh
+from .mesh.reading import read_msh as read_msh
+from .mesh.reading import split_mesh as split_mesh
 from .model.joint_stiffness import StiffnessProposal as StiffnessProposal
 from .model.joint_stiffness import propose_stiffness as propose_stiffness
 from .model.mass_redistribution import redistribute as redistribute

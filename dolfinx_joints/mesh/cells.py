@@ -88,6 +88,25 @@ def _inner_facet_nodes(
     return nodes + list(element.entity_dofs[2][facet])
 
 
+@dataclass(frozen=True, kw_only=True)
+class RawMesh:
+    """A conforming mesh with named groups, whole on one process.
+
+    Attributes:
+        shape: Reference cell.
+        cells: Cell nodes in basix order, shape (num_cells, nodes per cell).
+        x: Node coordinates, shape (num_nodes, gdim), [m].
+        cell_groups: Cell numbers of each named group.
+        facet_groups: Facet vertices of each named group, shape (n, vertices per facet).
+    """
+
+    shape: CellShape
+    cells: Ints
+    x: Floats
+    cell_groups: dict[str, Ints]
+    facet_groups: dict[str, Ints]
+
+
 def find_facets(
     shape: CellShape, cells: Ints, facets: Ints
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

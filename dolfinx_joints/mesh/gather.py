@@ -17,8 +17,7 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.gmsh_file import RawMesh
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
 
 
 def gather_mesh(

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.gmsh_syntax import check_msh
 
@@ -29,25 +28,6 @@ _CELLS = {
     12: ("hexahedron", 2),
 }
 _FACET_VERTICES = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RawMesh:
-    """A conforming mesh with named groups, whole on one process.
-
-    Attributes:
-        shape: Reference cell.
-        cells: Cell nodes in basix order, shape (num_cells, nodes per cell).
-        x: Node coordinates, shape (num_nodes, gdim), [m].
-        cell_groups: Cell numbers of each named group.
-        facet_groups: Facet vertices of each named group, shape (n, vertices per facet).
-    """
-
-    shape: CellShape
-    cells: Ints
-    x: Floats
-    cell_groups: dict[str, Ints]
-    facet_groups: dict[str, Ints]
 
 
 def load_msh(path: Path) -> RawMesh:

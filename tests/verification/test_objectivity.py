@@ -43,9 +43,9 @@ from dolfinx_joints import (
     Traction,
 )
 from dolfinx_joints.laws.law import Status
-from dolfinx_joints.mesh.cells import CellShape
-from dolfinx_joints.mesh.gmsh_file import RawMesh
-from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
+from dolfinx_joints.mesh.cells import CellShape, RawMesh
+from dolfinx_joints.mesh.jointed_mesh import distribute
+from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
@@ -186,7 +186,7 @@ class Scene:
     def __init__(self, case, view, comm, *, friction=30.0):
         self.view, self.dim = view, case.dim
         self.turn = np.eye(case.dim) if view.turn is None else view.turn
-        jointed = _distribute(comm, lambda: _prepare(raw_mesh(case.cell, view), None))
+        jointed = distribute(comm, lambda: prepare(raw_mesh(case.cell, view), None))
         self.model = Model(
             jointed,
             material=Elastic(young=2e9, poisson=0.2, density=2400.0),

@@ -1,0 +1,133 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""On rank 0, from a mesh with named groups to split cells, pairs of facets and tags."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
+from dolfinx_joints.mesh.jointed_mesh import JointPairs, PreparedMesh
+from dolfinx_joints.mesh.orientation import facet_normals
+from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
+
+
+def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
+    """Split a mesh on rank 0 and tag its groups."""
+    listed = isinstance(joints, list | tuple) and all(isinstance(name, str) for name in joints)
+    if joints is not None and not listed:
+        raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
+    names, duplicated = _joint_names(raw, joints)
+    slots: dict[str, Ints] = {}
+    for name, vertices in raw.facet_groups.items():
+        owner, count = find_facets(raw.shape, raw.cells, vertices)
+        if np.any(count == 0):
+            raise MeshError(
+                f"Group {name!r}: {np.count_nonzero(count == 0)} of its facets belong to no cell."
+            )
+        slots[name] = owner[:, 0]
+    if duplicated or not names:
+        split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
+    else:
+        split = split_cells(raw.shape, raw.cells, raw.x, [(n, raw.facet_groups[n]) for n in names])
+    x = raw.x[split.parent]
+    pairs = _pair_table(raw.shape, x, names, split, duplicated)
+    for i, name in enumerate(names):
+        here = pairs.joint == i
+        if pairs.bonded[i]:
+            warnings.warn(
+                f"Joint {name!r}: {pairs.bonded[i]} facets have all their vertices on the joint's "
+                "front inside the body and stay closed; a finer mesh there lets them open.",
+                stacklevel=2,
+            )
+        slots.pop(name, None)
+        slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
+    facets, facet_values, facet_groups = _tag_sets(slots)
+    chosen = {name: np.column_stack([c, c]) for name, c in raw.cell_groups.items()}
+    tagged, tags, cell_groups = _tag_sets(chosen)
+    cell_values = np.zeros(len(split.cells), dtype=np.int64)
+    cell_values[tagged[:, 0]] = tags
+    return PreparedMesh(
+        shape=raw.shape,
+        cells=split.cells,
+        x=x,
+        pairs=pairs,
+        facets=facets,
+        facet_values=facet_values,
+        facet_groups=facet_groups,
+        cell_values=cell_values,
+        cell_groups=cell_groups,
+    )
+
+
+def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
+    """Names of the joints, and whether their faces are already duplicated in the mesh."""
+    groups = raw.facet_groups
+    whole = {name.rstrip("+-") for name in groups if name[-1:] in "+-"}
+    if joints is None:
+        joints = sorted(
+            {name for name in (*groups, *whole) if name.startswith("joint")}
+            - {name for name in groups if name[-1:] in "+-"},
+            key=lambda name: (len(name), name),
+        )
+    doubled = [name for name in joints if f"{name}-" in groups and f"{name}+" in groups]
+    for name in joints:
+        if name not in groups and name not in doubled:
+            known = ", ".join(sorted(groups)) or "none"
+            raise MeshError(
+                f"The mesh has no joint {shown(name)} (neither a surface group of that name nor "
+                f"the pair of its sides, - and +); its surface groups are: {known}."
+            )
+    if doubled and len(doubled) != len(joints):
+        raise MeshError(
+            f"Joints with duplicated faces ({', '.join(doubled)}) and joints to be split cannot "
+            "stand in one mesh; give all of them in the same way."
+        )
+    return joints, bool(doubled)
+
+
+def _pair_table(
+    shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
+) -> JointPairs:
+    """Collect what every rank needs to know of the facet pairs."""
+    cells, minus, plus = split.cells, split.minus, split.plus
+    cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
+    corners = int(shape.facet_vertices.max()) + 1
+    inward = x[cells[minus[:, 0], :corners]].mean(axis=1) - x[cycle].mean(axis=1)
+    plus_vertices = cells[plus[:, :1], shape.facet_vertices[plus[:, 1]]]
+    outward = np.einsum("ij,ij->i", facet_normals(x[cycle]), inward) < 0
+    return JointPairs(
+        names=tuple(names),
+        joint=split.joint,
+        minus=minus,
+        plus=plus,
+        match=split.match,
+        minus_vertices=cells[minus[:, :1], shape.facet_vertices[minus[:, 1]]],
+        plus_vertices=np.take_along_axis(plus_vertices, split.match, axis=1),
+        nodes=x[cells[minus[:, :1], shape.facet_nodes[minus[:, 1]]]],
+        sign=np.where(outward, 1, -1),
+        gaps_in_geometry=duplicated,
+        bonded=split.bonded,
+    )
+
+
+def _tag_sets(slots: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
+    """Give each set of groups that some entity belongs to a tag of its own.
+
+    Groups may overlap although a DOLFINx tag is one number per entity.
+    """
+    if not slots:
+        return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), {}
+    entities, inverse = np.unique(np.vstack(list(slots.values())), axis=0, return_inverse=True)
+    member = np.zeros((len(entities), len(slots)), dtype=bool)
+    group = np.repeat(np.arange(len(slots)), [len(s) for s in slots.values()])
+    member[inverse.ravel(), group] = True
+    sets, values = np.unique(member, axis=0, return_inverse=True)
+    tags = {
+        name: tuple(int(t) + 1 for t in np.flatnonzero(sets[:, i])) for i, name in enumerate(slots)
+    }
+    return entities, values.ravel() + 1, tags

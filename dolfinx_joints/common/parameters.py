@@ -10,7 +10,7 @@ import os
 import re
 import stat
 import unicodedata
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,16 @@ def check_kind_of(name: str, value: Any, good: bool, wanted: str) -> None:
     """
     if not good:
         raise ValueError(f"{name} is {shown(value)}; it must be {wanted}.")
+
+
+def check_named(name: str, value: Any, wanted: str) -> None:
+    """Check that a value is a mapping whose keys are names.
+
+    Raises:
+        ValueError: It is not.
+    """
+    named = isinstance(value, Mapping) and all(isinstance(each, str) for each in value)
+    check_kind_of(name, value, named, wanted)
 
 
 def offers(value: Any, *methods: str) -> bool:

@@ -15,55 +15,89 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
 
 
 def gather_mesh(
     mesh: dolfinx.mesh.Mesh,
-    facet_tags: dolfinx.mesh.MeshTags,
-    groups: Mapping[str, int],
+    facet_tags: dolfinx.mesh.MeshTags | None,
+    groups: Mapping[str, Any],
     cell_tags: dolfinx.mesh.MeshTags | None,
-    cell_groups: Mapping[str, int],
+    cell_groups: Mapping[str, Any],
 ) -> RawMesh:
-    """Gather cells, nodes and tagged entities (collective); the result is whole on rank 0 only."""
+    """Gather cells, nodes and groups (collective); the result is whole on rank 0 only.
+
+    A group is a tag or, without tags, the local entities of each rank.
+    """
     comm, tdim = mesh.comm, mesh.topology.dim
     shape = _shape(mesh)
-    _check_tags(mesh, facet_tags, tdim - 1, "facet_tags")
-    if cell_tags is not None:
-        _check_tags(mesh, cell_tags, tdim, "cell_tags")
+    facets = _group_entities(mesh, tdim - 1, groups, facet_tags)
+    cells = _group_entities(mesh, tdim, cell_groups, cell_tags)
     owned = mesh.topology.index_map(tdim).size_local
     with raised_together(comm):
         original = _order_of_cells(mesh)
     nodes = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
     dofmap = dolfinx_versions.geometry_nodes(mesh)
-    cells = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
+    table = _stack(comm, np.column_stack([original[:owned], nodes[dofmap[:owned]]]))
     x = mesh.geometry.x[:, : mesh.geometry.dim]
     points = _stack(comm, np.column_stack([nodes.astype(np.float64), x]))
-    facets = _stack(comm, _tagged_facets(mesh, facet_tags, original))
-    tagged = np.empty((0, 2), dtype=np.int64)
-    if cell_tags is not None:
-        tagged = np.column_stack([original[cell_tags.indices], cell_tags.values])
-    values = _stack(comm, tagged)
+    slots = {name: _stack(comm, _slots(mesh, each, original)) for name, each in facets.items()}
+    members = {name: _stack(comm, original[each][:, None]) for name, each in cells.items()}
+    return _assemble(shape, table, points, slots, members)
+
+
+def _group_entities(
+    mesh: dolfinx.mesh.Mesh,
+    dim: int,
+    groups: Mapping[str, Any],
+    tags: dolfinx.mesh.MeshTags | None,
+) -> dict[str, NDArray[np.int32]]:
+    """Local facets or cells of each group, by its tag or as given (collective)."""
+    comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"
+    mesh.topology.create_entities(dim)
+    index_map = mesh.topology.index_map(dim)
+    count = index_map.size_local + index_map.num_ghosts
     with raised_together(comm):
-        for kind, rows, given in ("facet", facets, groups), ("cell", values, cell_groups):
-            for name, tag in given.items():
-                if tag not in rows[:, -1]:
-                    raise MeshError(f"No {kind} carries the tag {tag} of the group {name!r}.")
-    return _assemble(shape, cells, points, facets, values, groups, cell_groups)
+        if tags is None:
+            found = {name: _entities(kind, name, each, count) for name, each in groups.items()}
+        else:
+            _check_tags(tags, dim, f"{kind}_tags", count)
+            found = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
+    sizes = comm.allreduce(np.array([len(each) for each in found.values()]))
+    for name in (name for name, size in zip(found, sizes, strict=True) if not size):
+        if tags is None:
+            raise MeshError(f"The {kind} group {name!r} is empty on all ranks.")
+        known = sorted(set().union(*comm.allgather(np.unique(tags.values).tolist())))
+        there = shown(known, lambda values: ", ".join(map(str, values))) or "none"
+        raise MeshError(
+            f"No {kind} carries the tag {groups[name]} of the group {name!r}; the tags of {kind}s "
+            f"are: {there}."
+        )
+    return found
 
 
-def _check_tags(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, dim: int, name: str) -> None:
-    """Check that tags are of these entities and of this mesh (collective)."""
-    with raised_together(mesh.comm):
-        check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
-        if tags.dim != dim:
-            raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
-        mesh.topology.create_entities(dim)
-        index_map = mesh.topology.index_map(dim)
-        if tags.indices.max(initial=-1) >= index_map.size_local + index_map.num_ghosts:
-            raise MeshError(f"{name} belongs to another mesh: it names entities that are not here.")
+def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:
+    """Check what is given as local facets or cells."""
+    whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
+    wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
+    check_kind_of(f"The {kind} group {name!r}", given, whole, wanted)
+    if given.min(initial=0) < 0 or given.max(initial=-1) >= count:
+        raise MeshError(
+            f"The {kind} group {name!r} holds numbers from {given.min()} to {given.max()}; the "
+            f"{kind}s of this rank are numbered from 0 to {count - 1}."
+        )
+    return np.asarray(given, dtype=np.int32)
+
+
+def _check_tags(tags: Any, dim: int, name: str, count: int) -> None:
+    """Check that tags are of these entities and of this mesh."""
+    check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
+    if tags.dim != dim:
+        raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
+    if tags.indices.max(initial=-1) >= count:
+        raise MeshError(f"{name} belongs to another mesh: it names entities that are not here.")
 
 
 def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
@@ -89,7 +123,7 @@ def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
     except RuntimeError:
         raise MeshError(
             "The mesh does not know in which order its cells were made, as one from create_submesh "
-            "does not; make it with create_mesh, or write it to a file and read that."
+            "does not; make it with create_mesh, or write it to a file for read_xdmf."
         ) from None
 
 
@@ -98,28 +132,26 @@ def _stack(comm: Any, rows: NDArray[Any]) -> NDArray[Any]:
     return np.vstack(comm.allgather(rows))
 
 
-def _tagged_facets(mesh: dolfinx.mesh.Mesh, tags: dolfinx.mesh.MeshTags, original: Ints) -> Ints:
-    """Input cell, local facet and tag of each tagged facet, shape (n, 3)."""
+def _slots(mesh: dolfinx.mesh.Mesh, entities: NDArray[np.int32], original: Ints) -> Ints:
+    """Input cell and local facet of local facets, shape (n, 2)."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     mesh.topology.create_connectivity(tdim, tdim - 1)
     to_cell = mesh.topology.connectivity(tdim - 1, tdim)
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    cell = to_cell.array[to_cell.offsets[tags.indices]]
+    cell = to_cell.array[to_cell.offsets[entities]]
     facets = cell_num_entities(mesh.topology.cell_type, tdim - 1)
     per_cell = to_facet.array.reshape(-1, facets)  # a rank may have no cells
-    local = np.argmax(per_cell[cell] == tags.indices[:, None], axis=1)
-    return np.column_stack([original[cell], local, tags.values]).astype(np.int64)
+    local = np.argmax(per_cell[cell] == entities[:, None], axis=1)
+    return np.column_stack([original[cell], local]).astype(np.int64)
 
 
 def _assemble(
     shape: CellShape,
     cells: Ints,
     points: Floats,
-    facets: Ints,
-    values: Ints,
-    groups: Mapping[str, int],
-    cell_groups: Mapping[str, int],
+    slots: Mapping[str, Ints],
+    members: Mapping[str, Ints],
 ) -> RawMesh:
     """Sort by input numbers and drop what several ranks reported."""
     _, first = np.unique(cells[:, 0], return_index=True)
@@ -127,14 +159,18 @@ def _assemble(
     numbers, first = np.unique(points[:, 0].astype(np.int64), return_index=True)
     x = points[first, 1:]
     nodes = np.searchsorted(numbers, cells[:, 1:])
-    position = np.searchsorted(cells[:, 0], facets[:, 0])
-    vertices = nodes[position[:, None], shape.facet_vertices[facets[:, 1]]]
-    by_tag = {
-        name: np.unique(np.sort(vertices[facets[:, 2] == tag], axis=1), axis=0)
-        for name, tag in groups.items()
-    }
-    cell_sets = {
-        name: np.searchsorted(cells[:, 0], np.unique(values[values[:, 1] == tag, 0]))
-        for name, tag in cell_groups.items()
-    }
-    return RawMesh(shape=shape, cells=nodes, x=x, cell_groups=cell_sets, facet_groups=by_tag)
+
+    def vertices(cell: Ints, facet: Ints) -> Ints:
+        position = np.searchsorted(cells[:, 0], cell)
+        found = nodes[position[:, None], shape.facet_vertices[facet]]
+        return np.unique(np.sort(found, axis=1), axis=0)
+
+    return RawMesh(
+        shape=shape,
+        cells=nodes,
+        x=x,
+        cell_groups={
+            name: np.searchsorted(cells[:, 0], np.unique(each)) for name, each in members.items()
+        },
+        facet_groups={name: vertices(*each.T) for name, each in slots.items()},
+    )

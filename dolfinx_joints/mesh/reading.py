@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Split meshes from where a user has them: a Gmsh file, a DOLFINx mesh."""
+"""Split meshes from where a user has them: files of Gmsh and XDMF, DOLFINx, arrays."""
 
 from __future__ import annotations
 
@@ -9,13 +9,25 @@ from pathlib import Path
 from typing import Any
 
 import dolfinx.mesh
+import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.parameters import check_count, check_kind_of, check_path, shown
+from dolfinx_joints.common.parameters import (
+    check_count,
+    check_kind_of,
+    check_named,
+    check_path,
+    shown,
+)
+from dolfinx_joints.mesh.arrays import mesh_of_arrays
 from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import load_msh
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh, distribute
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh, PreparedMesh, distribute
 from dolfinx_joints.mesh.preparation import prepare
+from dolfinx_joints.mesh.xdmf_file import XdmfGrids
+
+TagsOrEntities = Mapping[str, int] | Mapping[str, NDArray[np.int32]]
 
 
 def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) -> JointedMesh:
@@ -39,39 +51,129 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
 
 def split_mesh(
     mesh: dolfinx.mesh.Mesh,
-    facet_tags: dolfinx.mesh.MeshTags,
+    facet_tags: dolfinx.mesh.MeshTags | None = None,
     *,
-    joints: Mapping[str, int],
-    groups: Mapping[str, int],
+    joints: TagsOrEntities | None = None,
+    groups: TagsOrEntities | None = None,
     cell_tags: dolfinx.mesh.MeshTags | None = None,
-    cell_groups: Mapping[str, int] | None = None,
+    cell_groups: TagsOrEntities | None = None,
 ) -> JointedMesh:
-    """Split a user's own DOLFINx mesh at tagged facets (collective).
+    """Split a user's own DOLFINx mesh at some of its facets (collective).
 
     Args:
         mesh: A conforming mesh of tetrahedra, hexahedra, triangles or quadrilaterals of degree
             1 or 2. It is left as it is; the result holds a new mesh.
         facet_tags: Tags of the joint facets and of the boundary groups.
-        joints: Tag of each joint by name.
-        groups: Tag of each boundary group by name.
-        cell_tags: Tags of the cells, if there are cell groups.
-        cell_groups: Tag of each cell group by name.
+        joints: Tag of each joint by name; without ``facet_tags`` its local facets, as from
+            ``dolfinx.mesh.locate_entities``.
+        groups: The same of each boundary group.
+        cell_tags: Tags of the cells.
+        cell_groups: Tag of each cell group by name; without ``cell_tags`` its local cells.
 
     Raises:
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
         ValueError: Mesh or tags are not DOLFINx's, or joints or groups are no tags by name.
     """
     check_kind_of("mesh", mesh, isinstance(mesh, dolfinx.mesh.Mesh), "a DOLFINx mesh")
-    cell_groups = {} if cell_groups is None else cell_groups
-    for what, given in (("joints", joints), ("groups", groups), ("cell_groups", cell_groups)):
-        named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
-        check_kind_of(what, given, named, "a tag by name")
-        for name, tag in given.items():
+    joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
+    for what, given, tags in (
+        ("joints", joints, facet_tags),
+        ("groups", groups, facet_tags),
+        ("cell_groups", cell_groups, cell_tags),
+    ):
+        check_named(what, given, "a tag by name")
+        for name, tag in given.items() if tags is not None else ():
             check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
     both = sorted(set(joints) & set(groups))
-    shared = sorted(set(joints.values()) & set(groups.values()))
+    tags_of_groups = list(groups.values()) if facet_tags is not None else []
+    shared = [tag for tag in joints.values() if tag in tags_of_groups]
     if both or shared:
         what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
         raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
     raw = gather_mesh(mesh, facet_tags, {**groups, **joints}, cell_tags, cell_groups)
     return distribute(mesh.comm, lambda: prepare(raw, list(joints)))
+
+
+def read_xdmf(
+    path: str | Path,
+    comm: Any,
+    *,
+    joints: Mapping[str, int],
+    groups: Mapping[str, int] | None = None,
+    cell_groups: Mapping[str, int] | None = None,
+    mesh: str | None = None,
+    facet_tags: str | None = None,
+    cell_tags: str | None = None,
+    facet_file: str | Path | None = None,
+) -> JointedMesh:
+    """Read an XDMF file with its HDF5 file, and split the mesh at tagged facets (collective).
+
+    Args:
+        path: File with a mesh and its tags, as from ``dolfinx.io.XDMFFile`` or meshio.
+        comm: MPI communicator of the mesh.
+        joints: Tag of each joint by name.
+        groups: Tag of each boundary group by name.
+        cell_groups: Tag of each cell group by name.
+        mesh: Name of the mesh in the file; needed where there are several.
+        facet_tags: Name of the facet tags in the file; needed where there are several.
+        cell_tags: Name of the cell tags in the file; needed where there are several.
+        facet_file: XDMF file of the facet tags, if they are in another one.
+
+    Raises:
+        MeshError: A file is missing, cannot be read or holds no mesh or tags of that name, a tag
+            stands on no facet, or a joint facet does not have one cell on each side.
+    """
+    check_path("path", path)
+    if facet_file is not None:
+        check_path("facet_file", facet_file)
+    body = XdmfGrids(comm, Path(path))
+    faces = body if facet_file is None else XdmfGrids(comm, Path(facet_file))
+    whole = body.mesh(mesh)
+    tdim = whole.topology.dim
+    return split_mesh(
+        whole,
+        faces.tags(whole, tdim - 1, facet_tags) if joints or groups else None,
+        joints=joints,
+        groups=groups,
+        cell_tags=body.tags(whole, tdim, cell_tags) if cell_groups else None,
+        cell_groups=cell_groups,
+    )
+
+
+def mesh_from_arrays(
+    comm: Any,
+    *,
+    cell: str,
+    x: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    facet_groups: Mapping[str, NDArray[np.int64]] | None = None,
+    cell_groups: Mapping[str, NDArray[np.int64]] | None = None,
+    joints: list[str] | None = None,
+) -> JointedMesh:
+    """Split a mesh given as arrays (collective); those of rank 0 count.
+
+    Args:
+        comm: MPI communicator of the mesh.
+        cell: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+        x: Node coordinates, shape (nodes, 2), of solids (nodes, 3), [m].
+        cells: Nodes of each cell, shape (cells, nodes of a cell): 3, 4, 4 or 8 for cells of degree
+            1, 6, 9, 10 or 27 for (curved) ones of degree 2. They come in the order of DOLFINx
+            (basix): a quadrilateral has (0, 0), (1, 0), (0, 1), (1, 1), a hexahedron these and then
+            those above them, so ``cells[:, [0, 1, 3, 2]]`` and ``[0, 1, 3, 2, 4, 5, 7, 6]`` of what
+            goes round, as in Gmsh, VTK and Abaqus.
+        facet_groups: Vertices of the facets of each group in any order, shape (n, vertices of a
+            facet); joints are among them, as in `read_msh`.
+        cell_groups: Numbers of the cells of each group, shape (n,).
+        joints: Names of the joints; every facet group whose name starts with ``joint`` unless
+            given.
+
+    Raises:
+        MeshError: An array has another shape or names what is not there, nodes of cells come in
+            another order, or a joint facet does not have one cell on each side.
+    """
+
+    def prepared() -> PreparedMesh:
+        raw = mesh_of_arrays(cell, x, cells, facet_groups or {}, cell_groups or {})
+        return prepare(raw, joints)
+
+    return distribute(comm, prepared)

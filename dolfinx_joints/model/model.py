@@ -113,7 +113,7 @@ class Model:
         for each in declarations(Model):
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
-        check_kind_of("jointed", jointed, is_mesh, "a mesh from read_msh or split_mesh")
+        check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
         check_kind_of("damping", damping, isinstance(damping, Rayleigh | None), "a Rayleigh")
         _check_joints(jointed, joints, initial_gaps)
         _check_loads(jointed, loads)

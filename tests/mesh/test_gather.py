@@ -45,21 +45,38 @@ def all_tagged(mesh, dim, tag):
 
 def test_tags_that_stand_on_nothing_are_refused(square):
     mesh, edges, cells = square
-    with pytest.raises(MeshError, match=r"No facet carries the tag 6 of the group 'base'\.$"):
+    with pytest.raises(
+        MeshError,
+        match=r"No facet carries the tag 6 of the group 'base'; the tags of .* are: 5\.$",
+    ):
         split_mesh(mesh, edges, joints={}, groups={"base": 6})
     groups = {"joints": {}, "groups": {"base": 5}, "cell_groups": {"rock": 9}}
-    with pytest.raises(MeshError, match=r"No cell carries the tag 9 of the group 'rock'\.$"):
+    with pytest.raises(
+        MeshError,
+        match=r"No cell carries the tag 9 of the group 'rock'; the tags of .* are: 8\.$",
+    ):
         split_mesh(mesh, edges, cell_tags=cells, **groups)
-    with pytest.raises(MeshError, match=r"No cell carries the tag 9 of the group 'rock'\.$"):
+    wanted = "it must be an array of local cells, or cell_tags be given and this a tag"
+    with pytest.raises(ValueError, match=f"The cell group 'rock' is 9; {wanted}"):
         split_mesh(mesh, edges, **groups)
+
+
+def test_facets_in_place_of_tags_are_checked(square):
+    mesh, edges, _ = square
+    with pytest.raises(MeshError, match=r"^The facet group 'base' is empty on all ranks\.$"):
+        split_mesh(mesh, groups={"base": edges.indices[:0]})
+    with pytest.raises(MeshError, match=r"^The facet group 'base' holds numbers from -1 to 0; the"):
+        split_mesh(mesh, groups={"base": np.array([0, -1])})
+    with pytest.raises(ValueError, match=r"^The tag of 'base' is array\(.*; it must be a whole"):
+        split_mesh(mesh, edges, groups={"base": edges.indices})
 
 
 def test_tags_of_something_else_are_refused(square, comm):
     mesh, edges, cells = square
     with pytest.raises(MeshError, match=r"facet_tags holds tags of dimension 2; 1 is needed\.$"):
         split_mesh(mesh, cells, joints={}, groups={})
-    with pytest.raises(ValueError, match=r"^facet_tags is None; it must be DOLFINx mesh tags\.$"):
-        split_mesh(mesh, None, joints={}, groups={})
+    with pytest.raises(ValueError, match=r"^facet_tags is 'tags'; it must be DOLFINx mesh tags\.$"):
+        split_mesh(mesh, "tags", joints={}, groups={})
     with pytest.raises(
         ValueError, match=r"^mesh is <.*MeshTags object>; it must be a DOLFINx mesh"
     ):

@@ -41,11 +41,10 @@ from dolfinx_joints import (
     SolverOptions,
     Spring,
     Traction,
+    mesh_from_arrays,
 )
 from dolfinx_joints.laws.law import Status
-from dolfinx_joints.mesh.cells import CellShape, RawMesh
-from dolfinx_joints.mesh.jointed_mesh import distribute
-from dolfinx_joints.mesh.preparation import prepare
+from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
@@ -120,8 +119,8 @@ def facets_at(shape, points, cells, on):
     return np.unique(np.sort(facets[on(points[facets]).all(axis=1)], axis=1), axis=0)
 
 
-def raw_mesh(cell, view):
-    """The three blocks as arrays."""
+def blocks(cell, view):
+    """The three blocks, arguments of `mesh_from_arrays`."""
     shape = CellShape(name=cell, degree=1)
     points, cells, block = grid(cell)
     joints = {
@@ -149,22 +148,14 @@ def raw_mesh(cell, view):
     if view.turn is not None:
         x = x @ view.turn.T
     members = {name: np.flatnonzero(block == i) for i, name in enumerate(BLOCKS)}
-    raw = RawMesh(shape=shape, cells=cells, x=x, cell_groups=members, facet_groups=groups)
-    return raw if view.numbering is None else renumbered(raw, view.numbering)
-
-
-def renumbered(raw, seed):
-    """Cells and nodes in another order."""
-    random = np.random.default_rng(seed)
-    of_cell, of_node = random.permutation(len(raw.cells)), random.permutation(len(raw.x))
-    new_cell, new_node = np.argsort(of_cell), np.argsort(of_node)
-    return RawMesh(
-        shape=raw.shape,
-        cells=new_node[raw.cells][of_cell],
-        x=raw.x[of_node],
-        cell_groups={name: new_cell[c] for name, c in raw.cell_groups.items()},
-        facet_groups={n: random.permutation(new_node[v]) for n, v in raw.facet_groups.items()},
-    )
+    if view.numbering is not None:  # cells and nodes in another order
+        random = np.random.default_rng(view.numbering)
+        of_cell, of_node = random.permutation(len(cells)), random.permutation(len(x))
+        new_cell, new_node = np.argsort(of_cell), np.argsort(of_node)
+        cells, x = new_node[cells][of_cell], x[of_node]
+        members = {name: new_cell[each] for name, each in members.items()}
+        groups = {name: random.permutation(new_node[each]) for name, each in groups.items()}
+    return {"cell": cell, "x": x, "cells": cells, "facet_groups": groups, "cell_groups": members}
 
 
 @dataclass(frozen=True)
@@ -186,7 +177,7 @@ class Scene:
     def __init__(self, case, view, comm, *, friction=30.0):
         self.view, self.dim = view, case.dim
         self.turn = np.eye(case.dim) if view.turn is None else view.turn
-        jointed = distribute(comm, lambda: prepare(raw_mesh(case.cell, view), None))
+        jointed = mesh_from_arrays(comm, **blocks(case.cell, view))
         self.model = Model(
             jointed,
             material=Elastic(young=2e9, poisson=0.2, density=2400.0),

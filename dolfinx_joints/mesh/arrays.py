@@ -1,0 +1,89 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nodes, cells and groups given as arrays, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_choice, check_named, finite, numbers_of, shown
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
+
+_DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+def mesh_of_arrays(
+    cell: str,
+    x: Any,
+    cells: Any,
+    facet_groups: Mapping[str, Any],
+    cell_groups: Mapping[str, Any],
+) -> RawMesh:
+    """The mesh of arrays as `mesh_from_arrays` takes them."""
+    check_choice("cell", cell, _DIMENSION)
+    for what, given in (("facet_groups", facet_groups), ("cell_groups", cell_groups)):
+        check_named(what, given, "an array by name")
+    points, gdim = numbers_of(x), _DIMENSION[cell]
+    if points is None or points.ndim != 2 or points.shape[1] != gdim or not finite(points):
+        wanted = f"for a {cell} finite numbers of shape (n, {gdim}) are needed"
+        raise MeshError(f"x is {_said(x, points)}; {wanted}.")
+    shapes = {s.element().dim: s for s in (CellShape(name=cell, degree=d) for d in (1, 2))}
+    nodes = _indices("cells", cells, "nodes", len(points), tuple(shapes))
+    shape = shapes[nodes.shape[1]]
+    corners = shape.facet_vertices.shape[1]
+    _check_order(shape, points, nodes)
+    return RawMesh(
+        shape=shape,
+        cells=nodes,
+        x=points,
+        cell_groups={
+            name: _indices(f"The cell group {name!r}", each, "cells", len(nodes))
+            for name, each in cell_groups.items()
+        },
+        facet_groups={
+            name: _indices(f"The facet group {name!r}", each, "nodes", len(points), (corners,))
+            for name, each in facet_groups.items()
+        },
+    )
+
+
+def _said(given: Any, array: Floats | None) -> str:
+    return shown(given) if array is None else f"an array of shape {array.shape}"
+
+
+def _indices(name: str, given: Any, of: str, count: int, columns: tuple[int, ...] = ()) -> Ints:
+    """Numbers of nodes or cells, shape (n,) or (n, one of ``columns``)."""
+    array = numbers_of(given)
+    fits = array is not None and array.ndim == (2 if columns else 1) and array.size > 0
+    if array is None or not fits or (columns and array.shape[1] not in columns):
+        wanted = f"(n, {' or '.join(map(str, columns))})" if columns else "(n,)"
+        raise MeshError(
+            f"{name} is {_said(given, array)}; numbers of {of} of shape {wanted} are needed."
+        )
+    if array.min() < 0 or array.max() >= count or np.any(array != np.rint(array)):
+        raise MeshError(
+            f"{name} holds numbers from {array.min():.15g} to {array.max():.15g}; the {of} are "
+            f"numbered from 0 to {count - 1}."
+        )
+    return array.astype(np.int64)
+
+
+def _check_order(shape: CellShape, x: Floats, cells: Ints) -> None:
+    """Check that no cell is turned inside out in a part, as wrong orders of nodes make it."""
+    element = shape.element()
+    derivatives = element.tabulate(1, element.points)[1:, :, :, 0]
+    least, most = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
+    for at_node in np.moveaxis(derivatives, 1, 0):
+        volume = np.linalg.det(np.einsum("da,cai->cdi", at_node, x[cells]))
+        least, most = np.minimum(least, volume), np.maximum(most, volume)
+    largest = np.maximum(most, -least)
+    wrong = np.flatnonzero(np.minimum(most, -least) > 1e-6 * largest)
+    if len(wrong):
+        raise MeshError(
+            f"Cell {wrong[0]}, one of {len(wrong)}, is turned inside out in a part of it; nodes of "
+            "cells must come in the order of DOLFINx, see the docstring of mesh_from_arrays."
+        )

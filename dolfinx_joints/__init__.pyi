@@ -22,6 +22,8 @@ from .common.errors import RecordError as RecordError
 from .common.errors import ResultsError as ResultsError
 from .common.errors import TemperatureError as TemperatureError
 from .common.mpi import abort_on_error as abort_on_error
+from .joints.ufl_law import PotentialJoint as PotentialJoint
+from .joints.ufl_law import TractionJoint as TractionJoint
 from .laws.friction import FrictionNoTension as FrictionNoTension
 from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint

@@ -26,6 +26,7 @@ FILES = ("CITATION.cff", "COPYING", "COPYING.LESSER")
 MODULES = (
     "exact",
     "laws.law",
+    "laws.path_mean",
     "monitors.surface_stress",
     "motions.processing",
     "motions.reading",

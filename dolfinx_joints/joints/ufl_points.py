@@ -1,0 +1,130 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""UFL expressions of the gap, evaluated for arrays of points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from numpy.typing import NDArray
+from ufl.algorithms import strip_variables
+from ufl.algorithms.renumbering import renumber_indices
+from ufl.classes import Constant, FormArgument, GeometricQuantity
+from ufl.corealg.traversal import traverse_unique_terminals
+
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.laws.law import Floats
+
+_BLOCK = 1024  # points evaluated at a time
+_JIT = {"timeout": 60}  # [s] that a rank waits for the compilation of another
+_OF_A_MESH = (Constant, FormArgument, GeometricQuantity)
+
+
+class UflPoints:
+    """UFL expressions of gap and internal variables, evaluated for arrays of points.
+
+    On a private mesh with a cell for each point of a block, on which these are constant.
+
+    Args:
+        owner: Name of the law, for messages.
+        names: Of the internal variables.
+
+    Attributes:
+        gap: The gap as a UFL variable of three components.
+        internal: The internal variables as scalar functions.
+    """
+
+    def __init__(self, owner: str, names: Sequence[str] = ()) -> None:
+        """Make mesh and functions."""
+        self._owner = owner
+        self._texts: list[str] = []
+        self._mesh = mesh.create_interval(MPI.COMM_SELF, _BLOCK, [0.0, 1.0])
+        spaces = [fem.functionspace(self._mesh, ("DG", 0, shape)) for shape in ((3,), ())]
+        self._gap = fem.Function(spaces[0], name="gap")
+        self.gap = ufl.variable(self._gap)
+        self.internal = [fem.Function(spaces[1], name=name) for name in names]
+        self._compiled: dict[str, tuple[fem.Expression, int]] = {}
+
+    def expression(self, what: str, function: Callable[..., Any], size: int = 1) -> Any:
+        """What a function makes of gap and internal variables, checked.
+
+        Raises:
+            ValueError: It is no expression of this size, or has something else in it.
+        """
+        kind = "a scalar" if size == 1 else f"a vector of {size}"
+        wanted = f"it must be {kind} UFL expression of gap and internal variables alone."
+        try:
+            made = function(self.gap, *self.internal)
+            made = ufl.as_vector(made) if isinstance(made, list | tuple) else ufl.as_ufl(made)
+        except Exception as error:
+            raise ValueError(
+                f"{self._owner}: {what} fails, {shown(error, str)}; {wanted}"
+            ) from error
+        known = (self._gap, *self.internal)
+        terminals = traverse_unique_terminals(made)
+        foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in known]
+        shape = made.ufl_shape
+        good = shape == (() if size == 1 else (size,)) and not made.ufl_free_indices
+        if foreign or not good:
+            fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {shape}"
+            raise ValueError(f"{self._owner}: {what} {fault}; {wanted}")
+        self._texts.append(str(renumber_indices(strip_variables(made))))
+        return made
+
+    def compile(self, name: str, *expressions: Any) -> None:
+        """Compile the components of some expressions as one vector, for `evaluate`.
+
+        Raises:
+            ValueError: FFCx cannot.
+        """
+        parts = [e[i] if i else e for e in expressions for i in np.ndindex(e.ufl_shape)]
+        # The gap besides: without it constants would have no mesh.
+        vector = ufl.as_vector([*parts, self._gap[0]])
+        middle = np.array([[0.5]])
+        try:
+            compiled = fem.Expression(vector, middle, jit_options=_JIT, dtype=np.float64)
+        except Exception as error:
+            raise ValueError(
+                f"{self._owner}: FFCx cannot compile it, {shown(error, str)}."
+            ) from error
+        self._compiled[name] = compiled, len(parts)
+
+    def evaluate(self, name: str, gap: Floats, internal: Floats | None = None) -> Floats:
+        """Values of what was compiled by a name.
+
+        Args:
+            name: The name.
+            gap: Gap, shape (n, 3), [m].
+            internal: Internal variables if there are some, shape (n, number of variables).
+
+        Returns:
+            Its components, shape (n, number of components).
+        """
+        compiled, size = self._compiled[name]
+        values = np.empty((len(gap), size))
+        given = gap if internal is None or not self.internal else np.hstack([gap, internal])
+        for first in range(0, len(gap), _BLOCK):
+            block = given[first : first + _BLOCK]
+            cells = np.arange(len(block), dtype=np.int32)
+            _fill(self._gap, cells, block[:, :3])
+            for k, variable in enumerate(self.internal, start=3):
+                _fill(variable, cells, block[:, k : k + 1])
+            found = compiled.eval(self._mesh, cells).reshape(len(block), -1)
+            values[first : first + _BLOCK] = found[:, :size]
+        return values
+
+    def described(self, **values: float) -> str:
+        """The law as text: its expressions, and values by name."""
+        numbers = [f"{name}={value!r}" for name, value in values.items()]
+        return f"{self._owner}({', '.join([*self._texts, *numbers])})"
+
+
+def _fill(function: Any, cells: NDArray[np.int32], values: Floats) -> None:
+    """Give a function that is constant on cells its values there, shape (cells, components)."""
+    dofs = function.function_space.dofmap.list[cells, 0]
+    function.x.array.reshape(-1, values.shape[1])[dofs] = values

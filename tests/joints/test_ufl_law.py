@@ -1,0 +1,497 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joint laws in UFL against the same by hand, energy, derivatives, a damage law, and errors.
+
+The cohesive law is Xu and Needleman's (1994) with q = 1 and r = 0, without history:
+
+    psi = phi - phi (1 + n/a) exp(-n/a) exp(-|s|^2/b^2),
+
+to which the body in the impact test adds k_n <n>^2 / 2 in pressure.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import create_unit_interval
+from mpi4py import MPI
+from shaken_wall import DT, STEPS, shaking, wall
+
+from dolfinx_joints import (
+    Elastic,
+    EnergyConsistent,
+    Fixed,
+    Gravity,
+    KeyedJoint,
+    MatrixSystem,
+    Model,
+    Newmark,
+    PotentialJoint,
+    Pressure,
+    Simulation,
+    SolverOptions,
+    TractionJoint,
+    frictionless,
+    mass_proportional,
+)
+from dolfinx_joints.laws.law import JointState, Response, Status
+from dolfinx_joints.laws.path_mean import path_mean
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.initial_state import initial_state
+
+PHI, A, B = 100.0, 1e-4, 2e-4  # [J/m^2], [m], [m]: 1 MPa / e at a
+K_N, K_S = PHI / A**2, 2.0 * PHI / B**2  # at the gap of zero
+
+
+def cohesive(g):
+    s = g[1] ** 2 + g[2] ** 2
+    return PHI - PHI * (1.0 + g[0] / A) * ufl.exp(-g[0] / A) * ufl.exp(-s / B**2)
+
+
+COHESIVE = {"normal_stiffness": K_N, "shear_stiffness": K_S}
+
+
+class ByHand:
+    """The cohesive law with traction and tangent worked out on paper."""
+
+    def closed_stiffness(self):
+        return K_N, K_S
+
+    def stored_energy(self, state):
+        n, s = state.gap[:, 0] / A, state.elastic_slip / B
+        return PHI - PHI * (1.0 + n) * np.exp(-n - (s**2).sum(axis=1))
+
+    def backward_euler(self, gap, state):
+        after = self._after(gap, state)
+        return self._response(after, *self._tractions(self._seen(after)))
+
+    def discrete_gradient(self, gap, state):
+        after = self._after(gap, state)
+        mean = path_mean(self._tractions, self._seen(state), self._seen(after))
+        return self._response(after, *mean)
+
+    def _tractions(self, g):
+        n, s = g[:, 0] / A, g[:, 1:] / B
+        bell = PHI * np.exp(-n - (s**2).sum(axis=1))
+        t = np.column_stack([bell * n / A, 2.0 * (bell * (1.0 + n))[:, None] * s / B])
+        d = np.empty((len(g), 3, 3))
+        d[:, 0, 0] = bell * (1.0 - n) / A**2
+        d[:, 0, 1:] = d[:, 1:, 0] = -2.0 * (bell * n)[:, None] * s / (A * B)
+        both = np.eye(2) - 2.0 * s[:, :, None] * s[:, None, :]
+        d[:, 1:, 1:] = 2.0 * (bell * (1.0 + n))[:, None, None] * both / B**2
+        return t, d
+
+    def _seen(self, state):
+        return np.column_stack([state.gap[:, 0], state.elastic_slip])
+
+    def _after(self, gap, state):
+        return JointState(gap=gap, elastic_slip=state.elastic_slip + (gap - state.gap)[:, 1:])
+
+    def _response(self, after, traction, tangent):
+        status = np.where(after.gap[:, 0] > 0.0, Status.OPEN, Status.STICK).astype(np.int8)
+        nothing = np.zeros(len(after.gap))
+        return Response(
+            traction=traction, tangent=tangent, state=after, dissipation=nothing, status=status
+        )
+
+
+def random_steps(count=3000, seed=1, *, size=A):
+    """Gaps of all kinds at the end of a step, and states at its start."""
+    rng = np.random.default_rng(seed)
+    before = size * rng.normal(size=(count, 3))
+    slip = before[:, 1:] + size * rng.normal(size=(count, 2))
+    return before + size * rng.normal(size=(count, 3)), JointState(gap=before, elastic_slip=slip)
+
+
+def assert_same(answer, expected, names=("traction", "tangent"), rtol=1e-12):
+    for name in names:
+        one, other = getattr(answer, name), getattr(expected, name)
+        np.testing.assert_allclose(one, other, rtol=0, atol=rtol * np.abs(other).max())
+
+
+@pytest.mark.parametrize("rule", ["backward_euler", "discrete_gradient"])
+def test_a_cohesive_law_is_the_same_by_hand(rule):
+    law, by_hand = PotentialJoint(cohesive, **COHESIVE), ByHand()
+    gap, state = random_steps()
+    answer, expected = getattr(law, rule)(gap, state), getattr(by_hand, rule)(gap, state)
+    assert_same(answer, expected)
+    np.testing.assert_array_equal(answer.status, expected.status)
+    assert not answer.dissipation.any()
+    stored = law.stored_energy(answer.state)
+    np.testing.assert_allclose(stored, by_hand.stored_energy(answer.state), rtol=1e-12)
+
+
+CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
+
+
+class Kept(Monitor):
+    def __init__(self):
+        self.records = []
+
+    def start(self, model, stage, steps, first):
+        self.records = [first]
+
+    def record(self, record):
+        assert record.substeps == 1
+        self.records.append(record)
+
+
+def blocks(jointed, law, **options):
+    loads = [Gravity(), *options.pop("loads", ())]
+    return Model(
+        jointed,
+        material=CONCRETE,
+        joints=law,
+        supports=[Fixed(group="base")],
+        loads=loads,
+        damping=mass_proportional(ratio=0.02, frequency=50.0),
+        **options,
+    )
+
+
+def shaken(jointed, law, scheme):
+    """States of two glued blocks that are pulled at, then shaken."""
+    model, kept = blocks(jointed, law, loads=[Pressure(group="top", value=-2e5)]), Kept()
+    run = Simulation(
+        model, monitors=[kept], solver="monolithic", options=SolverOptions(relative_tolerance=1e-13)
+    )
+    static = run.statics(steps=2)
+    run.dynamics(dt=1e-3, steps=6, motion=lambda t: (40.0 * t / 6e-3, 0.0, 60.0), scheme=scheme)
+    last = kept.records[-1]
+    return [static.displacement, last.displacement, last.velocity], [static.joints, last.joints]
+
+
+@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.mpi
+@pytest.mark.parametrize("scheme", [None, Newmark()], ids=["default", "Newmark"])
+def test_statics_and_steps_are_the_same_by_hand(blocks_file, read, comm, scheme):
+    jointed = read(blocks_file())
+    vectors, joints = shaken(jointed, PotentialJoint(cohesive, **COHESIVE), scheme)
+    others, expected = shaken(jointed, ByHand(), scheme)
+    for one, other in zip(vectors, others, strict=True):
+        scale = other.norm()
+        other.axpy(-1.0, one)
+        assert other.norm() < 1e-12 * scale
+    for one, other in zip(joints, expected, strict=True):
+        error = np.abs(one.traction - other.traction).max(initial=0.0)
+        largest = np.abs(other.traction).max(initial=0.0)
+        assert max(comm.allgather(error)) < 1e-12 * max(comm.allgather(largest))
+    # It was pulled beyond its linear range, or the test would say little.
+    gap = max(comm.allgather(joints[1].state.gap[:, 0].max(initial=0.0)))
+    assert gap > 0.1 * A
+
+
+@pytest.mark.parametrize("rule", ["backward_euler", "discrete_gradient"])
+def test_contact_without_tension_is_the_frictionless_law(rule):
+    k = 1e11
+    law = PotentialJoint(
+        lambda g: 0.5 * k * ufl.min_value(g[0], 0.0) ** 2, normal_stiffness=k, shear_stiffness=0.0
+    )
+    gap, state = random_steps()
+    gap[:20] = state.gap[10:30] = 0.0  # where the frictionless joint is closed and stiff
+    answer, expected = (
+        getattr(each, rule)(gap, state) for each in (law, frictionless(normal_stiffness=k))
+    )
+    assert_same(answer, expected)
+    np.testing.assert_array_equal(answer.status == Status.OPEN, expected.status == Status.OPEN)
+    np.testing.assert_allclose(
+        law.stored_energy(answer.state), 0.5 * k * np.minimum(gap[:, 0], 0.0) ** 2, rtol=1e-14
+    )
+
+
+def test_keys_in_a_shaken_wall(wall_file, read):
+    """`KeyedJoint` as a potential: joints open and close, at any opening shear is carried."""
+    k = 1e11
+
+    def keys(g):
+        return 0.5 * k * (ufl.min_value(g[0], 0.0) ** 2 + g[1] ** 2 + g[2] ** 2)
+
+    shape = {"normal_stiffness": k, "shear_stiffness": k}
+    ends = []
+    for law in (PotentialJoint(keys, **shape), KeyedJoint(**shape)):
+        run = Simulation(wall(read(wall_file()), law), solver="monolithic")
+        run.statics()
+        ends.append(run.dynamics(dt=DT, steps=STEPS, motion=shaking).state.displacement)
+    scale = ends[1].norm()
+    ends[1].axpy(-1.0, ends[0])
+    assert ends[1].norm() < 1e-12 * scale
+
+
+@pytest.mark.mpi
+def test_energy_of_an_impact(blocks_file, read, comm):
+    """A block falls on another, sticks a little, and leaves: every line from its own formula.
+
+    Each step of the default scheme is exact, so that only the rounding of 30 solves is left.
+    """
+    k = 1e10
+
+    def adhesive(g):
+        n, s = ufl.max_value(g[0], 0.0) / A, (g[1] ** 2 + g[2] ** 2) / B**2
+        return 0.5 * k * ufl.min_value(g[0], 0.0) ** 2 + PHI * (1.0 - (1.0 + n) * ufl.exp(-n - s))
+
+    def density(gap):
+        n, s = np.maximum(gap[:, 0], 0.0) / A, (gap[:, 1:] ** 2).sum(axis=1) / B**2
+        return 0.5 * k * np.minimum(gap[:, 0], 0.0) ** 2 + PHI * (1.0 - (1.0 + n) * np.exp(-n - s))
+
+    law = PotentialJoint(adhesive, normal_stiffness=k, shear_stiffness=K_S)
+    model = blocks(read(blocks_file(angle=0.0)), law, initial_gaps={"joint_1": 3.0 * A})
+    kept, dt = Kept(), 1.25e-4  # 2 / dt is a number that the scheme need not round
+    velocity = thrown(model, "upper", -1.0)
+    outcome = Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=30, velocity=velocity)
+
+    system, operator, records = model.system(), model.contact.operator, kept.records
+    force = system.load(0.0, velocity.duplicate())
+
+    def product(matrix, vector):
+        out = vector.duplicate()
+        matrix.mult(vector, out)
+        return out.dot(vector)
+
+    viscous, lines = 0.0, []
+    for before, now in zip([records[0], *records], records, strict=False):
+        moved = now.displacement.copy()
+        moved.axpy(-1.0, before.displacement)
+        viscous += product(system.damping, moved) / dt
+        moved = now.displacement.copy()
+        moved.axpy(-1.0, records[0].displacement)
+        lines.append(
+            {
+                "kinetic": 0.5 * product(system.mass, now.velocity),
+                "strain": 0.5 * product(system.stiffness, now.displacement),
+                "joint": comm.allreduce(operator.areas @ density(now.joints.state.gap)),
+                "input": force.dot(moved),
+                "viscous": viscous,
+                "friction": 0.0,
+                "numerical": 0.0,
+            }
+        )
+    scale = lines[0]["kinetic"]
+    for record, line in zip(records, lines, strict=True):
+        for name, value in line.items():
+            assert abs(getattr(record.energy, name) - value) < 1e-10 * scale, name
+        stored = [
+            sum(each[name] for name in ("kinetic", "strain", "joint")) for each in (lines[0], line)
+        ]
+        assert abs(stored[1] - stored[0] - line["input"] + line["viscous"]) < 1e-10 * scale
+    shares = np.array([record.energy.joint for record in records]) / scale
+    gaps = [max(comm.allgather(r.joints.state.gap[:, 0].max(initial=-1.0))) for r in records]
+    assert min(gaps) < -A
+    assert gaps[-1] > 3.0 * A
+    assert shares.max() > 0.2
+    assert outcome.imbalance < 1e-10
+    assert not outcome.backward_euler_laws
+
+
+def thrown(model, block, speed):
+    """Upward velocity of a block [m/s] as a vector of the model's unknowns."""
+    v = fem.Function(model.V)
+    v.interpolate(lambda x: speed * np.eye(3)[:, [2]] + 0.0 * x, model.jointed.cells(block))
+    vector = model.mass.createVecRight()
+    vector.setArray(v.x.array[: vector.getLocalSize()])
+    return vector
+
+
+# A bond that softens: kappa is the largest opening so far, exp(-kappa / A) what is left of it. An
+# opening that only grows follows t = k n exp(-n / A); pressure is carried undamaged.
+
+K = 1e10
+
+
+def stored(g, kappa):
+    n, s = ufl.max_value(g[0], 0.0), g[1] ** 2 + g[2] ** 2
+    return 0.5 * K * (ufl.min_value(g[0], 0.0) ** 2 + ufl.exp(-kappa / A) * (n**2 + s))
+
+
+@pytest.fixture(scope="module")
+def bond():
+    return TractionJoint(
+        lambda g, kappa: ufl.diff(stored(g, kappa), g),
+        internal={"kappa": (0.0, lambda g, kappa: ufl.max_value(kappa, g[0]))},
+        energy=stored,
+        normal_stiffness=K,
+        shear_stiffness=K,
+    )
+
+
+def opened(law, path, state):
+    """Responses along a path of normal gaps from a state."""
+    answers = []
+    for n in path:
+        answers.append(law.backward_euler(np.array([[n, 0.0, 0.0]]), state))
+        state = answers[-1].state
+    return answers
+
+
+def test_a_damaged_bond_unloads_along_the_secant(bond):
+    state = JointState.at_rest(np.zeros((1, 3)), variables=1)
+    assert bond.internal_variables == ("kappa",)
+    assert not bond.initial_variables(state.gap).any()
+    up, down = np.linspace(0.0, 2.0 * A, 401), np.linspace(2.0 * A, -A, 31)
+    loading = opened(bond, up, state)
+    unloading = opened(bond, down, loading[-1].state)
+    reloading = opened(bond, [A, 3.0 * A], unloading[-1].state)
+    t, back, again = ([a.traction[0, 0] for a in each] for each in (loading, unloading, reloading))
+    np.testing.assert_allclose(t, K * up * np.exp(-up / A), rtol=1e-14, atol=1e-200)
+    secant = np.where(down > 0.0, np.exp(-2.0), 1.0)
+    np.testing.assert_allclose(back, K * down * secant, rtol=1e-12, atol=1e-9 * K * A)
+    np.testing.assert_allclose(
+        again, [K * A * np.exp(-2.0), 3.0 * K * A * np.exp(-3.0)], rtol=1e-14
+    )
+    assert reloading[-1].state.internal[0, 0] == 3.0 * A
+    # Work of the opening, the integral of t, less what is stored; trapezia of 400 steps.
+    lost = np.array([a.dissipation[0] for a in loading])
+    work = K * A**2 * (1.0 - 3.0 * np.exp(-2.0))
+    assert lost.min() >= 0.0
+    assert lost.sum() == pytest.approx(work - 0.5 * K * (2.0 * A) ** 2 * np.exp(-2.0), rel=1e-5)
+    # No more on the way back, but in the step that passes the kink at zero by trapezia.
+    assert np.abs([a.dissipation[0] for a in unloading]).max() < 1e-12 * work
+
+
+def test_without_an_energy_all_work_counts_as_dissipated():
+    law = TractionJoint(
+        lambda g: [K * g[0], 0.0, K * g[2]], normal_stiffness=K, shear_stiffness=0.0
+    )
+    gap, state = random_steps(5)
+    answer = law.backward_euler(gap, state)
+    seen = np.column_stack([state.gap[:, 0], state.elastic_slip])
+    moved = gap - state.gap
+    expected = K * ((seen + 0.5 * moved) * moved)[:, [0, 2]].sum(axis=1)
+    np.testing.assert_allclose(answer.dissipation, expected, rtol=1e-12)
+    assert not law.stored_energy(answer.state).any()
+
+
+def test_internal_variables_in_a_run(bond):
+    """1 kg on a soft spring, pulled off a bond at 1 m/s: its largest opening is remembered.
+
+    The default scheme takes the law at the end of steps; what that loses is numerical.
+    """
+    system = MatrixSystem.from_arrays(mass=1e3, stiffness=1e6, gap=[[1.0], [0.0], [0.0]], law=bond)
+    solver = make_solver(system)
+    v = system.mass.createVecRight()
+    v.setArray([1.0])
+    state, ledger = initial_state(solver, velocity=v), EnergyLedger(system)
+    ledger.start(state)
+    largest = 0.0
+    for _ in range(200):
+        state, report = EnergyConsistent().advance(solver, state, 2e-4)
+        ledger.record(ledger.after(state, report))
+        largest = max(largest, state.joints.state.gap[0, 0])
+        assert state.joints.state.internal[0, 0] == largest
+    assert largest > 10.0 * A
+    assert ledger.relative_imbalance < 1e-10 < ledger.row.friction
+
+
+# Derivatives, points, and errors.
+
+
+LAWS = {
+    "smooth": (lambda: PotentialJoint(cohesive, **COHESIVE), "backward_euler"),
+    "smooth, mean": (lambda: PotentialJoint(cohesive, **COHESIVE), "discrete_gradient"),
+    "kinks, mean": (
+        lambda: PotentialJoint(lambda g: stored(g, g[0] ** 2 / A), **COHESIVE),
+        "discrete_gradient",
+    ),
+}
+
+
+def assert_consistent(ask, gap, state):
+    """The tangent against central differences of the traction, of steps of 1e-5 of the gap."""
+    answer, h = ask(gap, state), 1e-5 * A
+    differences = [
+        (ask(gap + e, state).traction - ask(gap - e, state).traction) / (2 * h)
+        for e in h * np.eye(3)
+    ]
+    numeric = np.stack(differences, axis=2)
+    kinked = np.abs(gap[:, 0]) < 2.0 * h  # within reach of the differences
+    if state.internal.size:
+        kinked |= np.abs(gap[:, 0] - state.internal[:, 0]) < 2.0 * h
+    error = np.abs(numeric - answer.tangent)[~kinked].max()
+    assert error < 1e-7 * np.abs(answer.tangent).max()
+    assert kinked.mean() < 0.01
+    return answer.tangent
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_tangent_of_a_potential(name):
+    make, rule = LAWS[name]
+    tangent = assert_consistent(getattr(make(), rule), *random_steps(2000))
+    spread = np.abs(tangent).max()
+    np.testing.assert_allclose(tangent, tangent.transpose(0, 2, 1), rtol=0, atol=1e-12 * spread)
+
+
+def test_tangent_with_internal_variables(bond):
+    gap, state = random_steps(2000)
+    kappa = np.abs(np.random.default_rng(2).normal(size=(2000, 1))) * A
+    assert_consistent(bond.backward_euler, gap, replace(state, internal=kappa))
+
+
+@pytest.mark.parametrize("count", [0, 1, 1024, 2500])
+def test_any_number_of_points(bond, count):
+    """As one by one, whatever the blocks that points are evaluated in."""
+    gap, state = random_steps(count)
+    state = replace(state, internal=np.zeros((count, 1)))
+    answer = bond.backward_euler(gap, state)
+    assert answer.traction.shape == (count, 3)
+    assert answer.tangent.shape == (count, 3, 3)
+    for i in range(0, count, 500):
+        one = JointState(
+            gap=state.gap[[i]], elastic_slip=state.elastic_slip[[i]], internal=state.internal[[i]]
+        )
+        np.testing.assert_array_equal(
+            bond.backward_euler(gap[[i]], one).traction, answer.traction[[i]]
+        )
+
+
+def test_laws_are_told_apart():
+    """By what a checkpoint and a manifest keep of them: no addresses, no numbers of UFL's."""
+    one, same, other = (
+        PotentialJoint(lambda g, k=k: k * ufl.inner(g, g), **COHESIVE) for k in (1.0, 1.0, 2.0)
+    )
+    assert repr(one) == repr(same) != repr(other)
+    assert repr(one).startswith("PotentialJoint(")
+    assert "gap" in repr(one)
+    law = TractionJoint(
+        lambda g, k: [k * g[i] for i in range(3)],
+        internal={"k": (2.0, lambda g, k: k)},
+        normal_stiffness=1.0,
+        shear_stiffness=0.0,
+    )
+    assert repr(law).endswith("k=2.0, normal_stiffness=1.0, shear_stiffness=0.0)")
+
+
+def test_bad_expressions_are_one_clear_error():
+    """Wrong shapes, foreign terms, and functions that are none of UFL."""
+    mesh = create_unit_interval(MPI.COMM_SELF, 1)
+    test = ufl.TestFunction(fem.functionspace(mesh, ("Lagrange", 1)))
+    constant = fem.Constant(mesh, 1.0)
+    wrong = {
+        "energy has shape (3,)": lambda g: g,
+        "energy contains v_0": lambda g: g[0] * test,
+        "energy contains c": lambda g: constant * g[0],
+        "energy contains x": lambda g: g[0] * ufl.SpatialCoordinate(mesh)[0],
+        "energy fails": lambda g: np.exp(g[0]),
+        "energy fails, UFL conditions": lambda g: g[0] if g[0] > 0 else 0.0,
+    }
+    for message, energy in wrong.items():
+        with pytest.raises(
+            ValueError, match=f"^PotentialJoint: {re.escape(message)}.*; it must be"
+        ):
+            PotentialJoint(energy, **COHESIVE)
+    with pytest.raises(
+        ValueError, match=r"^TractionJoint: traction has shape \(\); it must be a vector"
+    ):
+        TractionJoint(lambda g: g[0], **COHESIVE)
+    with pytest.raises(ValueError, match="^TractionJoint: the update of k fails"):
+        TractionJoint(lambda g, k: k * g, internal={"k": (0.0, lambda g: g[0])}, **COHESIVE)
+    with pytest.raises(ValueError, match="^TractionJoint: internal has 'k': 1.0; it must be"):
+        TractionJoint(lambda g, k: k * g, internal={"k": 1.0}, **COHESIVE)

@@ -5,20 +5,44 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-def create_mesh(comm: Any, cells: NDArray[np.int64], x: NDArray[np.float64], element: Any) -> Any:
-    """Distribute a mesh; DOLFINx 0.10 swapped the last two arguments (collective)."""
+def create_mesh(
+    comm: Any,
+    cells: NDArray[np.int64],
+    x: NDArray[np.float64],
+    element: Any,
+    partitioner: Callable[..., Any] | None,
+) -> Any:
+    """Distribute a mesh; DOLFINx 0.10 swapped coordinates and element (collective)."""
     from dolfinx import mesh
 
     parameters = list(inspect.signature(mesh.create_mesh).parameters)
-    if parameters[2] == "x":
-        return mesh.create_mesh(comm, cells, x, element)
-    return mesh.create_mesh(comm, cells, element, x)
+    third, fourth = (x, element) if parameters[2] == "x" else (element, x)
+    return mesh.create_mesh(comm, cells, third, fourth, partitioner)
+
+
+def cell_partitioner() -> Callable[..., Any]:
+    """DOLFINx's partitioner without ghosts; since 0.10 it is told how many cells share a facet."""
+    from dolfinx.mesh import GhostMode, create_cell_partitioner
+
+    try:
+        return create_cell_partitioner(GhostMode.none)
+    except TypeError:
+        return create_cell_partitioner(GhostMode.none, 2)
+
+
+def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
+    """An adjacency list as a partitioner must return it; wrapped in a class of Python since 0.10."""
+    from dolfinx.graph import adjacencylist
+
+    made = adjacencylist(links.astype(np.int32), offsets.astype(np.int32))
+    return getattr(made, "_cpp_object", made)
 
 
 def geometry_nodes(mesh: Any) -> NDArray[np.int32]:

@@ -24,6 +24,12 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.mesh.gather import gather_mesh
+from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
+from dolfinx_joints.mesh.orientation import facet_normals
+from dolfinx_joints.mesh.partition import glued_vertices, partitioner_across
+from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +159,12 @@ def distribute(comm: Any, prepare: Any) -> JointedMesh:
     element = basix.ufl.element(
         "Lagrange", known.shape.name, known.shape.degree, shape=(whole.x.shape[1],)
     )
-    mesh = dolfinx_versions.create_mesh(comm, whole.cells, whole.x, element)
+    pairs = known.pairs
+    glued = glued_vertices(len(whole.x), pairs.minus_vertices, pairs.plus_vertices) if here else whole.cells[:, 0]
+    partitioner = partitioner_across(pairs.minus[:, 0], pairs.plus[:, 0], glued)
+    mesh = dolfinx_versions.create_mesh(
+        comm, whole.cells, whole.x, element, partitioner if comm.size > 1 else None
+    )
     mesh.name = "jointed_mesh"
     tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
     local, index = _local_facets(mesh, local_cells(mesh, len(known.cell_values)), known.facets)

@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.joints.points import JointPoints, joint_points
-from dolfinx_joints.joints.quadrature import facet_cell_type
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
@@ -241,7 +241,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     slots = np.concatenate([pairs.minus, pairs.plus])
     same = np.broadcast_to(np.arange(pairs.match.shape[1]), pairs.match.shape)
     match = np.concatenate([same, pairs.match])
-    local = local_cells(mesh, _num_cells(mesh))[slots[:, 0]]
+    local = local_cells(mesh)[slots[:, 0]]
     owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
     owned = np.flatnonzero((local >= 0) & (local < owned_cells))
     kinds, kind = np.unique(
@@ -291,10 +291,6 @@ def _side_table(element: Any, shape: CellShape, rule: Floats, vertices: Floats) 
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
     table[np.abs(table) < ROUNDING] = 0.0  # at a node all functions but one
     return table
-
-
-def _num_cells(mesh: Any) -> int:
-    return int(mesh.topology.index_map(mesh.topology.dim).size_global)
 
 
 def _coordinates(V: Any) -> PETSc.Vec:

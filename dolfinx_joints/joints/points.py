@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
-from dolfinx_joints.joints.quadrature import (
+from dolfinx_joints.mesh.facet_quadrature import (
     facet_cell_type,
     facet_rule,
     is_nodal,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import inspect
 from collections.abc import Callable
 from typing import Any
@@ -11,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import JointsError
+
 
 def create_mesh(
     comm: Any,
     cells: NDArray[np.int64],
     x: NDArray[np.float64],
     element: Any,
-    partitioner: Callable[..., Any] | None,
+    partitioner: Callable[..., Any] | None = None,
 ) -> Any:
     """Distribute a mesh; DOLFINx 0.10 swapped coordinates and element (collective)."""
     from dolfinx import mesh
@@ -43,6 +46,38 @@ def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
 
     made = adjacencylist(links.astype(np.int32), offsets.astype(np.int32))
     return getattr(made, "_cpp_object", made)
+
+
+def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
+    """Codes of the permutations of the facets' quadrature points, (cells * facets per cell,).
+
+    A view of the codes that DOLFINx assembles with: writing to it changes these, which Python's
+    interface does not offer.
+
+    Raises:
+        JointsError: This version of DOLFINx hands out a copy.
+    """
+    mesh.topology.create_entity_permutations()
+    known, again = (mesh.topology.get_facet_permutations() for _ in range(2))
+    if known.ctypes.data != again.ctypes.data:
+        raise JointsError("This version of DOLFINx copies permutations of facets: no dS on joints.")
+    first = ctypes.cast(known.ctypes.data, ctypes.POINTER(ctypes.c_uint8))
+    return np.ctypeslib.as_array(first, known.shape)
+
+
+def permuted_points(
+    facet_vertices: int, points: NDArray[np.float64], code: int
+) -> NDArray[np.float64]:
+    """Points of a reference facet as FFCx permutes them by a code, shape (n, facet dimension)."""
+    from ffcx.ir import elementtables
+
+    if facet_vertices == 2:
+        moved = elementtables.permute_quadrature_interval(points, code)
+    else:
+        kind = {3: "triangle", 4: "quadrilateral"}[facet_vertices]
+        permute = getattr(elementtables, f"permute_quadrature_{kind}")
+        moved = permute(points, code % 2, code // 2)
+    return np.asarray(moved)
 
 
 def geometry_nodes(mesh: Any) -> NDArray[np.int32]:

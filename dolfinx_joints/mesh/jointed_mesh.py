@@ -11,6 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import basix.ufl
@@ -25,8 +30,10 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
+from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.partition import glued_vertices, partitioner_across
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
@@ -116,6 +123,63 @@ class JointedMesh:
         tags = _tags_of(self.facet_groups, name, "facet")
         return ufl.Measure("ds", domain=self.mesh, subdomain_data=self.facet_tags)(tags)
 
+    def dS(
+        self,
+        joints: str | Sequence[str] | None = None,
+        *,
+        quadrature: str | int | None = None,
+        degree: int = 1,
+    ) -> ufl.Measure:
+        """Interior-facet measure of joints, for forms on any function spaces of `mesh`.
+
+        ``jump(u)`` is u+ - u- of the conventions and ``FacetNormal(mesh)("-")`` their normal;
+        ``jump(u + x)`` with the mesh's own ``SpatialCoordinate`` x includes gaps in the geometry.
+        UFL's own ``dS`` has the facets inside the body only, none of a joint.
+
+        Args:
+            joints: A joint, several, or all.
+            quadrature: ``nodal``, ``gauss`` or a degree, see `facet_rule`; UFL's choice for the
+                integrand unless given.
+            degree: Degree of the displacement that ``nodal`` or ``gauss`` is for.
+
+        Raises:
+            MeshError: There is no such joint.
+            ValueError: The rule does not exist.
+        """
+        names = self.joint_names if joints is None else joints
+        names = [names] if isinstance(names, str) else list(names)
+        for name in names:
+            if name not in self.joint_names:
+                known = ", ".join(self.joint_names) or "none"
+                raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
+        numbers = tuple(self.joint_names.index(name) + 1 for name in names)
+        measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
+        if quadrature is None:
+            return measure
+        points, weights = facet_rule(self.pairs.match.shape[1], degree, quadrature)
+        return measure(
+            metadata={
+                "quadrature_rule": "custom",
+                "quadrature_points": points,
+                "quadrature_weights": weights,
+            }
+        )
+
+    @cached_property
+    def integrated_pairs(self) -> IntegratedPairs:
+        """Facet pairs that this rank integrates over (collective)."""
+        cells = local_cells(self.mesh)
+        return integrated_pairs(self.mesh, self.shape, self.pairs, cells)
+
+    @cached_property
+    def _joint_entities(self) -> list[tuple[int, NDArray[np.int32]]]:
+        """Integration entities of each joint, by its number from 1 on."""
+        found = self.integrated_pairs
+        joint = self.pairs.joint[found.number]
+        return [
+            (i + 1, found.entities[joint == i].ravel()) for i in range(len(self.joint_names))
+        ]
+
     def dx(self, name: str) -> ufl.Measure:
         """Volume measure of a named cell group."""
         tags = _tags_of(self.cell_groups, name, "cell")
@@ -167,7 +231,7 @@ def distribute(comm: Any, prepare: Any) -> JointedMesh:
     )
     mesh.name = "jointed_mesh"
     tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
-    local, index = _local_facets(mesh, local_cells(mesh, len(known.cell_values)), known.facets)
+    local, index = _local_facets(mesh, local_cells(mesh), known.facets)
     return JointedMesh(
         mesh=mesh,
         shape=known.shape,
@@ -183,10 +247,11 @@ def _tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints, values: Ints) -> An
     return dolfinx.mesh.meshtags(mesh, dim, entities.astype(np.int32), values.astype(np.int32))
 
 
-def local_cells(mesh: dolfinx.mesh.Mesh, num_input_cells: int) -> NDArray[np.int32]:
+def local_cells(mesh: dolfinx.mesh.Mesh) -> NDArray[np.int32]:
     """Local number of each input cell, -1 where this rank does not hold it."""
     original = mesh.topology.original_cell_index
-    local = np.full(num_input_cells, -1, dtype=np.int32)
+    num_cells = mesh.topology.index_map(mesh.topology.dim).size_global
+    local = np.full(num_cells, -1, dtype=np.int32)
     local[original] = np.arange(len(original), dtype=np.int32)
     return local
 

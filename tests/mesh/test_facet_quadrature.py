@@ -18,7 +18,7 @@ pytest.importorskip("basix")
 
 import basix
 
-from dolfinx_joints.joints.quadrature import (
+from dolfinx_joints.mesh.facet_quadrature import (
     GAUSS_DEGREES,
     facet_cell_type,
     facet_rule,

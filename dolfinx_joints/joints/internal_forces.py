@@ -11,23 +11,10 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.contact import Contact, StatusCounts
-from dolfinx_joints.joints.operator import JointTangent
+from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.laws.law import JointState, Response, Rule
 
 Floats = NDArray[np.float64]
-
-
-class TangentMatrix(Protocol):
-    """Point tangents as a matrix.
-
-    Attributes:
-        comm: Communicator of the matrix.
-    """
-
-    comm: Any
-
-    def assemble(self, tangent: Floats) -> PETSc.Mat:
-        """The matrix, [N/m] (collective)."""
 
 
 class InternalForces(Protocol):
@@ -90,9 +77,9 @@ class JointInternalForces:
         tangent = response.tangent
         return tangent + part * self.contact.closed_tangent() if part else tangent
 
-    def tangent_matrix(self, free: PETSc.Vec) -> JointTangent:
+    def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
         """What makes B^T (w D) B of point tangents D (collective)."""
-        return JointTangent(self.contact.operator, free)
+        return self.contact.operator.tangent_matrix(free)
 
     def counts(self, response: Response) -> StatusCounts:
         """Open, sticking and sliding points on all ranks (collective)."""

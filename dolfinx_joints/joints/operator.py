@@ -9,7 +9,7 @@ the sides and `jointpoints` the tangential axes.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import basix
 import numpy as np
@@ -26,6 +26,19 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 # Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep
 # the products with B of a nodal rule and of joints along the axes several times shorter.
 ROUNDING = 1e-14
+
+
+class TangentMatrix(Protocol):
+    """Point tangents as a matrix.
+
+    Attributes:
+        comm: Communicator of the matrix.
+    """
+
+    comm: Any
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The matrix, [N/m] (collective)."""
 
 
 class GapOperator:
@@ -85,6 +98,10 @@ class GapOperator:
         self.matrix.multTranspose(self._work, out)
         return out
 
+    def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
+        """What makes B^T (w D) B of point tangents D; ``free`` is 1 or 0 per dof (collective)."""
+        return JointTangent(self, free)
+
     def constrained(self, free: PETSc.Vec) -> PETSc.Mat:
         """B with the columns of constrained dofs made zero; ``free`` is 1 or 0 per dof."""
         matrix = self.matrix.copy()
@@ -110,6 +127,9 @@ class JointOperator(GapOperator):
         quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
 
     Attributes:
+        jointed: The mesh.
+        space: The space V.
+        quadrature: The rule.
         layout: All points of all ranks.
         points: Coordinates of the local points, shape (n, 3), [m].
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
@@ -123,6 +143,7 @@ class JointOperator(GapOperator):
         comm = jointed.mesh.comm
         self.points: Floats
         self.frames: Floats
+        self.jointed, self.space, self.quadrature = jointed, V, quadrature
         self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
         ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
         block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))

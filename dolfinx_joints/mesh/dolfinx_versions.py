@@ -65,6 +65,36 @@ def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
     return np.ctypeslib.as_array(first, known.shape)
 
 
+def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[Any, Any]:
+    """Mesh of some entities, and the entity of each of its cells; a map object since 0.10."""
+    from dolfinx import mesh as dolfinx_mesh
+
+    made, entity, *_ = dolfinx_mesh.create_submesh(mesh, dim, entities.astype(np.int32))
+    if hasattr(entity, "sub_topology_to_topology"):
+        cells = made.topology.index_map(dim)
+        numbers = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+        entity = entity.sub_topology_to_topology(numbers, False)
+    return made, np.asarray(entity)
+
+
+def surface_entity_maps(
+    body: Any, surface: Any, facets: NDArray[Any], cells: NDArray[Any]
+) -> Any:
+    """What `fem.form` takes to find the surface's cell of facets of the body, several to a cell.
+
+    Since 0.10 a map leads from cells of a submesh to entities of a mesh, one to one, and serves
+    both ways; several facets have one cell here, so the surface takes the place of the mesh.
+    """
+    from dolfinx import mesh
+
+    facet_map = body.topology.index_map(body.topology.dim - 1)
+    known = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
+    known[facets] = cells
+    if not hasattr(mesh, "entity_map"):
+        return {surface: known}
+    return [mesh.entity_map(surface.topology, body.topology, surface.topology.dim, known)]
+
+
 def permuted_points(
     facet_vertices: int, points: NDArray[np.float64], code: int
 ) -> NDArray[np.float64]:

@@ -1,0 +1,133 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The joint operator by interior-facet integrals, the reference that B is compared with.
+
+With q a test function at the quadrature points of the joints, and w their areas,
+
+    jump      g = (1/w) int_joints q . [u] dS
+    force     f(v) = int_joints t . [v] dS                  (2)
+    tangent   a(u, v) = int_joints D [u] . [v] dS           (6)
+
+are assembled by DOLFINx; traction t and tangent D come from the return mapping at the points and
+are Functions on the joints. Both operators are the same sum over points: B holds the coefficients
+of g once and for all, which makes it several times faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from dolfinx_joints.joints.operator import GapOperator, JointOperator
+from dolfinx_joints.joints.surface import JointSurface, PointExchange
+from dolfinx_joints.mesh.cells import Floats
+
+
+class FormOperator(GapOperator):
+    """Jump, force and tangent of a joint operator, each by a form.
+
+    Args:
+        operator: The joint operator, whose points, areas and frames are taken over.
+    """
+
+    def __init__(self, operator: JointOperator) -> None:
+        """Compile the forms (collective)."""
+        super().__init__(operator.matrix, operator.areas, operator.joint, operator.names)
+        self.initial_gap, self.points, self.sizes = (
+            operator.initial_gap,
+            operator.points,
+            operator.sizes,
+        )
+        V, jointed, layout = operator.space, operator.jointed, operator.layout
+        self._dim = V.mesh.geometry.dim
+        self._axes = operator.frames[:, :, : self._dim]
+        surface = JointSurface(jointed)
+        self._exchange = PointExchange(surface, layout, len(operator.areas))
+        rule = operator.quadrature, V.ufl_element().degree
+        vectors = surface.quadrature_space(*rule, (self._dim,))
+        tensors = surface.quadrature_space(*rule, (self._dim, self._dim))
+        self._dofs = vectors.dofmap.list.ravel()
+        self._u, self._traction = fem.Function(V), fem.Function(vectors)
+        self._tangent = fem.Function(tensors)
+        u, v, q = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.TestFunction(vectors)
+        dS = jointed.dS(quadrature=rule[0], degree=rule[1])
+        t, D = self._traction("-"), self._tangent("-")
+        one = fem.Constant(V.mesh, np.ones(self._dim))
+        self._jump_form, areas, self._force_form, self.tangent_form = (
+            fem.form(form, entity_maps=surface.entity_maps)
+            for form in (
+                ufl.inner(ufl.jump(self._u), q("-")) * dS,
+                ufl.inner(one, q("-")) * dS,
+                ufl.inner(t, ufl.jump(v)) * dS,
+                ufl.inner(D * ufl.jump(u), ufl.jump(v)) * dS,
+            )
+        )
+        self._force = self._u.x.petsc_vec.duplicate()
+        self._areas = self._assembled(areas)
+
+    def jump(self, u: PETSc.Vec) -> Floats:
+        """Jump of the displacement at the local points, shape (n, 3), [m] (collective)."""
+        u.copy(self._u.x.petsc_vec)
+        self._u.x.scatter_forward()
+        jump = self._exchange.to_points(self._assembled(self._jump_form) / self._areas)
+        rotated: Floats = np.einsum("nki,ni->nk", self._axes, jump)
+        return rotated
+
+    def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal forces (2), [N] (collective)."""
+        self._give(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
+        with self._force.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(self._force, self._force_form)
+        self._force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self._force.copy(out)
+        return out
+
+    def tangent_matrix(self, free: PETSc.Vec) -> FormTangent:
+        """What assembles tangents (6); see `GapOperator.tangent_matrix` (collective)."""
+        return FormTangent(self, free)
+
+    def assemble_tangent(self, tangent: Floats, out: PETSc.Mat) -> None:
+        """Tangent (6) for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+        axes = self._axes
+        turned = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
+        self._give(self._tangent, turned.reshape(len(turned), -1))
+        out.zeroEntries()
+        fem_petsc.assemble_matrix(out, self.tangent_form)
+        out.assemble()
+
+    def _give(self, function: fem.Function, values: Floats) -> None:
+        """Set a Function on the joints by the values of the local points, shape (n, k)."""
+        array = function.x.array.reshape(-1, values.shape[1])
+        array[self._dofs] = self._exchange.to_facets(values)
+
+    def _assembled(self, form: fem.Form) -> Floats:
+        """A linear form on the vectors at quadrature points, facet by facet, shape (m, dim)."""
+        found = fem.assemble_vector(form).array.reshape(-1, self._dim)
+        values: Floats = found[self._dofs]
+        return values
+
+
+class FormTangent:
+    """Tangents of joints assembled by a form, with their sparsity kept.
+
+    Args:
+        operator: The joint operator.
+        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
+            the result are zero.
+    """
+
+    def __init__(self, operator: FormOperator, free: PETSc.Vec) -> None:
+        """Set up the matrix (collective)."""
+        self.comm = operator.comm
+        self._operator, self._free = operator, free
+        self._matrix = fem_petsc.create_matrix(operator.tangent_form)
+
+    def assemble(self, tangent: Floats) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+        self._operator.assemble_tangent(tangent, self._matrix)
+        self._matrix.diagonalScale(self._free, self._free)
+        return self._matrix

@@ -1,0 +1,132 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Functions that live on joints: a mesh of the - faces, and spaces on it for forms over ``dS``."""
+
+from __future__ import annotations
+
+import basix
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.joints.points import JointPoints
+from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+
+class JointSurface:
+    """The - faces of all joints as a mesh, each facet on the rank that integrates its pair.
+
+    Functions on it stand for the joint, so that a form over `JointedMesh.dS` takes them with any
+    restriction; ``form(..., entity_maps=surface.entity_maps)`` finds their cells.
+
+    Args:
+        jointed: The split mesh.
+
+    Attributes:
+        jointed: The split mesh.
+        mesh: The mesh of the faces.
+        pair: Position among ``jointed.integrated_pairs`` of each cell of ``mesh``, shape (n,).
+        entity_maps: What `dolfinx.fem.form` needs to know.
+    """
+
+    def __init__(self, jointed: JointedMesh) -> None:
+        """Make the mesh (collective)."""
+        self.jointed = jointed
+        body, pairs = jointed.mesh, jointed.integrated_pairs
+        tdim = body.topology.dim
+        of_cell = body.topology.connectivity(tdim, tdim - 1).array.reshape(
+            -1, len(jointed.shape.facet_vertices)
+        )
+        plus, minus = (of_cell[pairs.entities[:, k], pairs.entities[:, k + 1]] for k in (0, 2))
+        self.mesh, facets = compat.create_submesh(body, tdim - 1, np.sort(minus))
+        self.pair: Ints = np.argsort(minus)[np.searchsorted(np.sort(minus), facets)]
+        cell = np.empty_like(minus)
+        cell[self.pair] = np.arange(len(facets))
+        self.entity_maps = compat.surface_entity_maps(
+            body, self.mesh, np.concatenate([plus, minus]), np.concatenate([cell, cell])
+        )
+
+    def quadrature_space(
+        self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
+    ) -> fem.FunctionSpace:
+        """Space with a value at each quadrature point of each facet.
+
+        Args:
+            quadrature: Rule, and
+            degree: degree of the displacement, as `JointedMesh.dS` takes them.
+            shape: Shape of a value.
+        """
+        points, weights = facet_rule(self.jointed.pairs.match.shape[1], degree, quadrature)
+        element = basix.ufl.quadrature_element(
+            self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights
+        )
+        return fem.functionspace(self.mesh, element)
+
+
+class PointExchange:
+    """Carries values between joint points, dealt to the ranks in blocks, and points of facets.
+
+    Args:
+        surface: The joint surface.
+        layout: All joint points.
+        count: Number of joint points of this rank.
+    """
+
+    def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
+        """Find the joint point of each point of each facet."""
+        pairs = surface.jointed.integrated_pairs
+        number, turned = pairs.number[surface.pair], pairs.turned[surface.pair]
+        order = _order_of_integration(layout.rule, turned)
+        self._point = np.take_along_axis(layout.number[number], order, axis=1).ravel()
+        self._share = np.take_along_axis(layout.share[number], order, axis=1).reshape(-1, 1)
+        self._comm, self._count = surface.mesh.comm, count
+        self._parts: dict[int, tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]] = {}
+
+    def to_facets(self, values: Floats) -> Floats:
+        """Values of joint points, shape (n, k), at the points of facets in turn (collective)."""
+        points, facets, scatter = self._exchange(values.shape[1])
+        points.setArray(values.ravel())
+        scatter.scatter(points, facets)
+        return facets.getArray().reshape(-1, values.shape[1]).copy()
+
+    def to_points(self, values: Floats) -> Floats:
+        """Means by area of what the facets around joint points have, shape (n, k) (collective)."""
+        points, facets, scatter = self._exchange(values.shape[1])
+        facets.setArray((self._share * values).ravel())
+        points.set(0.0)
+        scatter.scatter(facets, points, addv=True, mode=PETSc.ScatterMode.REVERSE)
+        return points.getArray().reshape(-1, values.shape[1]).copy()
+
+    def _exchange(self, size: int) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]:
+        if size not in self._parts:
+            points = PETSc.Vec().createMPI((size * self._count, None), comm=lasting(self._comm))
+            facets = PETSc.Vec().createSeq(size * len(self._point), comm=PETSc.COMM_SELF)
+            here = PETSc.IS().createBlock(
+                size, self._point.astype(PETSc.IntType), comm=PETSc.COMM_SELF
+            )
+            self._parts[size] = (points, facets, PETSc.Scatter().create(points, here, facets, None))
+        return self._parts[size]
+
+
+def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
+    """Which point of the rule each point of an integral is, shape (facets, q).
+
+    Args:
+        rule: Points on the reference facet, which the permutations of a facet leave a set.
+        turned: Vertices of the facets as integrals see them, shape (facets, vertices per facet).
+    """
+    kind = facet_cell_type(turned.shape[1])
+    corners = basix.cell.geometry(kind)
+    linear = basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.gll_warped)
+    weights = linear.tabulate(0, rule)[0, :, :, 0]
+    kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
+    apart = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
+    if np.any(apart.min(axis=2, initial=np.inf) > 1e-9):
+        raise ValueError("This quadrature rule depends on the order of a facet's vertices.")
+    order: Ints = apart.argmin(axis=2)[of_facet.ravel()]
+    return order

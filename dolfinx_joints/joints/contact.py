@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,8 +22,9 @@ from dolfinx_joints.common.parameters import (
     check_number,
     shown,
 )
+from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.law_points import LawPoints
-from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.joints.operator import GapOperator, JointOperator
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     AnyLaw,
@@ -99,6 +102,19 @@ class Contact:
             here = operator.joint == operator.names.index(name)
             with raised_together(operator.comm):
                 self.initial_gap[here, 0] += _checked_gap(name, gap, places[here])
+
+    @cached_property
+    def by_forms(self) -> Contact:
+        """The same with jump, force and tangent by interior-facet integrals (collective).
+
+        Raises:
+            JointsError: The operator came from a matrix, without a mesh to integrate over.
+        """
+        if not isinstance(self.operator, JointOperator):
+            raise JointsError("Interior-facet integrals need joints of a mesh.")
+        other = copy(self)
+        other.operator = FormOperator(self.operator)
+        return other
 
     def gap(self, u: Any) -> Floats:
         """Gap with the initial gap included, shape (n, 3), [m] (collective)."""

@@ -63,7 +63,7 @@ class Simulation:
         model: The model.
         monitors: Observers of the run.
         options: Tolerances and limits of Newton's method.
-        solver: ``auto``, ``condensed`` or ``monolithic``; see `make_solver`.
+        solver: ``auto``, ``condensed``, ``monolithic`` or ``forms``; see `make_solver`.
 
     Attributes:
         model: The model.

@@ -16,7 +16,7 @@ from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
-SolverKind = Literal["auto", "condensed", "monolithic"]
+SolverKind = Literal["auto", "condensed", "monolithic", "forms"]
 
 
 @checked
@@ -36,10 +36,13 @@ def make_solver(
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere, and in statics where nothing but joints of
             finite stiffness supports blocks: near the limit of what they carry it goes further.
+            ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
     contact = system.contact
+    if kind == "forms" and contact is not None and system.bulk is None:
+        return NewtonSolver(replace(system, contact=contact.by_forms), options, name="forms")
     if system.bulk is not None:
         if kind == "condensed" or (contact is not None and contact.rigid):
             rigid = "" if kind == "condensed" else ", which rigid joints need,"

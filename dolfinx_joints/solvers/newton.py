@@ -46,13 +46,20 @@ class NewtonSolver:
     Args:
         system: The system.
         options: Tolerances and limits.
+        name: What reports call it where there are joints.
     """
 
-    def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
+    def __init__(
+        self,
+        system: MatrixSystem,
+        options: SolverOptions | None = None,
+        *,
+        name: str = "monolithic",
+    ) -> None:
         """Make the work vectors (collective)."""
         self.system = system
         self._internal_forces = system.internal_forces
-        self.name = "linear" if self._internal_forces is None else "monolithic"
+        self.name = "linear" if self._internal_forces is None else name
         self.options = options or SolverOptions()
         self.unconstrained = unconstrained_dofs(system)
         self._correction = self.unconstrained.duplicate()

@@ -20,7 +20,7 @@ from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTang
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.joints.contact import Contact, StatusCounts
 from dolfinx_joints.joints.internal_forces import JointInternalForces
-from dolfinx_joints.joints.operator import JointTangent
+from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.mesh.cells import Floats
@@ -219,7 +219,7 @@ class PlasticBulk:
 class PlasticTangent:
     """Tangent of joints and plastic cells as a matrix, its sparsity kept."""
 
-    def __init__(self, bulk: StrainTangent, joints: JointTangent | None) -> None:
+    def __init__(self, bulk: StrainTangent, joints: TangentMatrix | None) -> None:
         """Take the builders of both parts, None without joints."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
         self._sum: PETSc.Mat | None = None

@@ -19,8 +19,8 @@ from scipy.sparse import coo_array
 
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.joints.points import JointPoints, joint_points
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
 # Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep

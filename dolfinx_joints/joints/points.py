@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import (
     facet_cell_type,
     facet_rule,
     is_nodal,
     nodes_with_points,
 )
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.jointed_mesh import JointPairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 @dataclass(frozen=True, kw_only=True)

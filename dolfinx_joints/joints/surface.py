@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.joints.points import JointPoints
-from dolfinx_joints.mesh import compat
+from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -43,11 +43,11 @@ class JointSurface:
             -1, len(jointed.shape.facet_vertices)
         )
         plus, minus = (of_cell[pairs.entities[:, k], pairs.entities[:, k + 1]] for k in (0, 2))
-        self.mesh, facets = compat.create_submesh(body, tdim - 1, np.sort(minus))
+        self.mesh, facets = dolfinx_versions.create_submesh(body, tdim - 1, np.sort(minus))
         self.pair: Ints = np.argsort(minus)[np.searchsorted(np.sort(minus), facets)]
         cell = np.empty_like(minus)
         cell[self.pair] = np.arange(len(facets))
-        self.entity_maps = compat.surface_entity_maps(
+        self.entity_maps = dolfinx_versions.surface_entity_maps(
             body, self.mesh, np.concatenate([plus, minus]), np.concatenate([cell, cell])
         )
 

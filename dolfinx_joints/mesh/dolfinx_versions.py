@@ -41,7 +41,7 @@ def cell_partitioner() -> Callable[..., Any]:
 
 
 def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
-    """An adjacency list as a partitioner must return it; wrapped in a class of Python since 0.10."""
+    """An adjacency list as partitioners return it; inside of a Python object since 0.10."""
     from dolfinx.graph import adjacencylist
 
     made = adjacencylist(links.astype(np.int32), offsets.astype(np.int32))
@@ -77,9 +77,7 @@ def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[An
     return made, np.asarray(entity)
 
 
-def surface_entity_maps(
-    body: Any, surface: Any, facets: NDArray[Any], cells: NDArray[Any]
-) -> Any:
+def surface_entity_maps(body: Any, surface: Any, facets: NDArray[Any], cells: NDArray[Any]) -> Any:
     """What `fem.form` takes to find the surface's cell of facets of the body, several to a cell.
 
     Since 0.10 a map leads from cells of a submesh to entities of a mesh, one to one, and serves

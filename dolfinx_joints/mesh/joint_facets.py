@@ -13,18 +13,16 @@ facet; no other integral asks for its code.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import basix
 import dolfinx.mesh
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
-
-if TYPE_CHECKING:
-    from dolfinx_joints.mesh.jointed_mesh import JointPairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +44,7 @@ class IntegratedPairs:
 
 
 def integrated_pairs(
-    mesh: dolfinx.mesh.Mesh, shape: CellShape, pairs: JointPairs, local: Ints
+    mesh: dolfinx.mesh.Mesh, shape: CellShape, pairs: JointPairs, local: NDArray[np.int32]
 ) -> IntegratedPairs:
     """Find the pairs of this rank, and make the quadrature points of their two sides meet.
 

@@ -34,42 +34,10 @@ from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.gather import gather_mesh
 from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.orientation import facet_normals
-from dolfinx_joints.mesh.partition import glued_vertices, partitioner_across
+from dolfinx_joints.mesh.partition import partitioner_across
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointPairs:
-    """Facet pairs of all joints, the same table on every rank.
-
-    Attributes:
-        names: Joint names.
-        joint: Joint number of each pair, ascending, shape (num_pairs,).
-        minus: Input cell number and local facet on the - side, shape (num_pairs, 2).
-        plus: The same on the + side.
-        match: Position among the vertices of the + facet of the partner of each vertex of the
-            - facet, shape (num_pairs, vertices per facet).
-        minus_vertices: Numbers of the vertices of the - facet, shape like ``match``.
-        plus_vertices: Numbers of their partners on the + side; equal on the joint's front.
-        nodes: Coordinates of the nodes of the - facet in the order of the facet's own Lagrange
-            element, shape (num_pairs, nodes per facet, gdim), [m].
-        sign: 1 where the normal by the vertex order of the - facet points to the + side, else -1.
-        gaps_in_geometry: Whether the two faces may be apart in the mesh itself.
-        bonded: Joint facets per joint that cannot open, shape (num_joints,).
-    """
-
-    names: tuple[str, ...]
-    joint: Ints
-    minus: Ints
-    plus: Ints
-    match: Ints
-    minus_vertices: Ints
-    plus_vertices: Ints
-    nodes: Floats
-    sign: Ints
-    gaps_in_geometry: bool
-    bonded: Ints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,9 +144,7 @@ class JointedMesh:
         """Integration entities of each joint, by its number from 1 on."""
         found = self.integrated_pairs
         joint = self.pairs.joint[found.number]
-        return [
-            (i + 1, found.entities[joint == i].ravel()) for i in range(len(self.joint_names))
-        ]
+        return [(i + 1, found.entities[joint == i].ravel()) for i in range(len(self.joint_names))]
 
     def dx(self, name: str) -> ufl.Measure:
         """Volume measure of a named cell group."""
@@ -223,12 +189,8 @@ def distribute(comm: Any, prepare: Any) -> JointedMesh:
     element = basix.ufl.element(
         "Lagrange", known.shape.name, known.shape.degree, shape=(whole.x.shape[1],)
     )
-    pairs = known.pairs
-    glued = glued_vertices(len(whole.x), pairs.minus_vertices, pairs.plus_vertices) if here else whole.cells[:, 0]
-    partitioner = partitioner_across(pairs.minus[:, 0], pairs.plus[:, 0], glued)
-    mesh = dolfinx_versions.create_mesh(
-        comm, whole.cells, whole.x, element, partitioner if comm.size > 1 else None
-    )
+    partitioner = partitioner_across(known.pairs, len(whole.x)) if comm.size > 1 else None
+    mesh = dolfinx_versions.create_mesh(comm, whole.cells, whole.x, element, partitioner)
     mesh.name = "jointed_mesh"
     tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
     local, index = _local_facets(mesh, local_cells(mesh), known.facets)

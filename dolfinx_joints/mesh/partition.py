@@ -15,23 +15,22 @@ import numpy as np
 
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.blocks import connected
-from dolfinx_joints.mesh.cells import Ints
+from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
-def glued_vertices(num_nodes: int, minus_vertices: Ints, plus_vertices: Ints) -> Ints:
-    """One number for all nodes that stand at the same vertex of a joint, shape (num_nodes,)."""
-    return connected(minus_vertices.ravel(), plus_vertices.ravel(), num_nodes)
-
-
-def partitioner_across(minus: Ints, plus: Ints, glued: Ints) -> Callable[..., Any]:
+def partitioner_across(pairs: JointPairs, num_nodes: int) -> Callable[..., Any]:
     """A partitioner for `dolfinx.mesh.create_mesh`, where rank 0 gives all cells.
 
     Args:
-        minus: Cell on the - side of each facet pair, shape (num_pairs,).
-        plus: Cell on the + side, shape (num_pairs,).
-        glued: Number of each node in a mesh whose joints are glued, shape (num_nodes,), on rank 0;
-            empty on the others.
+        pairs: The facet pairs.
+        num_nodes: Number of nodes that this rank gives.
     """
+    glued = (
+        connected(pairs.minus_vertices.ravel(), pairs.plus_vertices.ravel(), num_nodes)
+        if num_nodes
+        else np.empty(0, dtype=np.int64)
+    )
+    minus, plus = pairs.minus[:, 0], pairs.plus[:, 0]
     by_facets = dolfinx_versions.cell_partitioner()
 
     def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.mesh.blocks import connected, same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
 Mask = NDArray[np.bool_]
 

@@ -1,0 +1,42 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What ties the two sides of joints together: a table of facet pairs, kept on every rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dolfinx_joints.mesh.cells import Floats, Ints
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointPairs:
+    """Facet pairs of all joints, the same table on every rank.
+
+    Attributes:
+        names: Joint names.
+        joint: Joint number of each pair, ascending, shape (num_pairs,).
+        minus: Input cell number and local facet on the - side, shape (num_pairs, 2).
+        plus: The same on the + side.
+        match: Position among the vertices of the + facet of the partner of each vertex of the
+            - facet, shape (num_pairs, vertices per facet).
+        minus_vertices: Numbers of the vertices of the - facet, shape like ``match``.
+        plus_vertices: Numbers of their partners on the + side; equal on the joint's front.
+        nodes: Coordinates of the nodes of the - facet in the order of the facet's own Lagrange
+            element, shape (num_pairs, nodes per facet, gdim), [m].
+        sign: 1 where the normal by the vertex order of the - facet points to the + side, else -1.
+        gaps_in_geometry: Whether the two faces may be apart in the mesh itself.
+        bonded: Joint facets per joint that cannot open, shape (num_joints,).
+    """
+
+    names: tuple[str, ...]
+    joint: Ints
+    minus: Ints
+    plus: Ints
+    match: Ints
+    minus_vertices: Ints
+    plus_vertices: Ints
+    nodes: Floats
+    sign: Ints
+    gaps_in_geometry: bool
+    bonded: Ints

@@ -114,13 +114,12 @@ class JointedMesh:
             MeshError: There is no such joint.
             ValueError: The rule does not exist.
         """
-        names = self.joint_names if joints is None else joints
-        names = [names] if isinstance(names, str) else list(names)
+        names = [joints] if isinstance(joints, str) else list(joints or ())
         for name in names:
             if name not in self.joint_names:
                 known = ", ".join(self.joint_names) or "none"
                 raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
-        numbers = tuple(self.joint_names.index(name) + 1 for name in names)
+        numbers = tuple(self.joint_names.index(name) + 1 for name in names) or 0
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
         if quadrature is None:
             return measure
@@ -128,8 +127,8 @@ class JointedMesh:
         return measure(
             metadata={
                 "quadrature_rule": "custom",
-                "quadrature_points": points,
-                "quadrature_weights": weights,
+                "quadrature_points": points.tolist(),
+                "quadrature_weights": weights.tolist(),
             }
         )
 
@@ -141,10 +140,11 @@ class JointedMesh:
 
     @cached_property
     def _joint_entities(self) -> list[tuple[int, NDArray[np.int32]]]:
-        """Integration entities of each joint, by its number from 1 on."""
+        """Integration entities of all joints as 0, and of each by its number from 1 on."""
         found = self.integrated_pairs
         joint = self.pairs.joint[found.number]
-        return [(i + 1, found.entities[joint == i].ravel()) for i in range(len(self.joint_names))]
+        each = [found.entities[joint == i] for i in range(len(self.joint_names))]
+        return [(i, entities.ravel()) for i, entities in enumerate([found.entities, *each])]
 
     def dx(self, name: str) -> ufl.Measure:
         """Volume measure of a named cell group."""

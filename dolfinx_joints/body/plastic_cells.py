@@ -79,7 +79,8 @@ class PlasticBulk:
         """Build the strain operator (collective)."""
         topology = jointed.mesh.topology
         every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
-        groups = {name: jointed.cells(name) if name else every for name in laws}
+        of_group = {name: jointed.cells(name) if name else every for name in laws}
+        groups = {name: cells[cells < len(every)] for name, cells in of_group.items()}
         self.kinds = tuple(sorted({type(law).__name__ for law in laws.values()}))
         self._joints = None if contact is None else JointInternalForces(contact)
         self._mesh = jointed.mesh

@@ -9,13 +9,9 @@ table kept on every rank.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import basix.ufl
@@ -29,15 +25,10 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
-from dolfinx_joints.mesh.gather import gather_mesh
-from dolfinx_joints.mesh.gmsh_file import RawMesh, load_msh
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
 from dolfinx_joints.mesh.joint_pairs import JointPairs
-from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.partition import partitioner_across
-from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,8 @@ import numpy as np
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
-from dolfinx_joints.mesh.jointed_mesh import JointPairs, PreparedMesh
+from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.jointed_mesh import PreparedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 

@@ -12,24 +12,13 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-import ufl
 from dolfinx import fem
 from grids import CASES, SHAPES, case, name_of
 from mpi4py import MPI
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Simulation,
-    SolverOptions,
-)
+from dolfinx_joints import mesh_from_arrays
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.operator import JointOperator
-from dolfinx_joints.mesh.gmsh_file import RawMesh
-from dolfinx_joints.mesh.jointed_mesh import _distribute, _prepare
 
 pytestmark = pytest.mark.mpi
 
@@ -45,21 +34,14 @@ def distorted(shape, scene):
     moved = np.empty_like(x)
     moved[new_node] = x + 0.1 * np.sin(x @ rng.normal(size=(shape.dim, shape.dim)))
     groups = {name: new_node[facets] for name, facets in joints}
-    raw = RawMesh(
-        shape=shape, cells=new_node[cells][new_cell], x=moved, cell_groups={}, facet_groups=groups
+    return mesh_from_arrays(
+        COMM,
+        cell=shape.name,
+        x=moved,
+        cells=new_node[cells][new_cell],
+        facet_groups=groups,
+        joints=list(groups),
     )
-    return _distribute(COMM, lambda: _prepare(raw, list(groups)))
-
-
-def anything(V):
-    """A Function of no pattern, the same for any number of ranks."""
-    u = fem.Function(V)
-    u.interpolate(lambda x: np.sin(7.0 * (1.0 + np.arange(V.dofmap.bs))[:, None] * x.sum(axis=0)))
-    # The two sides of a joint differ by the middles of their cells.
-    inner = fem.Function(fem.functionspace(V.mesh, ("DG", 0)))
-    inner.x.array[:] = np.cos(np.asarray(V.mesh.topology.original_cell_index))
-    u.interpolate(fem.Expression(u * inner, V.element.interpolation_points()))
-    return u
 
 
 def largest(values):
@@ -76,7 +58,7 @@ def test_forms_are_the_operator(shape, scene):
     B = JointOperator(jointed, V, quadrature=rule)
     forms = FormOperator(B)
     rng = np.random.default_rng(COMM.rank)
-    u = V.mesh.comm and fem.Function(V)
+    u = fem.Function(V)
     u.x.petsc_vec.setRandom()
     u.x.scatter_forward()
     traction, tangent = rng.normal(size=(len(B.areas), 3)), rng.normal(size=(len(B.areas), 3, 3))

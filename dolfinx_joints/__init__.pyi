@@ -55,10 +55,10 @@ from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
-from .mesh.reading import mesh_from_arrays as mesh_from_arrays
-from .mesh.reading import read_msh as read_msh
-from .mesh.reading import read_xdmf as read_xdmf
-from .mesh.reading import split_mesh as split_mesh
+from .mesh.reading.readers import mesh_from_arrays as mesh_from_arrays
+from .mesh.reading.readers import read_msh as read_msh
+from .mesh.reading.readers import read_xdmf as read_xdmf
+from .mesh.reading.readers import split_mesh as split_mesh
 from .model.joint_stiffness import StiffnessProposal as StiffnessProposal
 from .model.joint_stiffness import propose_stiffness as propose_stiffness
 from .model.mass_redistribution import redistribute as redistribute

@@ -19,7 +19,7 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.geometry.meshing.arguments import mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
-from dolfinx_joints.mesh.gmsh_syntax import check_msh
+from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
 

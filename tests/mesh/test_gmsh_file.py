@@ -12,7 +12,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.two_blocks import two_blocks
-from dolfinx_joints.mesh.gmsh_file import load_msh
+from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 
 
 @pytest.fixture(scope="module")

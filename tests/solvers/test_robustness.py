@@ -12,7 +12,7 @@ pytest.importorskip("dolfinx")
 import ufl
 
 import dolfinx_joints as dj
-from dolfinx_joints.mesh.gmsh_file import load_msh
+from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.monitor import Monitor
 

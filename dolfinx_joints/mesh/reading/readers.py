@@ -20,12 +20,12 @@ from dolfinx_joints.common.parameters import (
     check_path,
     shown,
 )
-from dolfinx_joints.mesh.arrays import mesh_of_arrays
-from dolfinx_joints.mesh.gather import gather_mesh
-from dolfinx_joints.mesh.gmsh_file import load_msh
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, PreparedMesh, distribute
 from dolfinx_joints.mesh.preparation import prepare
-from dolfinx_joints.mesh.xdmf_file import XdmfGrids
+from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays
+from dolfinx_joints.mesh.reading.gather import gather_mesh
+from dolfinx_joints.mesh.reading.gmsh_file import load_msh
+from dolfinx_joints.mesh.reading.xdmf_file import XdmfGrids
 
 TagsOrEntities = Mapping[str, int] | Mapping[str, NDArray[np.int32]]
 

@@ -14,7 +14,7 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
-from dolfinx_joints.mesh.gmsh_syntax import check_msh
+from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
 # Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
 _CELLS = {

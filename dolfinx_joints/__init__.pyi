@@ -59,6 +59,7 @@ from .mesh.reading.readers import mesh_from_arrays as mesh_from_arrays
 from .mesh.reading.readers import read_msh as read_msh
 from .mesh.reading.readers import read_xdmf as read_xdmf
 from .mesh.reading.readers import split_mesh as split_mesh
+from .model.joint_functions import JointFunctions as JointFunctions
 from .model.joint_stiffness import StiffnessProposal as StiffnessProposal
 from .model.joint_stiffness import propose_stiffness as propose_stiffness
 from .model.mass_redistribution import redistribute as redistribute

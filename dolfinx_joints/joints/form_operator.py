@@ -22,7 +22,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
-from dolfinx_joints.joints.surface import JointSurface, PointExchange
+from dolfinx_joints.joints.point_exchange import PointExchange
 from dolfinx_joints.mesh.cells import Floats
 
 
@@ -44,7 +44,7 @@ class FormOperator(GapOperator):
         V, jointed, layout = operator.space, operator.jointed, operator.layout
         self._dim = V.mesh.geometry.dim
         self._axes = operator.frames[:, :, : self._dim]
-        surface = JointSurface(jointed)
+        surface = jointed.surface()
         self._exchange = PointExchange(surface, layout, len(operator.areas))
         rule = operator.quadrature, V.ufl_element().degree
         vectors = surface.quadrature_space(*rule, (self._dim,))
@@ -78,7 +78,7 @@ class FormOperator(GapOperator):
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
         """Nodal forces (2), [N] (collective)."""
-        self._give(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
+        self._exchange.give(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
         with self._force.localForm() as local:
             local.set(0.0)
         fem_petsc.assemble_vector(self._force, self._force_form)
@@ -94,15 +94,10 @@ class FormOperator(GapOperator):
         """Tangent (6) for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
         axes = self._axes
         turned = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
-        self._give(self._tangent, turned.reshape(len(turned), -1))
+        self._exchange.give(self._tangent, turned.reshape(len(turned), -1))
         out.zeroEntries()
         fem_petsc.assemble_matrix(out, self.tangent_form)
         out.assemble()
-
-    def _give(self, function: fem.Function, values: Floats) -> None:
-        """Set a Function on the joints by the values of the local points, shape (n, k)."""
-        array = function.x.array.reshape(-1, values.shape[1])
-        array[self._dofs] = self._exchange.to_facets(values)
 
     def _assembled(self, form: fem.Form) -> Floats:
         """A linear form on the vectors at quadrature points, facet by facet, shape (m, dim)."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,13 @@ def surface_entity_maps(body: Any, surface: Any, facets: NDArray[Any], cells: ND
     if not hasattr(mesh, "entity_map"):
         return {surface: known}
     return [mesh.entity_map(surface.topology, body.topology, surface.topology.dim, known)]
+
+
+def merged_entity_maps(maps: Sequence[Any]) -> Any:
+    """What `fem.form` takes, of several `surface_entity_maps`; None of none."""
+    if maps and isinstance(maps[0], dict):
+        return {mesh: known for each in maps for mesh, known in each.items()}
+    return [known for each in maps for known in each] or None
 
 
 def permuted_points(

@@ -18,6 +18,7 @@ import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -28,6 +29,7 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
 from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 from dolfinx_joints.mesh.partition import partitioner_across
 
 
@@ -105,12 +107,7 @@ class JointedMesh:
             MeshError: There is no such joint.
             ValueError: The rule does not exist.
         """
-        names = [joints] if isinstance(joints, str) else list(joints or ())
-        for name in names:
-            if name not in self.joint_names:
-                known = ", ".join(self.joint_names) or "none"
-                raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
-        numbers = tuple(self.joint_names.index(name) + 1 for name in names) or 0
+        numbers = tuple(k + 1 for k in self._positions(joints)) if joints else 0
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
         if quadrature is None:
             return measure
@@ -122,6 +119,49 @@ class JointedMesh:
                 "quadrature_weights": weights.tolist(),
             }
         )
+
+    def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
+        """Mesh of the - faces of joints, for functions on them; made once and kept (collective).
+
+        Args:
+            joints: A joint, several, or all.
+
+        Raises:
+            MeshError: There is no such joint.
+        """
+        chosen = self._positions(joints)
+        if chosen not in self._surfaces:
+            made = JointSurface(self.mesh, self.pairs, self.integrated_pairs, chosen)
+            self._surfaces[chosen] = made
+        return self._surfaces[chosen]
+
+    def form(self, form: Any) -> Any:
+        """A form or nested lists of them, compiled by `dolfinx.fem.form` (collective).
+
+        Arguments and coefficients may live on joint surfaces: it finds the entity maps.
+
+        Raises:
+            MeshError: The form goes over joints that a surface in it leaves out.
+        """
+        if isinstance(form, list | tuple):
+            return [self.form(each) for each in form]
+        if not self._surfaces or not isinstance(form, ufl.Form):
+            return fem.form(form)
+        return compiled(form, self._surfaces.values(), self._joint_entities)
+
+    def _positions(self, joints: str | Sequence[str] | None) -> tuple[int, ...]:
+        """Positions of joints among their names, ascending."""
+        names = [joints] if isinstance(joints, str) else list(joints or self.joint_names)
+        for name in names:
+            if name not in self.joint_names:
+                known = ", ".join(self.joint_names) or "none"
+                raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
+        return tuple(sorted({self.joint_names.index(name) for name in names}))
+
+    @cached_property
+    def _surfaces(self) -> dict[tuple[int, ...], JointSurface]:
+        """Surfaces made so far, by `_positions`."""
+        return {}
 
     @cached_property
     def integrated_pairs(self) -> IntegratedPairs:

@@ -223,7 +223,7 @@ class Model:
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
         """Assembled matrix of the sum of some forms."""
-        return self._kept(fem_petsc.assemble_matrix(fem.form(sum(forms[1:], forms[0]))))
+        return self._kept(fem_petsc.assemble_matrix(self.jointed.form(sum(forms[1:], forms[0]))))
 
     def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
         """The matrix on a communicator that outlives the mesh, which frees its own."""
@@ -248,7 +248,7 @@ class Model:
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
         _check_form(form, 1, "A load must be a linear UFL form of v")
-        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector = fem_petsc.assemble_vector(self.jointed.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return without_ghosts(vector, self.mass)
 

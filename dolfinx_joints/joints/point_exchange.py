@@ -1,71 +1,19 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Functions that live on joints: a mesh of the - faces, and spaces on it for forms over ``dS``."""
+"""Values of joint points as those of Functions on a joint surface, and back."""
 
 from __future__ import annotations
 
 import basix
-import basix.ufl
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.joints.points import JointPoints
-from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-
-
-class JointSurface:
-    """The - faces of all joints as a mesh, each facet on the rank that integrates its pair.
-
-    Functions on it stand for the joint, so that a form over `JointedMesh.dS` takes them with any
-    restriction; ``form(..., entity_maps=surface.entity_maps)`` finds their cells.
-
-    Args:
-        jointed: The split mesh.
-
-    Attributes:
-        jointed: The split mesh.
-        mesh: The mesh of the faces.
-        pair: Position among ``jointed.integrated_pairs`` of each cell of ``mesh``, shape (n,).
-        entity_maps: What `dolfinx.fem.form` needs to know.
-    """
-
-    def __init__(self, jointed: JointedMesh) -> None:
-        """Make the mesh (collective)."""
-        self.jointed = jointed
-        body, pairs = jointed.mesh, jointed.integrated_pairs
-        tdim = body.topology.dim
-        of_cell = body.topology.connectivity(tdim, tdim - 1).array.reshape(
-            -1, len(jointed.shape.facet_vertices)
-        )
-        plus, minus = (of_cell[pairs.entities[:, k], pairs.entities[:, k + 1]] for k in (0, 2))
-        self.mesh, facets = dolfinx_versions.create_submesh(body, tdim - 1, np.sort(minus))
-        self.pair: Ints = np.argsort(minus)[np.searchsorted(np.sort(minus), facets)]
-        cell = np.empty_like(minus)
-        cell[self.pair] = np.arange(len(facets))
-        self.entity_maps = dolfinx_versions.surface_entity_maps(
-            body, self.mesh, np.concatenate([plus, minus]), np.concatenate([cell, cell])
-        )
-
-    def quadrature_space(
-        self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
-    ) -> fem.FunctionSpace:
-        """Space with a value at each quadrature point of each facet.
-
-        Args:
-            quadrature: Rule, and
-            degree: degree of the displacement, as `JointedMesh.dS` takes them.
-            shape: Shape of a value.
-        """
-        points, weights = facet_rule(self.jointed.pairs.match.shape[1], degree, quadrature)
-        element = basix.ufl.quadrature_element(
-            self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights
-        )
-        return fem.functionspace(self.mesh, element)
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
+from dolfinx_joints.mesh.joint_surface import JointSurface
 
 
 class PointExchange:
@@ -79,13 +27,17 @@ class PointExchange:
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
         """Find the joint point of each point of each facet."""
-        pairs = surface.jointed.integrated_pairs
-        number, turned = pairs.number[surface.pair], pairs.turned[surface.pair]
-        order = _order_of_integration(layout.rule, turned)
+        number = surface.number
+        order = _order_of_integration(layout.rule, surface.turned)
         self._point = np.take_along_axis(layout.number[number], order, axis=1).ravel()
         self._share = np.take_along_axis(layout.share[number], order, axis=1).reshape(-1, 1)
         self._comm, self._count = surface.mesh.comm, count
         self._parts: dict[int, tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]] = {}
+
+    def give(self, function: fem.Function, values: Floats) -> None:
+        """Set a Function at the rule's points by values of joint points, (n, k) (collective)."""
+        array = function.x.array.reshape(-1, values.shape[1])
+        array[function.function_space.dofmap.list.ravel()] = self.to_facets(values)
 
     def to_facets(self, values: Floats) -> Floats:
         """Values of joint points, shape (n, k), at the points of facets in turn (collective)."""

@@ -1,0 +1,125 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes of the faces of joints, for functions that live there, and forms that have some."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import basix.ufl
+import dolfinx.mesh
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.domain import extract_domains
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.mesh import dolfinx_versions
+from dolfinx_joints.mesh.cells import Ints
+from dolfinx_joints.mesh.facet_quadrature import facet_rule
+from dolfinx_joints.mesh.joint_facets import IntegratedPairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs
+
+
+class JointSurface:
+    """The - faces of joints as a mesh of their own, from `JointedMesh.surface`.
+
+    Functions and arguments on it stand for the joint: a form over `JointedMesh.dS` takes them with
+    either restriction, ``k("-")``, and `JointedMesh.form` compiles it. Joints with a - face in
+    common at a crossing share nodes there; surfaces of single joints share none.
+
+    Args:
+        body: The split mesh.
+        pairs: The facet pairs of all its joints.
+        here: Those that this rank integrates over.
+        joints: Positions of the joints among their names.
+
+    Attributes:
+        mesh: The mesh; each cell is on the rank that integrates over its pair, some ranks may have
+            none.
+        joints: Positions of the joints among their names, ascending.
+        cell_tags: Position of the joint of each cell, plus one.
+        number: Number of the facet pair of each cell, shape (n,).
+        turned: `IntegratedPairs.turned` of each cell.
+        entity_maps: What `dolfinx.fem.form` needs to find the cells.
+    """
+
+    def __init__(
+        self,
+        body: dolfinx.mesh.Mesh,
+        pairs: JointPairs,
+        here: IntegratedPairs,
+        joints: tuple[int, ...],
+    ) -> None:
+        """Make the mesh (collective)."""
+        self.joints = joints
+        chosen = np.flatnonzero(np.isin(pairs.joint[here.number], joints))
+        tdim = body.topology.dim
+        of_cell, first = (
+            getattr(body.topology.connectivity(tdim, tdim - 1), name)
+            for name in ("array", "offsets")
+        )
+        entities = here.entities[chosen]
+        plus, minus = (of_cell[first[entities[:, k]] + entities[:, k + 1]] for k in (0, 2))
+        self.mesh, facets = dolfinx_versions.create_submesh(body, tdim - 1, np.sort(minus))
+        order = np.argsort(minus)
+        pair: Ints = chosen[order[np.searchsorted(minus[order], facets)]]
+        self.number, self.turned = here.number[pair], here.turned[pair]
+        cells = np.arange(len(facets), dtype=np.int32)
+        tags = (pairs.joint[self.number] + 1).astype(np.int32)
+        self.cell_tags = dolfinx.mesh.meshtags(self.mesh, tdim - 1, cells, tags)
+        cell = np.empty_like(minus)
+        cell[np.searchsorted(chosen, pair)] = cells
+        self.entity_maps = dolfinx_versions.surface_entity_maps(
+            body, self.mesh, np.concatenate([plus, minus]), np.concatenate([cell, cell])
+        )
+        self._corners = pairs.match.shape[1]
+
+    def quadrature_space(
+        self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
+    ) -> fem.FunctionSpace:
+        """Space with a value at each quadrature point of each facet.
+
+        Args:
+            quadrature: Rule, and
+            degree: degree of the displacement, as `JointedMesh.dS` takes them.
+            shape: Shape of a value.
+        """
+        points, weights = facet_rule(self._corners, degree, quadrature)
+        element = basix.ufl.quadrature_element(
+            self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights
+        )
+        return fem.functionspace(self.mesh, element)
+
+
+def compiled(form: Any, surfaces: Iterable[JointSurface], entities: Any) -> fem.Form:
+    """A form compiled with the entity maps of the joint surfaces that occur in it.
+
+    Args:
+        form: A UFL form.
+        surfaces: The surfaces to look among.
+        entities: Subdomains of the measure `JointedMesh.dS`: 0 for all joints, and each joint's
+            position plus one.
+
+    Raises:
+        MeshError: The form goes over joints that a surface in it leaves out.
+    """
+    by_domain = {surface.mesh.ufl_domain(): surface for surface in surfaces}
+    needed: dict[Any, JointSurface] = {}
+    for integral in form.integrals():
+        found = [d for d in extract_domains(integral.integrand()) if d in by_domain]
+        if integral.ufl_domain() in by_domain:
+            continue
+        needed |= {domain: by_domain[domain] for domain in found}
+        if integral.subdomain_data() is entities:
+            numbers = np.atleast_1d(integral.subdomain_id())
+            over = [k for k, _ in entities[1:]] if 0 in numbers else numbers
+            for domain in found:
+                if not {int(k) - 1 for k in over} <= set(by_domain[domain].joints):
+                    raise MeshError(
+                        "The form goes over joints that the surface of a function in it leaves "
+                        "out; let dS and surface have the same joints."
+                    )
+    maps = [surface.entity_maps for surface in needed.values()]
+    return fem.form(form, entity_maps=dolfinx_versions.merged_entity_maps(maps))

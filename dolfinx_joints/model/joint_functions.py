@@ -1,0 +1,150 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What joints do in a state, as DOLFINx Functions on their surface: for forms and for ParaView."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import basix
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_kind_of
+from dolfinx_joints.joints.point_exchange import PointExchange
+from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
+from dolfinx_joints.model.model import Model
+
+
+class JointFunctions:
+    """Gap, traction, slip and status of joints as Functions at the points of the model's rule.
+
+    They are zero until `update`. In forms they stand under `dS`, as ``traction("-")``, and
+    `JointedMesh.form` compiles these. Components are along the local axes (n, s1, s2) as in results
+    files, but those of ``traction_vector`` along the global ones: the joint puts the force
+    - int traction_vector dS on its + side, + int traction_vector dS on its - side.
+
+    Args:
+        model: The model, with joints.
+        joints: A joint, several, or all.
+
+    Attributes:
+        surface: The `JointSurface` that they live on.
+        dS: Measure of the joints with the model's rule.
+        gap: Gap, initial gap included, 3 components, [m].
+        traction: Traction, 3 components, [Pa].
+        traction_vector: The same, gdim components, [Pa].
+        slip: Tangential gap less its elastic part, what has slid; the first component is 0, [m].
+        status: 0 open, 1 sticking, 2 sliding, as `Status`.
+
+    Raises:
+        MeshError: The model has no joints, or none of this name.
+    """
+
+    def __init__(self, model: Model, joints: str | Sequence[str] | None = None) -> None:
+        """Make the Functions (collective)."""
+        if model.operator is None:
+            raise MeshError("The model has no joints, so there are no functions on joints.")
+        self._operator, jointed = model.operator, model.jointed
+        rule = model.operator.quadrature, model.V.ufl_element().degree
+        self.surface = jointed.surface(joints)
+        self.dS = jointed.dS(joints, quadrature=rule[0], degree=rule[1])
+        self._exchange = PointExchange(
+            self.surface, model.operator.layout, len(model.operator.areas)
+        )
+        sizes = {"gap": 3, "traction": 3, "traction_vector": model.gdim, "slip": 3, "status": 0}
+        self._shapes = {name: (size,) if size else () for name, size in sizes.items()}
+        made = [
+            fem.Function(self.surface.quadrature_space(*rule, shape), name=name)
+            for name, shape in self._shapes.items()
+        ]
+        self.gap, self.traction, self.traction_vector, self.slip, self.status = self._at_points = (
+            made
+        )
+
+    @cached_property
+    def fields(self) -> dict[str, fem.Function]:
+        """The same for ParaView, discontinuous Lagrange Functions by name (collective).
+
+        They follow `update` from when they are first asked for. With a rule ``nodal`` or ``gauss``
+        they have the values of the points there; of another Gauss rule of triangles, with more
+        points than a polynomial has coefficients, they are the fit of least squares.
+        """
+        degree = _fit(self._operator.layout.rule, self._corners)[0]
+        made = {
+            name: fem.Function(
+                fem.functionspace(self.surface.mesh, ("Discontinuous Lagrange", degree, shape)),
+                name=name,
+            )
+            for name, shape in self._shapes.items()
+        }
+        self._fill(made)
+        return made
+
+    def update(self, state: Any) -> None:
+        """Take over a state (collective).
+
+        Args:
+            state: What has the response of the joints as ``joints``, such as the result of
+                ``Simulation.statics``, ``outcome.state`` of a dynamic stage, and the ``Record`` of
+                a monitor; or the `Response` itself.
+        """
+        found = getattr(state, "joints", state)
+        wanted = "a StaticState, DynamicState, Record or Response of joints"
+        check_kind_of("state", found, isinstance(found, Response), wanted)
+        axes = self._operator.frames[:, :, : self.surface.mesh.geometry.dim]
+        values = (
+            found.state.gap,
+            found.traction,
+            np.einsum("nki,nk->ni", axes, found.traction),
+            np.pad(found.state.gap[:, 1:] - found.state.elastic_slip, ((0, 0), (1, 0))),
+            found.status[:, None].astype(np.float64),
+        )
+        for function, each in zip(self._at_points, values, strict=True):
+            self._exchange.give(function, each)
+        if "fields" in self.__dict__:
+            self._fill(self.fields)
+
+    @property
+    def _corners(self) -> int:
+        """Vertices of a facet."""
+        return self.surface.turned.shape[1]
+
+    def _fill(self, fields: dict[str, fem.Function]) -> None:
+        """Set the fields by the values at the points."""
+        fit = _fit(self._operator.layout.rule, self._corners)[1]
+        for source, field in zip(self._at_points, fields.values(), strict=True):
+            at_points, nodes = (f.function_space.dofmap.list for f in (source, field))
+            size = field.function_space.dofmap.index_map_bs
+            values = source.x.array.reshape(-1, size)[at_points]
+            field.x.array.reshape(-1, size)[nodes] = np.einsum("aq,fqk->fak", fit, values)
+
+
+def _fit(rule: Floats, corners: int) -> tuple[int, Floats]:
+    """Degree of the polynomials that points of a facet determine, and what does so.
+
+    Args:
+        rule: Points on the reference facet, shape (q, facet dimension).
+        corners: Vertices of the facet.
+
+    Returns:
+        The largest degree, and values at the Lagrange nodes of it per value at the points, shape
+        (nodes, q).
+    """
+    kind, degree, found = facet_cell_type(corners), 0, np.full((1, len(rule)), 1.0 / len(rule))
+    while True:
+        element = basix.create_element(
+            basix.ElementFamily.P,
+            kind,
+            degree + 1,
+            basix.LagrangeVariant.gll_warped,
+            discontinuous=True,
+        )
+        table = element.tabulate(0, rule)[0, :, :, 0]
+        if np.linalg.matrix_rank(table) < element.dim:
+            return degree, found
+        degree, found = degree + 1, np.linalg.pinv(table)

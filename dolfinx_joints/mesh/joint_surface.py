@@ -10,7 +10,6 @@ from typing import Any
 import basix.ufl
 import dolfinx.mesh
 import numpy as np
-import ufl
 from dolfinx import fem
 from ufl.domain import extract_domains
 

@@ -54,6 +54,7 @@ from .loads.water.reservoir import ReservoirMass as ReservoirMass
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
+from .mesh.joint_surface import JointSurface as JointSurface
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
 from .mesh.reading.readers import mesh_from_arrays as mesh_from_arrays
 from .mesh.reading.readers import read_msh as read_msh

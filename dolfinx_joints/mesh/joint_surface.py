@@ -25,8 +25,8 @@ class JointSurface:
     """The - faces of joints as a mesh of their own, from `JointedMesh.surface`.
 
     Functions and arguments on it stand for the joint: a form over `JointedMesh.dS` takes them with
-    either restriction, ``k("-")``, and `JointedMesh.form` compiles it. Joints with a - face in
-    common at a crossing share nodes there; surfaces of single joints share none.
+    either restriction, ``k("-")``, and `JointedMesh.form` compiles it. Continuous functions are so
+    along the nodes of the - faces, on a surface of several joints also where these meet.
 
     Args:
         body: The split mesh.
@@ -63,17 +63,17 @@ class JointSurface:
         plus, minus = (of_cell[first[entities[:, k]] + entities[:, k + 1]] for k in (0, 2))
         self.mesh, facets = dolfinx_versions.create_submesh(body, tdim - 1, np.sort(minus))
         order = np.argsort(minus)
-        pair: Ints = chosen[order[np.searchsorted(minus[order], facets)]]
-        self.number, self.turned = here.number[pair], here.turned[pair]
+        position: Ints = order[np.searchsorted(minus[order], facets)]
+        self.number = here.number[chosen[position]]
+        self.turned = here.turned[chosen[position]]
         cells = np.arange(len(facets), dtype=np.int32)
         tags = (pairs.joint[self.number] + 1).astype(np.int32)
         self.cell_tags = dolfinx.mesh.meshtags(self.mesh, tdim - 1, cells, tags)
         cell = np.empty_like(minus)
-        cell[np.searchsorted(chosen, pair)] = cells
+        cell[position] = cells
         self.entity_maps = dolfinx_versions.surface_entity_maps(
             body, self.mesh, np.concatenate([plus, minus]), np.concatenate([cell, cell])
         )
-        self._corners = pairs.match.shape[1]
 
     def quadrature_space(
         self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
@@ -85,7 +85,7 @@ class JointSurface:
             degree: degree of the displacement, as `JointedMesh.dS` takes them.
             shape: Shape of a value.
         """
-        points, weights = facet_rule(self._corners, degree, quadrature)
+        points, weights = facet_rule(self.turned.shape[1], degree, quadrature)
         element = basix.ufl.quadrature_element(
             self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights
         )
@@ -107,18 +107,18 @@ def compiled(form: Any, surfaces: Iterable[JointSurface], entities: Any) -> fem.
     by_domain = {surface.mesh.ufl_domain(): surface for surface in surfaces}
     needed: dict[Any, JointSurface] = {}
     for integral in form.integrals():
-        found = [d for d in extract_domains(integral.integrand()) if d in by_domain]
-        if integral.ufl_domain() in by_domain:
+        if integral.ufl_domain() in by_domain:  # on the surface itself
             continue
-        needed |= {domain: by_domain[domain] for domain in found}
+        domains = extract_domains(integral.integrand())
+        found = {each: by_domain[each] for each in domains if each in by_domain}
+        needed |= found
         if integral.subdomain_data() is entities:
             numbers = np.atleast_1d(integral.subdomain_id())
             over = [k for k, _ in entities[1:]] if 0 in numbers else numbers
-            for domain in found:
-                if not {int(k) - 1 for k in over} <= set(by_domain[domain].joints):
-                    raise MeshError(
-                        "The form goes over joints that the surface of a function in it leaves "
-                        "out; let dS and surface have the same joints."
-                    )
+            if any({int(k) - 1 for k in over} - set(each.joints) for each in found.values()):
+                raise MeshError(
+                    "The form goes over joints that the surface of a function in it leaves out; "
+                    "let dS and surface have the same joints."
+                )
     maps = [surface.entity_maps for surface in needed.values()]
     return fem.form(form, entity_maps=dolfinx_versions.merged_entity_maps(maps))

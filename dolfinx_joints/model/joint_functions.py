@@ -56,6 +56,7 @@ class JointFunctions:
         self._exchange = PointExchange(
             self.surface, model.operator.layout, len(model.operator.areas)
         )
+        self._fit = _fit(model.operator.layout.rule, self.surface.turned.shape[1])
         sizes = {"gap": 3, "traction": 3, "traction_vector": model.gdim, "slip": 3, "status": 0}
         self._shapes = {name: (size,) if size else () for name, size in sizes.items()}
         made = [
@@ -74,7 +75,7 @@ class JointFunctions:
         they have the values of the points there; of another Gauss rule of triangles, with more
         points than a polynomial has coefficients, they are the fit of least squares.
         """
-        degree = _fit(self._operator.layout.rule, self._corners)[0]
+        degree, _ = self._fit
         made = {
             name: fem.Function(
                 fem.functionspace(self.surface.mesh, ("Discontinuous Lagrange", degree, shape)),
@@ -109,14 +110,9 @@ class JointFunctions:
         if "fields" in self.__dict__:
             self._fill(self.fields)
 
-    @property
-    def _corners(self) -> int:
-        """Vertices of a facet."""
-        return self.surface.turned.shape[1]
-
     def _fill(self, fields: dict[str, fem.Function]) -> None:
         """Set the fields by the values at the points."""
-        fit = _fit(self._operator.layout.rule, self._corners)[1]
+        _, fit = self._fit
         for source, field in zip(self._at_points, fields.values(), strict=True):
             at_points, nodes = (f.function_space.dofmap.list for f in (source, field))
             size = field.function_space.dofmap.index_map_bs

@@ -42,13 +42,15 @@ class JointFunctions:
         status: 0 open, 1 sticking, 2 sliding, as `Status`.
 
     Raises:
-        MeshError: The model has no joints, or none of this name.
+        MeshError: The model has no joint with a law, or none of this name.
     """
 
     def __init__(self, model: Model, joints: str | Sequence[str] | None = None) -> None:
         """Make the Functions (collective)."""
         if model.operator is None:
-            raise MeshError("The model has no joints, so there are no functions on joints.")
+            raise MeshError(
+                "The model has no joint with a law, so there are no functions on joints."
+            )
         self._operator, jointed = model.operator, model.jointed
         rule = model.operator.quadrature, model.V.ufl_element().degree
         self.surface = jointed.surface(joints)

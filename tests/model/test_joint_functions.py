@@ -209,7 +209,9 @@ def test_coefficients_of_a_model_live_on_joints(comm, blocks_file, read):
 
 def test_needs_joints(blocks_file, read):
     model = Model(read(blocks_file(), joints=[]), material=CONCRETE)
-    with pytest.raises(MeshError, match="The model has no joints, so there are no functions on"):
+    with pytest.raises(
+        MeshError, match="The model has no joint with a law, so there are no functions"
+    ):
         JointFunctions(model)
     model = blocks(read(blocks_file()))
     with pytest.raises(ValueError, match="state is .*; it must be a StaticState, DynamicState"):

@@ -4,7 +4,7 @@
 
 Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
 - to the + side, so gap_n > 0 is open and compression is t_n < 0; `orientation.orient_pairs` chooses
-the sides and `jointpoints` the tangential axes.
+the sides and `joint_frames` the tangential axes.
 """
 
 from __future__ import annotations

@@ -1,11 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Where joints are evaluated: points, their areas and local frames, the same on every rank.
-
-Each local frame (n, s1, s2) is right-handed and continuous along a joint: s2 is the steepest
-direction in the joint and s1 is horizontal; where a joint comes near the horizontal, s1 follows x
-(else y) instead.
-"""
+"""Where joints are evaluated: points, their areas and local frames, the same on every rank."""
 
 from __future__ import annotations
 
@@ -21,6 +16,7 @@ from dolfinx_joints.mesh.facet_quadrature import (
     is_nodal,
     nodes_with_points,
 )
+from dolfinx_joints.mesh.joint_frames import facet_geometry, fixed_axes, frames
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
@@ -68,7 +64,7 @@ def joint_points(
     """
     corners = shape.facet_vertices.shape[1]
     rule, weights = facet_rule(corners, degree, quadrature)
-    x, normal, size = _facet_geometry(pairs, shape, rule)
+    x, normal, size = facet_geometry(pairs, shape, rule)
     area = size * weights
     if is_nodal(corners, degree, quadrature):
         number = _node_pairs(pairs, corners, degree)
@@ -83,16 +79,15 @@ def joint_points(
     np.minimum.at(sizes, number, _shortest_edges(pairs.nodes, corners)[:, None])
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     joint = np.repeat(pairs.joint, len(weights))[first]
-    frames = np.empty((count, 3, 3))
-    for i in range(len(pairs.names)):
-        here = joint == i
-        frames[here] = _frames(mean[here], plane=pairs.nodes.shape[2] == 2)
+    rows = np.empty((count, 3, 3))
+    for i, axis in enumerate(fixed_axes(pairs, shape)):
+        rows[joint == i] = frames(mean[joint == i], axis, plane=pairs.nodes.shape[2] == 2)
     return JointPoints(
         rule=rule,
         number=number,
         share=area / total[number] if count else area,
         points=x.reshape(-1, 3)[first],
-        frames=frames,
+        frames=rows,
         areas=total,
         joint=joint,
         sizes=sizes,
@@ -104,29 +99,6 @@ def _shortest_edges(nodes: Floats, corners: int) -> Floats:
     edges = np.array(basix.topology(facet_cell_type(corners))[1])
     along = nodes[:, edges[:, 1]] - nodes[:, edges[:, 0]]
     return np.linalg.norm(along, axis=2).min(axis=1)
-
-
-def _facet_geometry(
-    pairs: JointPairs, shape: CellShape, rule: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Coordinates (F, q, 3), unit normals (F, q, 3) and area stretch (F, q) on curved facets."""
-    gdim = pairs.nodes.shape[2]
-    element = basix.create_element(
-        basix.ElementFamily.P,
-        facet_cell_type(shape.facet_vertices.shape[1]),
-        shape.degree,
-        basix.LagrangeVariant.gll_warped,
-    )
-    table = element.tabulate(1, rule)[:, :, :, 0]
-    x = np.zeros((len(pairs.joint), len(rule), 3))
-    x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)
-    along = np.zeros((2, *x.shape))
-    along[1, ..., 2] = 1.0  # a unit thickness in 2-D, replaced in 3-D
-    for k in range(table.shape[0] - 1):
-        along[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
-    normal = np.cross(along[0], along[1])
-    size = np.linalg.norm(normal, axis=2)
-    return x, normal * pairs.sign[:, None, None] / size[..., None], size
 
 
 def _node_pairs(pairs: JointPairs, corners: int, degree: int) -> Ints:
@@ -157,19 +129,3 @@ def _node_pairs(pairs: JointPairs, corners: int, degree: int) -> Ints:
     order = np.empty(len(first), dtype=np.int64)
     order[np.argsort(first)] = np.arange(len(first))
     return order[inverse.ravel()].reshape(keys.shape[:2])
-
-
-def _frames(normal: Floats, *, plane: bool) -> Floats:
-    """Continuous right-handed frames (n, s1, s2) of one joint, normals of shape (n, 3)."""
-    if plane:
-        s2 = np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
-        return np.stack([normal, np.cross(s2, normal), s2], axis=1)
-    axes = (2, 0, 1)
-    shortest = [np.sqrt(1.0 - np.minimum(normal[:, k] ** 2, 1.0)).min() for k in axes]
-    long_enough = [i for i, length in enumerate(shortest) if length > 0.3]
-    choice = axes[long_enough[0] if long_enough else int(np.argmax(shortest))]
-    tangent = np.eye(3)[choice] - normal * normal[:, choice : choice + 1]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    if choice == 2:
-        return np.stack([normal, np.cross(tangent, normal), tangent], axis=1)
-    return np.stack([normal, tangent, np.cross(normal, tangent)], axis=1)

@@ -3,8 +3,8 @@
 """Meshes with named groups whose nodes are duplicated across the joints.
 
 After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh:
-any function space, form or writer works on it. What ties the sides together is `JointPairs`, a
-table kept on every rank.
+any function space, form or writer works on it. `JointedMesh.dS` is the measure of integrals over
+joints. What ties the sides together is `JointPairs`, a table kept on every rank.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
+from dolfinx_joints.mesh.joint_frames import fixed_axes, ufl_frame
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 from dolfinx_joints.mesh.partition import partitioner_across
@@ -37,24 +38,45 @@ from dolfinx_joints.mesh.partition import partitioner_across
 class JointedMesh:
     """A DOLFINx mesh split at its joints, with its groups by name.
 
+    For integrals over a joint take `dS`, over one side of it ``ds("NAME-")`` or ``ds("NAME+")``:
+    both sides are exterior facets, so that ``ufl.dS`` has none of them and gives zero there.
+
     Attributes:
-        mesh: The mesh; both sides of a joint are exterior facets of it.
+        mesh: The mesh.
         shape: Reference cell and degree of the geometry.
         cell_tags: Tags of the cells.
-        facet_tags: Tags of the facets.
         cell_groups: Tags that make up each named cell group.
-        facet_groups: Tags that make up each named facet group; the sides of a joint are
-            ``NAME-`` and ``NAME+``.
         pairs: The facet pairs of the joints.
+        _facet_tags: Tags of the facets, those of the joints' sides among them.
+        _facet_groups: Tags that make up each named facet group and each side.
     """
 
     mesh: dolfinx.mesh.Mesh
     shape: CellShape
     cell_tags: dolfinx.mesh.MeshTags
-    facet_tags: dolfinx.mesh.MeshTags
     cell_groups: Mapping[str, tuple[int, ...]]
-    facet_groups: Mapping[str, tuple[int, ...]]
     pairs: JointPairs
+    _facet_tags: dolfinx.mesh.MeshTags
+    _facet_groups: Mapping[str, tuple[int, ...]]
+
+    @cached_property
+    def facet_groups(self) -> dict[str, tuple[int, ...]]:
+        """Tags that make up each named facet group, none of a joint's side."""
+        groups, names = self._facet_groups, self.joint_names
+        sides = {side: groups[side] for name in names for side in (f"{name}-", f"{name}+")}
+        of_sides = {tag for tags in sides.values() for tag in tags}
+        return {
+            name: tuple(tag for tag in tags if tag not in of_sides)
+            for name, tags in groups.items()
+            if name not in sides
+        }
+
+    @cached_property
+    def facet_tags(self) -> dolfinx.mesh.MeshTags:
+        """Tags of the facets, none on a joint."""
+        tags, every = self._facet_tags, self.facet_groups.values()
+        kept = np.isin(tags.values, [tag for tags_of_group in every for tag in tags_of_group])
+        return _tags(self.mesh, tags.dim, tags.indices[kept], tags.values[kept])
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -62,13 +84,13 @@ class JointedMesh:
         return self.pairs.names
 
     def facets(self, name: str) -> NDArray[np.int32]:
-        """Local facets of a named group.
+        """Local facets of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint.
 
         Raises:
             MeshError: There is no such group.
         """
-        tags = _tags_of(self.facet_groups, name, "facet")
-        return self.facet_tags.indices[np.isin(self.facet_tags.values, tags)]
+        tags = self._tags_of_facets(name)
+        return self._facet_tags.indices[np.isin(self._facet_tags.values, tags)]
 
     def cells(self, name: str) -> NDArray[np.int32]:
         """Local cells of a named group.
@@ -80,9 +102,17 @@ class JointedMesh:
         return self.cell_tags.indices[np.isin(self.cell_tags.values, tags)]
 
     def ds(self, name: str) -> ufl.Measure:
-        """Surface measure of a named group, for user-defined forms."""
-        tags = _tags_of(self.facet_groups, name, "facet")
-        return ufl.Measure("ds", domain=self.mesh, subdomain_data=self.facet_tags)(tags)
+        """Surface measure of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint."""
+        tags = self._tags_of_facets(name)
+        return ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)(tags)
+
+    def _tags_of_facets(self, name: str) -> tuple[int, ...]:
+        if name in self.joint_names:
+            raise MeshError(
+                f"{name!r} is a joint; integrals over it take dS({name!r}), one side of it is the "
+                f"facet group '{name}-' or '{name}+'."
+            )
+        return _tags_of(self._facet_groups, name, "facet")
 
     def dS(
         self,
@@ -93,9 +123,10 @@ class JointedMesh:
     ) -> ufl.Measure:
         """Interior-facet measure of joints, for forms on any function spaces of `mesh`.
 
-        ``jump(u)`` is u+ - u- of the conventions and ``FacetNormal(mesh)("-")`` their normal;
-        ``jump(u + x)`` with the mesh's own ``SpatialCoordinate`` x includes gaps in the geometry.
-        UFL's own ``dS`` has the facets inside the body only, none of a joint.
+        The sides are those of the conventions: ``jump(u)`` is u+ - u- and
+        ``FacetNormal(mesh)("-")`` the normal n, see also `frame`; ``jump(u + x)`` with the mesh's
+        own ``SpatialCoordinate`` x includes gaps in the geometry. Where faces that are apart have
+        other areas, that of the + face counts. ``ufl.dS`` has the facets inside the body only.
 
         Args:
             joints: A joint, several, or all.
@@ -119,6 +150,20 @@ class JointedMesh:
                 "quadrature_weights": weights.tolist(),
             }
         )
+
+    def frame(self, joint: str) -> Any:
+        """The local axes of a joint as a UFL matrix, rows n, s1 and in space s2, to use under `dS`.
+
+        ``dot(jointed.frame("joint_1"), jump(u))`` is the change of the gap in local axes. On curved
+        joints the frame follows the - face of each facet; a nodal rule has the mean of the facets
+        around a node.
+
+        Raises:
+            MeshError: There is no such joint.
+        """
+        (position,) = self._positions(joint)
+        normal = ufl.FacetNormal(self.mesh)("-")
+        return ufl_frame(normal, int(fixed_axes(self.pairs, self.shape)[position]))
 
     def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
         """Mesh of the - faces of joints, for functions on them; made once and kept (collective).
@@ -229,10 +274,10 @@ def distribute(comm: Any, prepare: Any) -> JointedMesh:
         mesh=mesh,
         shape=known.shape,
         cell_tags=_tags(mesh, tdim, np.arange(len(original)), known.cell_values[original]),
-        facet_tags=_tags(mesh, tdim - 1, local, known.facet_values[index]),
         cell_groups=known.cell_groups,
-        facet_groups=known.facet_groups,
         pairs=known.pairs,
+        _facet_tags=_tags(mesh, tdim - 1, local, known.facet_values[index]),
+        _facet_groups=known.facet_groups,
     )
 
 

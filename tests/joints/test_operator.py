@@ -41,10 +41,11 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator, JointTangent
-from dolfinx_joints.joints.points import _frames, joint_points
+from dolfinx_joints.joints.points import joint_points
 from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
+from dolfinx_joints.mesh.joint_frames import fixed_axis, frames
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 
@@ -249,9 +250,10 @@ X, Y, Z = np.eye(3)
     ],
 )
 def test_axes_of_joints(normals, along, up):
-    frames = _frames(np.array(normals), plane=False)
-    expected = np.stack([np.array(normals), np.array(along), np.array(up)], axis=1)
-    np.testing.assert_allclose(frames, expected, atol=1e-15)
+    normal = np.array(normals)
+    found = frames(normal, fixed_axis(normal), plane=False)
+    expected = np.stack([normal, np.array(along), np.array(up)], axis=1)
+    np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -438,7 +440,7 @@ def test_frames_are_continuous_on_a_curved_joint(comm, cell, rule):
     normal = np.column_stack([np.ones_like(y), -0.6 * (y - 0.5), -0.6 * z])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     assert np.max(np.linalg.norm(layout.frames[:, 0] - normal, axis=1)) <= 0.15
-    # s1 is horizontal, s2 points upwards in the joint (module docstring of jointpoints).
+    # s1 is horizontal, s2 points upwards in the joint (module docstring of joint_frames).
     assert np.max(np.abs(layout.frames[:, 1, 2])) <= 1e-13
     assert np.min(layout.frames[:, 2, 2]) > 0.7
 

@@ -1,0 +1,86 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Geometry of joint facets, and the local frames (n, s1, s2) of joints.
+
+Each local frame is right-handed and continuous along a joint: s2 is the steepest direction in the
+joint and s1 is horizontal; where a joint comes near the horizontal, s1 follows x (else y) instead.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+import ufl
+
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
+from dolfinx_joints.mesh.joint_pairs import JointPairs
+
+
+def facet_geometry(
+    pairs: JointPairs, shape: CellShape, places: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Geometry of the - facets at places on the reference facet, shape (q, facet dimension).
+
+    Returns:
+        Coordinates, shape (F, q, 3), unit normals to the + side (F, q, 3), area stretch (F, q).
+    """
+    gdim = pairs.nodes.shape[2]
+    element = basix.create_element(
+        basix.ElementFamily.P,
+        facet_cell_type(shape.facet_vertices.shape[1]),
+        shape.degree,
+        basix.LagrangeVariant.gll_warped,
+    )
+    table = element.tabulate(1, places)[:, :, :, 0]
+    x = np.zeros((len(pairs.joint), len(places), 3))
+    x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)
+    along = np.zeros((2, *x.shape))
+    along[1, ..., 2] = 1.0  # a unit thickness in 2-D, replaced in 3-D
+    for k in range(table.shape[0] - 1):
+        along[k, ..., :gdim] = np.einsum("qa,fai->fqi", table[k + 1], pairs.nodes)
+    normal = np.cross(along[0], along[1])
+    size = np.linalg.norm(normal, axis=2)
+    return x, normal * pairs.sign[:, None, None] / size[..., None], size
+
+
+def fixed_axes(pairs: JointPairs, shape: CellShape) -> Ints:
+    """The global axis (0, 1, 2) that a tangent of each joint follows, shape (num_joints,)."""
+    corners = basix.cell.geometry(facet_cell_type(shape.facet_vertices.shape[1]))
+    normal = facet_geometry(pairs, shape, corners)[1]
+    found = [fixed_axis(normal[pairs.joint == i].reshape(-1, 3)) for i in range(len(pairs.names))]
+    return np.array(found, dtype=np.int64)
+
+
+def fixed_axis(normal: Floats) -> int:
+    """The first of z, x, y that is near none of some unit normals, shape (n, 3)."""
+    axes = (2, 0, 1)
+    across = np.minimum(normal[:, axes] ** 2, 1.0)
+    shortest = np.sqrt(1.0 - across).min(axis=0, initial=1.0)
+    enough = np.flatnonzero(shortest > 0.3)
+    return axes[enough[0] if len(enough) else shortest.argmax()]
+
+
+def frames(normal: Floats, axis: int, *, plane: bool) -> Floats:
+    """Rows n, s1, s2 of frames along one joint, shape (n, 3, 3), of normals of shape (n, 3)."""
+    if plane:
+        s2 = np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
+        return np.stack([normal, np.cross(s2, normal), s2], axis=1)
+    tangent = np.eye(3)[axis] - normal * normal[:, axis : axis + 1]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    if axis == 2:
+        return np.stack([normal, np.cross(tangent, normal), tangent], axis=1)
+    return np.stack([normal, tangent, np.cross(normal, tangent)], axis=1)
+
+
+def ufl_frame(normal: Any, axis: int) -> Any:
+    """`frames` as a UFL matrix, rows n, s1 and in space s2, of a unit normal in UFL."""
+    if normal.ufl_shape == (2,):
+        return ufl.as_matrix([[normal[0], normal[1]], [-normal[1], normal[0]]])
+    tangent = ufl.unit_vector(axis, 3) - normal[axis] * normal
+    tangent /= ufl.sqrt(ufl.inner(tangent, tangent))
+    other = ufl.cross(tangent, normal) if axis == 2 else ufl.cross(normal, tangent)
+    rows = (normal, other, tangent) if axis == 2 else (normal, tangent, other)
+    return ufl.as_matrix([[row[i] for i in range(3)] for row in rows])

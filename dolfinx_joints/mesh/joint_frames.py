@@ -14,7 +14,7 @@ import basix
 import numpy as np
 import ufl
 
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.cells import CellShape, Floats
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
@@ -46,12 +46,11 @@ def facet_geometry(
     return x, normal * pairs.sign[:, None, None] / size[..., None], size
 
 
-def fixed_axes(pairs: JointPairs, shape: CellShape) -> Ints:
-    """The global axis (0, 1, 2) that a tangent of each joint follows, shape (num_joints,)."""
+def fixed_axes(pairs: JointPairs, shape: CellShape) -> list[int]:
+    """The global axis (0, 1, 2) that a tangent of each joint follows."""
     corners = basix.cell.geometry(facet_cell_type(shape.facet_vertices.shape[1]))
     normal = facet_geometry(pairs, shape, corners)[1]
-    found = [fixed_axis(normal[pairs.joint == i].reshape(-1, 3)) for i in range(len(pairs.names))]
-    return np.array(found, dtype=np.int64)
+    return [fixed_axis(normal[pairs.joint == i].reshape(-1, 3)) for i in range(len(pairs.names))]
 
 
 def fixed_axis(normal: Floats) -> int:

@@ -163,7 +163,7 @@ class JointedMesh:
         """
         (position,) = self._positions(joint)
         normal = ufl.FacetNormal(self.mesh)("-")
-        return ufl_frame(normal, int(fixed_axes(self.pairs, self.shape)[position]))
+        return ufl_frame(normal, fixed_axes(self.pairs, self.shape)[position])
 
     def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
         """Mesh of the - faces of joints, for functions on them; made once and kept (collective).

@@ -1,0 +1,143 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+# %% [markdown]
+# # A joint law in UFL, and integrals over joints
+#
+# The construction joints of an arch dam, [first](00_first_steps.py) seen with friction, get a law
+# of one's own: a bond with a strength and an energy of separation, whose traction falls
+# exponentially as it opens or slides. The dam carries its weight and is shaken for 0.3 s:
+# once with the joints integrated over interior facets, once by the operator B.
+#
+#     ./with-dolfinx python3 demos/05_joint_law_in_ufl.py
+
+# %%
+import math
+from pathlib import Path
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints import plots, views
+from dolfinx_joints.common.mpi import abort_on_error, on_root
+from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
+
+comm = MPI.COMM_WORLD
+abort_on_error(comm)
+out = Path("output/05_joint_law_in_ufl")
+on_root(comm, lambda: out.mkdir(parents=True, exist_ok=True))
+
+
+def say(text: str) -> None:
+    """Print once, whatever the number of ranks."""
+    if comm.rank == 0:
+        print(text, flush=True)
+
+
+# %% [markdown]
+# ## The law
+#
+# Pressed faces are elastic; UFL makes traction and tangent of the energy. The bond is reversible:
+# what has come apart holds again when it is closed. A `TractionJoint` would remember it.
+
+# %%
+STIFFNESS, STRENGTH, SEPARATION = 1e11, 5e5, 250.0  # pressed [Pa/m]; bond [Pa], [J/m^2]
+LENGTH = SEPARATION / (math.sqrt(math.e) * STRENGTH)  # gap at which the strength is reached [m]
+
+
+def energy(g):
+    """Stored energy of a gap (n, s1, s2) [J/m^2]."""
+    apart = (ufl.max_value(g[0], 0.0) ** 2 + g[1] ** 2 + g[2] ** 2) / (2.0 * LENGTH**2)
+    return 0.5 * STIFFNESS * ufl.min_value(g[0], 0.0) ** 2 + SEPARATION * (1.0 - ufl.exp(-apart))
+
+
+law = dj.PotentialJoint(
+    energy, normal_stiffness=STIFFNESS, shear_stiffness=SEPARATION / LENGTH**2
+)
+
+# %% [markdown]
+# ## The dam by forms and by B
+#
+# `solver="forms"` assembles residual and tangent as interior-facet integrals,
+# `inner(t, jump(v)) * dS`, with the tractions of the law at their points; `"monolithic"` takes the
+# same sums from a matrix. The energy-consistent scheme balances the energy of the law.
+
+# %%
+mesh = out / "dam.msh"
+on_root(comm, lambda: ambiesta(mesh, size=8.0, order=1, active_height=1.0))
+dam = dj.read_msh(mesh, comm)
+model = dj.Model(
+    dam,
+    material=dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0),
+    joints=law,
+    supports=[dj.Fixed(group="base"), dj.Fixed(group="abutments")],
+    loads=[dj.Gravity()],
+    damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
+)
+STEPS, DT = 60, 0.005
+outcomes = {}
+for solver in ("forms", "monolithic"):
+    monitor = dj.ResultsMonitor(
+        out / f"{solver}.h5", points={"crest": mid_crest()}, every=5, overwrite=True
+    )
+    run = dj.Simulation(model, monitors=[monitor], solver=solver)
+    run.statics()
+    motion = dj.synthetic_motion(duration=2.0).scaled(0.5)
+    outcomes[solver] = run.dynamics(dt=DT, steps=STEPS, motion=motion)
+    say(f"{solver}: {1e3 * run.seconds['time steps'] / STEPS:.0f} ms per step")
+    say(run.report(outcomes[solver]))
+by_forms, by_operator = (outcome.state.displacement for outcome in outcomes.values())
+apart = (by_operator - by_forms).norm() / by_forms.norm()
+say(f"displacements by forms and by B differ by {apart:.1e}")
+
+# %% [markdown]
+# ## Integrals over joints
+#
+# The faces of a joint are exterior facets of a split mesh, so `ufl.dS` sees none of it.
+# `JointedMesh.dS` is the measure of joints, for forms in any function space on the mesh.
+
+# %%
+u, n = model.function(by_forms), ufl.FacetNormal(dam.mesh)("-")
+
+
+def integral(measure) -> float:
+    """Volume between the faces [m^3] that a measure finds."""
+    return comm.allreduce(fem.assemble_scalar(fem.form(ufl.dot(ufl.jump(u), n) * measure)))
+
+
+volume = model.contact.integral(model.operator.jump(by_forms)[:, 0])
+say(f"volume between the faces, by B:           {volume:.15g} m³")
+say(f"by JointedMesh.dS, of all joints:         {integral(dam.dS(quadrature="nodal")):.15g} m³")
+say(f"by UFL's dS, which knows no joint:        {integral(ufl.dS(domain=dam.mesh)):.1g} m³")
+
+# %% [markdown]
+# ## Where the bond is lost
+#
+# The normal tractions at the end of the run, and the points whose gap is past the strength.
+
+
+# %%
+def past_strength() -> float:
+    """Draw the tractions; the share of the points past the strength at any recorded time."""
+    with dj.Results(out / "forms.h5") as file:
+        plots.save(views.joint_map(file, "normal"), out / "tractions.png", dpi=120)
+        gaps = np.concatenate([file.series("states", f"joints/{j}/gap") for j in file.joints], 1)
+    apart = np.hypot(np.maximum(gaps[..., 0], 0.0), np.linalg.norm(gaps[..., 1:], axis=-1))
+    return float((apart > LENGTH).any(axis=0).mean())
+
+
+lost = on_root(comm, past_strength)
+say(f"past the strength of {STRENGTH / 1e6:g} MPa: {lost:.0%} of the joint points")
+
+# %% [markdown]
+# ## Verification
+#
+# One solution, to what Newton's method leaves; all energy accounted for; one integral.
+
+# %%
+assert apart < 1e-10
+assert all(outcome.imbalance < 1e-10 for outcome in outcomes.values())
+assert math.isclose(integral(dam.dS(quadrature="nodal")), volume, rel_tol=1e-12)
+assert 0.0 < lost < 1.0

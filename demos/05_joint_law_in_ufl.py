@@ -5,7 +5,7 @@
 #
 # The construction joints of an arch dam, [first](00_first_steps.py) seen with friction, get a law
 # of one's own: a bond with a strength and an energy of separation, whose traction falls
-# exponentially as it opens or slides. The dam carries its weight and is shaken for 0.3 s:
+# exponentially as it opens or slides. The dam carries its weight and is shaken for 0.2 s:
 # once with the joints integrated over interior facets, once by the operator B.
 #
 #     ./with-dolfinx python3 demos/05_joint_law_in_ufl.py
@@ -76,7 +76,7 @@ model = dj.Model(
     loads=[dj.Gravity()],
     damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
 )
-STEPS, DT = 60, 0.005
+STEPS, DT = 40, 0.005
 outcomes = {}
 for solver in ("forms", "monolithic"):
     monitor = dj.ResultsMonitor(

@@ -114,8 +114,8 @@ def joint_points(results: dj.Results) -> tuple[float, float]:
     traction, status = series("traction"), series("status")
     normal, shear = -traction[..., 0], np.linalg.norm(traction[..., 1:], axis=-1)
     slides, free = status == Status.SLIP, status == Status.OPEN
-    off = np.abs(shear[slides] / normal[slides] - np.tan(np.pi / 6)).max()
-    pulled = np.abs(traction[free]).max() / np.abs(traction).max()
+    off = np.abs(shear[slides] / normal[slides] - np.tan(np.pi / 6)).max(initial=0.0)
+    pulled = np.abs(traction[free]).max(initial=0.0) / np.abs(traction).max()
     shares = f"{free.mean():.1%} open, {slides.mean():.1%} sliding"
     print(f"points and states: {shares}; ratio of sliding ones off tan 30° by {off:.0e}")
     for name, m in measures.joint_measures(results).items():
@@ -139,7 +139,8 @@ def statements(linear: dj.Results, joints: dj.Results) -> dict[str, float]:
         if check.statement != said:
             said = check.statement
             print(f"\n{said}")
-        print(f"  {check.quantity}: {judgement.value:.3g}; {check.rule}: {judgement.verdict}")
+        verdict = "" if judgement.reason else f": {judgement.verdict}"
+        print(f"  {check.quantity}: {judgement.value:.3g} (paper: {check.rule}){verdict}")
         found[check.quantity] = judgement.value
     print(f"\nno verdict: {departure(pair)}" if departure(pair) else "")
     return found

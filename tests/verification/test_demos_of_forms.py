@@ -1,0 +1,101 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Demos 05 and 06, joints by interior-facet integrals: what they print, and other numbers of ranks.
+
+Their own verification runs as well. Forms and B are the same sums, so that displacements differ by
+what Newton's method leaves, below 1e-10 of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("gmsh")
+pytest.importorskip("pyvista")
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.mpi import on_root
+from studies import ambiesta
+
+pytestmark = pytest.mark.mpi
+
+COMM = MPI.COMM_WORLD
+DEMOS = Path(__file__).resolve().parents[2] / "demos"
+STEPS = 20
+TOLERANCE = 1e-10
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]\d+)?"
+
+
+@pytest.fixture
+def printed(new_path, monkeypatch):
+    """``printed(demo, *arguments)``: what it prints, run in a folder of its own (collective)."""
+
+    def of(demo, *arguments):
+        folder = new_path(demo)
+        on_root(COMM, folder.mkdir)
+        monkeypatch.chdir(folder)
+        with contextlib.redirect_stdout(io.StringIO()) as text:
+            names = runpy.run_path(str(DEMOS / demo))
+            if arguments:
+                names["main"](arguments)
+        return COMM.bcast(text.getvalue())
+
+    return of
+
+
+def numbers(text, line):
+    """Numbers in the lines that a pattern finds, after it."""
+    found = re.findall(rf"^{line}(.*)$", text, re.M)
+    assert found, line
+    return [float(number) for rest in found for number in re.findall(NUMBER, rest)]
+
+
+def test_a_law_in_ufl(printed):
+    """The bond by forms and by B; UFL's own measure finds nothing between the faces."""
+    text = printed("05_joint_law_in_ufl.py")
+    assert numbers(text, "displacements by forms and by B differ by ")[0] < TOLERANCE
+    by_operator, by_forms, by_ufl = (numbers(text, f".*{name}.*: ")[0] for name in VOLUMES)
+    assert by_forms == pytest.approx(by_operator, rel=1e-12)
+    assert abs(by_ufl) < 1e-12 * abs(by_operator)
+    assert 0.0 < numbers(text, "past the strength of 0.5 MPa: ")[0] < 100.0
+
+
+VOLUMES = ("by B", "by JointedMesh.dS", "by UFL's dS")
+
+
+def test_the_dam_by_forms(printed, new_path):
+    """Three solvers, the law at the points, the paper's energy errors; one rank and several."""
+    text = printed("06_dam_by_forms.py", "--steps", str(STEPS))
+    for solver in ("monolithic", "condensed"):
+        assert numbers(text, rf"{solver} .* off by ")[0] < TOLERANCE
+    assert numbers(text, ".*ratio of sliding ones off tan 30° by ")[0] < 1e-12
+    errors = numbers(text, r"  energy error / largest energy \[%\].*ec: ")[::2]
+    assert [error < bound for error, bound in zip(errors, (2.0, 4.0), strict=True)] == [True, True]
+    largest = numbers(text, r"largest mid-crest x, y, z \[mm\]: ")
+    np.testing.assert_allclose(largest, on_one_rank(new_path), rtol=TOLERANCE)
+
+
+def on_one_rank(new_path):
+    """The same run of each rank for itself: largest displacement of the mid-crest [mm]."""
+    case = ambiesta.Case(size=8.0, order=1, steps=STEPS, scheme="newmark")
+    mesh = ambiesta.make_mesh(case, new_path("mesh"))
+    own = new_path(f"alone_{COMM.rank}")
+    own.mkdir()
+    model = ambiesta.build(case, "joints", mesh, MPI.COMM_SELF)
+    done = ambiesta.simulate(case, "joints", model, own, solver="forms")
+    with dj.Results(done.results) as results:
+        time, _ = dj.measures.displacement_history(results, "mid-crest", "x")
+        u = [dj.measures.displacement_history(results, "mid-crest", axis)[1] for axis in "xyz"]
+    assert math.isclose(time[-1], STEPS * case.time_step, rel_tol=1e-9)
+    return 1e3 * np.abs(u).max(axis=1)

@@ -53,9 +53,7 @@ def energy(g):
     return 0.5 * STIFFNESS * ufl.min_value(g[0], 0.0) ** 2 + SEPARATION * (1.0 - ufl.exp(-apart))
 
 
-law = dj.PotentialJoint(
-    energy, normal_stiffness=STIFFNESS, shear_stiffness=SEPARATION / LENGTH**2
-)
+law = dj.PotentialJoint(energy, normal_stiffness=STIFFNESS, shear_stiffness=SEPARATION / LENGTH**2)
 
 # %% [markdown]
 # ## The dam by forms and by B
@@ -109,7 +107,7 @@ def integral(measure) -> float:
 
 volume = model.contact.integral(model.operator.jump(by_forms)[:, 0])
 say(f"volume between the faces, by B:           {volume:.15g} m³")
-say(f"by JointedMesh.dS, of all joints:         {integral(dam.dS(quadrature="nodal")):.15g} m³")
+say(f"by JointedMesh.dS, of all joints:         {integral(dam.dS(quadrature='nodal')):.15g} m³")
 say(f"by UFL's dS, which knows no joint:        {integral(ufl.dS(domain=dam.mesh)):.1g} m³")
 
 # %% [markdown]

@@ -84,9 +84,13 @@ def test_the_dam_by_forms(printed, new_path):
     assert joints < 4.0
     moved = numbers(text, "largest displacement of a node: ")[0]
     with dj.Results("output/06_dam_by_forms/forms/joints.h5") as here, alone(new_path) as single:
-        for name in ("displacement", *(f"joints/{j}/traction" for j in here.joints)):
-            found, expected = (file.series("states", name) for file in (here, single))
-            assert len(expected) == 1 + STEPS // ambiesta.STATE_INTERVAL
+        assert here.rows("states") == 1 + STEPS // ambiesta.STATE_INTERVAL
+        tractions = [f"joints/{joint}/traction" for joint in here.joints]
+        for names in (["displacement"], tractions):
+            found, expected = (
+                np.concatenate([file.series("states", name) for name in names], axis=1)
+                for file in (here, single)
+            )
             assert np.abs(found - expected).max() <= TOLERANCE * np.abs(expected).max()
         u = single.series("states", "displacement")
     assert moved == pytest.approx(1e3 * np.linalg.norm(u, axis=2).max(), rel=TOLERANCE)

@@ -9,6 +9,7 @@ stress that plastic strains take off, -C eps_p: nothing where no point has yield
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,6 +93,12 @@ class PlasticBulk:
         self._elastic = np.zeros((len(self.operator.volumes), SIZE, SIZE))
         for law, points in self._laws:
             self._elastic[points] = law.elastic.stiffness_matrix()
+
+    def beside(self, contact: Contact) -> PlasticBulk:
+        """The same cells with other joints."""
+        other = copy(self)
+        other._joints = JointInternalForces(contact)
+        return other
 
     def at_rest(self, u: PETSc.Vec) -> PlasticState:
         """State without shear traction and plastic strain at a displacement (collective)."""

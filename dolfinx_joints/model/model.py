@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,7 +24,7 @@ from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_grou
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import lasting
-from dolfinx_joints.common.parameters import check_kind_of, offers, shown
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
@@ -34,13 +34,12 @@ from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.system import MatrixSystem
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
-
-BilinearForm = Callable[[Any, Any], Any]
 
 
 class Model:
@@ -123,6 +122,8 @@ class Model:
         self.gdim = jointed.mesh.geometry.dim
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
+        if jointed.joint_names and joints is None:
+            check_tied(jointed, self._extra(extra_stiffness))
         self.body = ElasticBody(jointed, material, plane=plane)
         self.constraints = Constraints(jointed, self.V, self.supports)
         self.absorbing = absorbing_groups(jointed, self.body, self.supports)
@@ -135,7 +136,7 @@ class Model:
         self.body_mass, self.mass = self._masses(extra_mass, added_mass)
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
-            self._redistribute(self.operator)
+            self._redistribute(self.operator, extra_stiffness)
         self.rayleigh, self.dashpots = self._damping(
             damping or Rayleigh(), extra_stiffness, extra_damping
         )
@@ -165,14 +166,16 @@ class Model:
             moved.destroy()
         return body, without_zeros(total)
 
-    def _redistribute(self, operator: JointOperator) -> None:
+    def _redistribute(self, operator: JointOperator, extra: BilinearForm | None) -> None:
         """Give the mass of joint nodes to the body behind them."""
+        # An extra form may couple nodes across a joint, which are not behind it.
+        body = self.stiffness if extra is None else self._stiffness(None)
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
 
         def redistributed(mass: PETSc.Mat) -> Redistribution:
             return redistributed_mass(
-                mass, self.stiffness, operator, nodes, self.constraints.dofs, RINGS // self._degree
+                mass, body, operator, nodes, self.constraints.dofs, RINGS // self._degree
             )
 
         alone = self.body_mass is self.mass
@@ -208,7 +211,7 @@ class Model:
         if extra is None:
             return []
         form = extra(*self._arguments)
-        _check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
         return [form]
 
     def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
@@ -247,7 +250,7 @@ class Model:
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
-        _check_form(form, 1, "A load must be a linear UFL form of v")
+        check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(self.jointed.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return without_ghosts(vector, self.mass)
@@ -336,12 +339,7 @@ class Model:
 
 
 def _check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
-    """Check that laws and gaps are given where the mesh has joints, and nowhere else."""
-    if jointed.joint_names and joints is None:
-        raise MeshError(
-            f"The mesh has joints ({', '.join(jointed.joint_names)}) but no law was given; "
-            "pass joints=, or read the mesh with joints=[] for a monolithic body."
-        )
+    """Check that laws and gaps are given where the mesh has joints."""
     for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
         if not jointed.joint_names and isinstance(given, Mapping) and given:
             names = ", ".join(map(str, given))
@@ -354,13 +352,6 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
         check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
         if isinstance(load, FaceLoad):
             jointed.facets(load.group)
-
-
-def _check_form(form: Any, arguments: int, what: str) -> None:
-    """Check the number of arguments of a UFL form."""
-    found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
-    if found != arguments:
-        raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
 
 
 def _names(loads: Sequence[Load]) -> list[str]:

@@ -41,31 +41,36 @@ def make_solver(
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
     contact = system.contact
-    if kind == "forms" and contact is not None and system.bulk is None:
-        return NewtonSolver(replace(system, contact=contact.by_forms), options, name="forms")
-    if system.bulk is not None:
-        if kind == "condensed" or (contact is not None and contact.rigid):
-            rigid = "" if kind == "condensed" else ", which rigid joints need,"
-            raise JointsError(
-                f"The condensed solver{rigid} takes a linear body; plastic cells (of "
-                f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "
-                "stiffness."
-            )
-        return NewtonSolver(system, options)
-    if kind == "monolithic" or contact is None:
+    rigid = contact is not None and contact.rigid
+    if system.bulk is not None and (kind == "condensed" or rigid):
+        which = "" if kind == "condensed" else ", which rigid joints need,"
+        raise JointsError(
+            f"The condensed solver{which} takes a linear body; plastic cells (of "
+            f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "
+            "stiffness."
+        )
+    if kind == "forms" and contact is not None:
+        return NewtonSolver(_by_forms(system, contact), options, name="forms")
+    if system.bulk is not None or kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.not_condensed(rule)
-    if missing and (kind == "condensed" or contact.rigid):
-        rigid = "Rigid joints need the condensed solver. " if contact.rigid else ""
+    if missing and (kind == "condensed" or rigid):
+        why = "Rigid joints need the condensed solver. " if rigid else ""
         raise JointsError(
-            f"{rigid}The condensed solver needs laws with condensed forms; {missing[0]} has none."
+            f"{why}The condensed solver needs laws with condensed forms; {missing[0]} has none."
         )
     if missing:
         return NewtonSolver(system, options)
     solver = InterfaceSolver(system, _for_steps(options, contact, static_steps))
-    if static_steps and kind == "auto" and not contact.rigid and solver.has_loose_blocks():
+    if static_steps and kind == "auto" and not rigid and solver.has_loose_blocks():
         return NewtonSolver(system, options)
     return solver
+
+
+def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
+    """The system with its joints by interior-facet integrals (collective)."""
+    bulk = None if system.bulk is None else system.bulk.beside(contact.by_forms)
+    return replace(system, contact=contact.by_forms, bulk=bulk)
 
 
 def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:

@@ -1,0 +1,46 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""User-defined forms in a model: their arguments, and the joints that they tie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import ufl
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+BilinearForm = Callable[[Any, Any], Any]
+
+
+def check_form(form: Any, arguments: int, what: str) -> None:
+    """Check the number of arguments of a UFL form."""
+    found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if found != arguments:
+        raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
+
+
+def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:
+    """Check that forms in K integrate over every joint, where no joint has a law (collective).
+
+    Raises:
+        MeshError: They leave a joint out.
+    """
+    entities = jointed.dS().subdomain_data()
+    integrals = [integral for form in forms for integral in form.integrals()]
+    numbers: set[int] = set()
+    for integral in integrals:
+        if integral.subdomain_data() is entities:
+            number = integral.subdomain_id()
+            numbers.update(number if isinstance(number, tuple) else (number,))
+    names = jointed.joint_names
+    left = [name for i, name in enumerate(names, start=1) if not numbers & {0, i}]
+    if left:
+        raise MeshError(
+            f"The mesh has joints ({', '.join(left)}) but no law was given; pass joints=, tie them "
+            "by an extra_stiffness over jointed.dS(), or read the mesh with joints=[] for a "
+            "monolithic body."
+        )

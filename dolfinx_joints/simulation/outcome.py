@@ -53,7 +53,8 @@ class Outcome:
         steps: Steps asked for.
         counts: Accepted substeps, more than ``steps`` where steps were cut, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.
-        solver: Which solver took the steps, ``linear``, ``condensed`` or ``monolithic``.
+        solver: Which solver took the steps, ``linear``, ``condensed``, ``monolithic`` or
+            ``forms``.
         backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
             for whole steps, because they know nothing else.
     """

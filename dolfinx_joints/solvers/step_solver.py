@@ -76,7 +76,7 @@ class StepSolver(Protocol):
 
     Attributes:
         system: The system.
-        name: ``linear``, ``monolithic`` or ``condensed``.
+        name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
     """
 
     system: MatrixSystem

@@ -82,7 +82,8 @@ def redistribute(
     """The system with mass redistributed (collective); its damping and loads stay as they are.
 
     Args:
-        system: A system with joints and as many components per node as space has dimensions.
+        system: A system with joints and as many components per node as space has dimensions; its
+            K tells neighbours, so it must couple no nodes across joints.
         coordinates: Owned nodes, shape (n, components), [m].
         rings: Rings of neighbours that sources are taken from.
     """

@@ -49,7 +49,8 @@ class Model:
         jointed: The mesh; without joints the body is monolithic and no joint code runs.
         material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
             such as `DruckerPrager`.
-        joints: One law for all joints, or one per joint name; not needed without joints.
+        joints: One law for all joints, or one per joint name; not needed without joints, or where
+            ``extra_stiffness`` ties them all.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
         damping: Rayleigh damping, its stiffness part of the bulk alone; none unless given.
@@ -58,7 +59,7 @@ class Model:
         quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
             rule is exact for.
         plane: ``strain`` or ``stress`` in 2-D.
-        extra_stiffness: Bilinear form (u, v) added to K.
+        extra_stiffness: Bilinear form (u, v) added to K, over joints too (`JointedMesh.dS`).
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
         added_mass: Masses that move with a face, `WestergaardMass` or `ReservoirMass`, added to M.

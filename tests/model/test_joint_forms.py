@@ -12,8 +12,6 @@ sigma_0 n on all other faces make it the solution; blocks tied by Nitsche's meth
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
 
@@ -143,16 +141,14 @@ def test_springs_are_a_quadratic_potential(wall):
     agree(*(run(model) for model in two), tolerance=1e-11)
 
 
-COMPLIANCES = ("dense", "compressed", "matrix-free")
+SOLVERS = [("dense", "direct"), ("compressed", "direct"), ("matrix-free", "iterative")]
 
 
-@pytest.mark.parametrize("solver", ["forms", *product(COMPLIANCES, ("direct", "iterative"))])
+@pytest.mark.parametrize("solver", ["forms", *SOLVERS])
 def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
     """K couples two of four blocks; nothing but joints holds three of them."""
     model = laid(wall(), joints=FRICTION, extra_stiffness=layer(wall(), "joint_2", 1e10, 1e9))
     expected = run(model, solver="monolithic")
-    counts = [Simulation(model, solver="monolithic").statics().reports[-1].counts.open]
-    assert counts == [0]
     if solver == "forms":
         found = run(model, solver="forms")
     else:

@@ -17,9 +17,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.simulation.monitor import Monitor
 
-pytestmark = pytest.mark.mpi
-
-DT, STEPS, TOLERANCE = 0.004, 10, 1e-10
+DT, STEPS, TOLERANCE = 0.004, 8, 1e-10
 CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
 FRICTION = dj.FrictionNoTension(**STIFF)
@@ -57,7 +55,8 @@ STAGES = {
     "adaptive": {"control": dj.StepControl(tolerance=1e-3)},
     "landing": {"control": dj.StepControl(landing=True, max_halvings=3)},
 }
-CASES = [*((model, {}) for model in MODELS), *(("plain", stage) for stage in STAGES.values())]
+CASES = [*((name, "") for name in MODELS), *(("plain", name) for name in STAGES)]
+ON_RANKS = [("laws", ""), ("plastic", ""), ("water", ""), ("plain", "HHT")]
 
 
 def shaking(time):
@@ -112,17 +111,23 @@ def same(simulation, found, expected):
     assert np.array_equal(found.joints.status, expected.joints.status)
 
 
-@pytest.mark.parametrize(("model", "stage"), CASES, ids=[*MODELS, *STAGES])
+@pytest.mark.parametrize(
+    ("model", "stage"),
+    [
+        pytest.param(*each, id="-".join(each), marks=[pytest.mark.mpi] * (each in ON_RANKS))
+        for each in CASES
+    ],
+)
 def test_as_the_monolithic_solver(wall, model, stage):
     ends, counts, seen = [], [], Seen()
     for solver in ("forms", "monolithic"):
         simulation = wall(solver, MODELS[model], [seen])
         static = simulation.statics(steps=2)
-        outcome = simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **stage)
+        outcome = simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **STAGES.get(stage, {}))
         assert outcome.solver == solver
         ends.append((static, outcome.state))
         counts.append((outcome.counts, outcome.steps))
-        if stage == {}:
+        if not stage:
             assert outcome.imbalance is None or outcome.imbalance <= 1e-10
     for found, expected in zip(*ends, strict=True):
         same(simulation, found, expected)
@@ -133,6 +138,7 @@ def test_as_the_monolithic_solver(wall, model, stage):
     assert f"{solver} solver" in simulation.report(outcome)
 
 
+@pytest.mark.mpi
 def test_stages_of_statics(wall):
     """Blocks that stand alone, grouted, loaded and moved."""
     changes = {
@@ -165,8 +171,9 @@ class Killer(Monitor):
             raise Killed
 
 
+@pytest.mark.mpi
 def test_goes_on_from_a_checkpoint(wall, new_path):
-    """To the last digit, and the results file and its report name the solver."""
+    """To the last digit on one rank, and the results file and its report name the solver."""
     kept, results = new_path("run.ckpt"), new_path("run.h5")
 
     def run(monitors, **options):
@@ -181,6 +188,8 @@ def test_goes_on_from_a_checkpoint(wall, new_path):
     _, again = run([Killer(None)], checkpoint=checkpoint, resume=True)
     simulation, whole = run([dj.ResultsMonitor(results, points={"crest": (10.0, 0.0, 20.0)})])
     same(simulation, again.state, whole.state)
-    assert np.array_equal(again.state.displacement.getArray(), whole.state.displacement.getArray())
+    if simulation.model.jointed.mesh.comm.size == 1:  # MUMPS sums in any order
+        one, two = (run.state.displacement.getArray() for run in (again, whole))
+        assert np.array_equal(one, two)
     with dj.Results(results) as file:
         assert file.summary["solver"] == "forms"

@@ -7,7 +7,8 @@ facets to be one and the same, but for the order of quadrature points: on each s
 permuted by a code that follows from the global numbers of the facet's vertices, so that the two
 sides agree on it. The two faces of a joint have vertices of their own. So the code of the + facet
 is replaced by the one that puts its points where those of the - facet are. It is an exterior
-facet; no other integral asks for its code.
+facet, whose code matters only where an integral over the + side has functions on a submesh of
+facets: they go under an interior-facet integral instead.
 """
 
 from __future__ import annotations

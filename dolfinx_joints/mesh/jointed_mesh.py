@@ -40,6 +40,9 @@ class JointedMesh:
 
     For integrals over a joint take `dS`, over one side of it ``ds("NAME-")`` or ``ds("NAME+")``:
     both sides are exterior facets, so that ``ufl.dS`` has none of them and gives zero there.
+    Functions on a joint live on `surface` and go under `dS`, restricted to either side, or under
+    ``ds("NAME-")``; under ``ds("NAME+")`` functions on any submesh of facets may be wrong, without
+    an error, once `dS` is in use.
 
     Attributes:
         mesh: The mesh.
@@ -126,7 +129,9 @@ class JointedMesh:
         The sides are those of the conventions: ``jump(u)`` is u+ - u- and
         ``FacetNormal(mesh)("-")`` the normal n, see also `frame`; ``jump(u + x)`` with the mesh's
         own ``SpatialCoordinate`` x includes gaps in the geometry. Where faces that are apart have
-        other areas, that of the + face counts. ``ufl.dS`` has the facets inside the body only.
+        other areas, that of the + face counts. ``ufl.dS`` has the facets inside the body only; a
+        form that has both takes ``jointed.dS()("everywhere")`` for it. On several ranks DOLFINx
+        refuses ``ufl.dS``, as no other cells than those across joints are ghosts.
 
         Args:
             joints: A joint, several, or all.
@@ -138,7 +143,7 @@ class JointedMesh:
             MeshError: There is no such joint.
             ValueError: The rule does not exist.
         """
-        numbers = tuple(k + 1 for k in self._positions(joints)) if joints else 0
+        numbers = 0 if joints is None else tuple(k + 1 for k in self._positions(joints))
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
         if quadrature is None:
             return measure
@@ -196,7 +201,10 @@ class JointedMesh:
 
     def _positions(self, joints: str | Sequence[str] | None) -> tuple[int, ...]:
         """Positions of joints among their names, ascending."""
-        names = [joints] if isinstance(joints, str) else list(joints or self.joint_names)
+        given = self.joint_names if joints is None else joints
+        names = [given] if isinstance(given, str) else list(given)
+        if joints is not None and not names:
+            raise MeshError(f"joints is {shown(joints)}; it must name joints, or be None for all.")
         for name in names:
             if name not in self.joint_names:
                 known = ", ".join(self.joint_names) or "none"

@@ -14,12 +14,15 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import basix.ufl
 import ufl
 from dolfinx import fem
 from dolfinx import mesh as dolfinx_mesh
+from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import CellType
 from mpi4py import MPI
-from rings import JOINT, quarter_ring
+from petsc4py import PETSc
+from rings import HEIGHT, JOINT, quarter_ring
 
 from dolfinx_joints import MeshError, mesh_from_arrays, split_mesh
 from dolfinx_joints.joints.operator import JointOperator
@@ -113,44 +116,106 @@ def test_signs(kind):
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
 
 
-def test_the_frame_is_that_of_the_points():
-    # Level, upright and inclined joints: s1 and s2 follow other axes, see docs/conventions.md.
-    for turn in (np.eye(3), np.roll(np.eye(3), 1, axis=0), np.roll(np.eye(3), 2, axis=0), A):
-        jointed = split_body(CellType.hexahedron, turn)
-        V = fem.functionspace(jointed.mesh, ("Lagrange", 1, (3,)))
-        expected = JointOperator(jointed, V).layout
-        found = integrals([jointed.frame("joint")], jointed.dS("joint"))
-        area = expected.areas.sum()
-        np.testing.assert_allclose(found, area * expected.frames[0].ravel(), atol=1e-14 * area)
+LEVEL, UPRIGHT = np.roll(np.eye(3), 2, axis=0), np.roll(np.eye(3), 1, axis=0)
+TURNS = {
+    2: {
+        "along y": np.eye(2),
+        "along x": np.array([[0.0, -1.0], [1.0, 0.0]]),
+        "inclined": A[:2, :2],
+    },
+    3: {"across x": np.eye(3), "across y": UPRIGHT, "level": LEVEL, "inclined": A},
+}
 
 
-def test_several_spaces_in_one_form():
-    # 3 on the + side (constant on cells) times y (continuous) times the jump y^2 of a quadratic
-    # along x: the integral of 3 y^3 over the square is 3/4.
-    jointed = split_body(CellType.tetrahedron, np.eye(3))
-    spaces = [("DG", 0), ("Lagrange", 1), ("Lagrange", 2, (3,))]
-    c, p, v = (fem.Function(fem.functionspace(jointed.mesh, space)) for space in spaces)
-    right = jointed.cells("right")
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_the_frame_is_that_of_the_points(kind):
+    # s1 and s2 follow other axes on level, upright and inclined joints, see docs/conventions.md.
+    dim = 2 if kind in KINDS[:2] else 3
+    for turn in TURNS[dim].values():
+        jointed = split_body(kind, turn)
+        V = fem.functionspace(jointed.mesh, ("Lagrange", 1, (dim,)))
+        points = JointOperator(jointed, V).layout
+        mean = integrals([jointed.frame("joint")], jointed.dS("joint")) / points.areas.sum()
+        of_points = points.frames[:, :dim, :dim]
+        np.testing.assert_allclose(of_points - mean.reshape(dim, dim), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_several_spaces_in_one_form(kind):
+    # On the joint x = 1/2 of the unit square or cube: c = 3 on the + side, constant on cells;
+    # p = y on the - side, discontinuous; [v] = y^2 along n; mixed (w, m): [w] = y along n, m = y on
+    # the - side and 2 on the + side.
+    jointed = split_body(kind, np.eye(3))
+    mesh, dim, right = jointed.mesh, jointed.mesh.geometry.dim, jointed.cells("right")
+    cell, left = mesh.topology.cell_name(), jointed.cells("left")
+    scalar, vector = (basix.ufl.element("Lagrange", cell, 2, shape=s) for s in ((), (dim,)))
+    spaces = [("DG", 0), ("DG", 1), vector, basix.ufl.mixed_element([vector, scalar])]
+    c, p, v, mixed = (fem.Function(fem.functionspace(mesh, space)) for space in spaces)
     c.interpolate(lambda x: np.full(x.shape[1], 3.0), right)
-    p.interpolate(lambda x: x[1])
-    v.interpolate(lambda x: np.stack([x[1] ** 2, x[0], x[2]]), right)
-    for function in (c, p, v):
+    p.interpolate(lambda x: x[1], left)
+    p.interpolate(lambda x: 1.0 + x[1], right)
+    v.interpolate(lambda x: np.stack([x[1] ** 2, x[0], x[1]][:dim]), right)
+    mixed.sub(0).interpolate(lambda x: np.stack([x[1], x[0], x[0]][:dim]), right)
+    mixed.sub(1).interpolate(lambda x: x[1], left)
+    mixed.sub(1).interpolate(lambda x: np.full(x.shape[1], 2.0), right)
+    for function in (c, p, v, mixed):
         function.x.scatter_forward()
-    n, dS = ufl.FacetNormal(jointed.mesh)("-"), jointed.dS("joint")
-    form = c("+") * p("-") * ufl.dot(ufl.jump(v), n) * dS
-    assert integral(form) == pytest.approx(0.75, rel=1e-13)
+    n, dS = ufl.FacetNormal(mesh)("-"), jointed.dS("joint")
+
+    def opening(u):
+        return ufl.dot(ufl.jump(u), n)
+
+    def work(w, m):
+        return c("+") * p("-") * opening(w) * dS + ufl.avg(m) * opening(v) * dS
+
+    # 3 y y + (y + 2)/2 y^2 from 0 to 1: 1 + 1/8 + 1/3, as a number and as a vector times (w, m).
+    load = fem_petsc.assemble_vector(fem.form(work(*ufl.TestFunctions(mixed.function_space))))
+    load.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    for found in (integral(work(*ufl.split(mixed))), load.dot(mixed.x.petsc_vec)):
+        assert found == pytest.approx(35 / 24, rel=1e-13)
+    # The second term as a matrix of two spaces.
+    _, m = ufl.TestFunctions(mixed.function_space)
+    coupling = fem_petsc.assemble_matrix(
+        fem.form(ufl.avg(m) * opening(ufl.TrialFunction(v.function_space)) * dS)
+    )
+    coupling.assemble()
+    coupling.mult(v.x.petsc_vec, load)
+    assert load.dot(mixed.x.petsc_vec) == pytest.approx(11 / 24, rel=1e-13)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
 def test_curved_joints(cell):
-    # That of one side in the same rule, and of the quarter of a cylinder.
-    jointed = mesh_from_arrays(COMM, **quarter_ring(cell, 4))
-    dim, one = jointed.mesh.geometry.dim, fem.Constant(jointed.mesh, 1.0)
-    area = integral(one("-") * jointed.dS("joint", quadrature=6))
-    side = integral(one * jointed.ds("joint-")(degree=6))
-    assert area == pytest.approx(side, rel=1e-13)
-    height = 1.0 if dim == 2 else 0.5
-    assert area == pytest.approx(np.pi / 2 * JOINT * height, rel=5e-5)  # order 4 in h
+    # The quarter of a cylinder about z, by curved cells of degree 2: area as of one side in the
+    # same rule, and of the cylinder with an error of order 4 in h. The integral of n depends on the
+    # edge alone, (r, r) times the height.
+    errors = []
+    for boxes in (4, 8):
+        jointed = mesh_from_arrays(COMM, **quarter_ring(cell, boxes))
+        dim, one = jointed.mesh.geometry.dim, fem.Constant(jointed.mesh, 1.0)
+        height = 1.0 if dim == 2 else HEIGHT
+        dS = jointed.dS("joint", quadrature=6)
+        area, *normal = integrals([one("-"), jointed.frame("joint")[0, :]], dS)
+        assert area == pytest.approx(integral(one * jointed.ds("joint-")(degree=6)), rel=1e-13)
+        assert normal == pytest.approx([JOINT * height, JOINT * height, 0.0][:dim], abs=1e-12)
+        errors.append(area / (np.pi / 2 * JOINT * height) - 1.0)
+    assert abs(errors[0]) < 5e-5
+    assert np.log2(errors[0] / errors[1]) > 3.8
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("degrees", [(1, 2), (2, 1)], ids=["quadratic on flat", "linear on curved"])
+def test_displacements_of_another_degree_than_the_cells(cell, degrees):
+    # |[u]|^2 over the joint as by B: the sum of w |B u|^2 over the points.
+    jointed = mesh_from_arrays(COMM, **quarter_ring(cell, 4, degrees[0]))
+    dim = jointed.mesh.geometry.dim
+    u = fem.Function(fem.functionspace(jointed.mesh, ("Lagrange", degrees[1], (dim,))))
+    u.interpolate(lambda x: np.sin([[2.0], [3.0], [5.0]] * x)[:dim], jointed.cells("core"))
+    u.x.scatter_forward()
+    B = JointOperator(jointed, u.function_space, quadrature="gauss")
+    expected = COMM.allreduce(float(B.areas @ (B.jump(u.x.petsc_vec) ** 2).sum(axis=1)))
+    dS = jointed.dS(quadrature="gauss", degree=degrees[1])
+    assert expected > 0.1
+    assert integral(ufl.inner(ufl.jump(u), ufl.jump(u)) * dS) == pytest.approx(expected, rel=1e-13)
 
 
 @pytest.mark.parametrize("wedge", [0.0, 1e-2, 1e-4])
@@ -174,14 +239,45 @@ def test_gaps_in_the_geometry(wedge):
     assert area / JointOperator(jointed, V).layout.areas.sum() - 1 == pytest.approx(wedge)
 
 
+@pytest.mark.parametrize("kind", [CellType.triangle, CellType.tetrahedron], ids=["2-D", "3-D"])
+def test_functions_on_the_joint_fit_both_sides(kind):
+    # Under dS, and under ds of the - side, whose codes dS leaves as they are: a function on the
+    # joint is the polynomial of x that it interpolates.
+    jointed = split_body(kind)
+    surface, x = jointed.surface(), ufl.SpatialCoordinate(jointed.mesh)
+    q = fem.Function(fem.functionspace(surface.mesh, ("Lagrange", 2)))
+    q.interpolate(lambda x: x[0] + x[1] ** 2)
+    wrong, dS = (q - x[0] - x[1] ** 2) ** 2, jointed.dS()
+    for form in (wrong("+") * dS, wrong("-") * dS, wrong * jointed.ds("joint-")):
+        found = COMM.allreduce(fem.assemble_scalar(jointed.form(form)))
+        assert found == pytest.approx(0.0, abs=1e-28)
+
+
 def test_no_ordinary_measure_has_joints():
     jointed = split_body(CellType.hexahedron)
-    u, *_ = linear_fields(jointed)
-    assert integral(ufl.jump(u)[0] ** 2 * ufl.dS) == pytest.approx(0.0, abs=1e-25)
     sides = np.concatenate([jointed.facets("joint-"), jointed.facets("joint+")])
     assert len(np.intersect1d(jointed.facet_tags.indices, sides)) == 0
     assert not any(name.startswith("joint") for name in jointed.facet_groups)
-    with pytest.raises(
-        MeshError, match=r"'joint' is a joint; integrals over it take dS\('joint'\)"
-    ):
-        jointed.ds("joint")
+    for measure in (jointed.ds, jointed.facets):
+        with pytest.raises(
+            MeshError,
+            match=r"'joint' is a joint; integrals over it take dS\('joint'\), one side .*"
+            r"'joint-' or 'joint\+'",
+        ):
+            measure("joint")
+    for nothing in ([], ()):
+        with pytest.raises(MeshError, match="it must name joints, or be None for all"):
+            jointed.dS(nothing)
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="DOLFINx refuses ufl.dS where ranks have no ghosts")
+def test_interior_facets_are_those_inside_the_blocks():
+    # 4 x 3 x 2 cells in the unit cube: faces inside at x = 1/4, 3/4, y = 1/3, 2/3, z = 1/2
+    # have the area 5, the joint at x = 1/2 has 1.
+    jointed = split_body(CellType.hexahedron, np.eye(3))
+    u, *_ = linear_fields(jointed)
+    one, inside = fem.Constant(jointed.mesh, 1.0), ufl.dS(domain=jointed.mesh)
+    assert integral(ufl.jump(u)[0] ** 2 * inside) == pytest.approx(0.0, abs=1e-25)
+    assert integral(one("+") * inside) == pytest.approx(5.0, rel=1e-13)
+    both = one("+") * jointed.dS()("everywhere") + 10.0 * one("+") * jointed.dS()
+    assert integral(both) == pytest.approx(15.0, rel=1e-13)

@@ -108,7 +108,8 @@ def integral(measure) -> float:
 volume = model.contact.integral(model.operator.jump(by_forms)[:, 0])
 say(f"volume between the faces, by B:           {volume:.15g} m³")
 say(f"by JointedMesh.dS, of all joints:         {integral(dam.dS(quadrature='nodal')):.15g} m³")
-say(f"by UFL's dS, which knows no joint:        {integral(ufl.dS(domain=dam.mesh)):.1g} m³")
+if comm.size == 1:  # on several, DOLFINx asks for more ghosts than joints need
+    say(f"by UFL's dS, which knows no joint:        {integral(ufl.dS(domain=dam.mesh)):.1g} m³")
 
 # %% [markdown]
 # ## Where the bond is lost

@@ -92,7 +92,9 @@ class JointSurface:
         return fem.functionspace(self.mesh, element)
 
 
-def compiled(form: Any, surfaces: Iterable[JointSurface], entities: Any) -> fem.Form:
+def compiled(
+    form: Any, surfaces: Iterable[JointSurface], entities: Any, plus: set[int]
+) -> fem.Form:
     """A form compiled with the entity maps of the joint surfaces that occur in it.
 
     Args:
@@ -100,9 +102,11 @@ def compiled(form: Any, surfaces: Iterable[JointSurface], entities: Any) -> fem.
         surfaces: The surfaces to look among.
         entities: Subdomains of the measure `JointedMesh.dS`: 0 for all joints, and each joint's
             position plus one.
+        plus: Tags of the + sides.
 
     Raises:
-        MeshError: The form goes over joints that a surface in it leaves out.
+        MeshError: Functions on a surface stand under ds of a + side, whose cells may be on another
+            rank, or under dS of joints that the surface leaves out.
     """
     by_domain = {surface.mesh.ufl_domain(): surface for surface in surfaces}
     needed: dict[Any, JointSurface] = {}
@@ -112,10 +116,15 @@ def compiled(form: Any, surfaces: Iterable[JointSurface], entities: Any) -> fem.
         domains = extract_domains(integral.integrand())
         found = {each: by_domain[each] for each in domains if each in by_domain}
         needed |= found
+        numbers = {*np.atleast_1d(integral.subdomain_id()).tolist()}
+        if found and integral.integral_type() == "exterior_facet" and numbers & plus:
+            raise MeshError(
+                "The form has functions on a joint surface under ds of a + side; take dS, or ds of "
+                "the - side."
+            )
         if integral.subdomain_data() is entities:
-            numbers = np.atleast_1d(integral.subdomain_id())
-            over = [k for k, _ in entities[1:]] if 0 in numbers else numbers
-            if any({int(k) - 1 for k in over} - set(each.joints) for each in found.values()):
+            over = {k for k, _ in entities[1:]} if 0 in numbers else numbers
+            if any({k - 1 for k in over} - set(each.joints) for each in found.values()):
                 raise MeshError(
                     "The form goes over joints that the surface of a function in it leaves out; "
                     "let dS and surface have the same joints."

@@ -191,13 +191,15 @@ class JointedMesh:
         Arguments and coefficients may live on joint surfaces: it finds the entity maps.
 
         Raises:
-            MeshError: The form goes over joints that a surface in it leaves out.
+            MeshError: Functions on a surface stand under ds of a + side, or under `dS` of joints
+                that the surface leaves out.
         """
         if isinstance(form, list | tuple):
             return [self.form(each) for each in form]
         if not self._surfaces or not isinstance(form, ufl.Form):
             return fem.form(form)
-        return compiled(form, self._surfaces.values(), self._joint_entities)
+        plus = {tag for name in self.joint_names for tag in self._facet_groups[f"{name}+"]}
+        return compiled(form, self._surfaces.values(), self._joint_entities, plus)
 
     def _positions(self, joints: str | Sequence[str] | None) -> tuple[int, ...]:
         """Positions of joints among their names, ascending."""

@@ -119,7 +119,7 @@ class NewtonSolver:
         options = self.options
         response, norm = balance.evaluate(balance.change)
         balance.accept()
-        factorizations, iteration = 0, 0
+        factorizations, iteration, norms = 0, 0, [norm]
         while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
@@ -128,16 +128,19 @@ class NewtonSolver:
             response, norm = self._search(balance, norm)
             balance.accept()
             iteration += 1
+            norms.append(norm)
         if balance.rule.name == DISCRETE_GRADIENT.name and norm > 0.0:
             factorizations += self._correct(internal_forces, tangent, response, balance)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
+            norms.append(norm)
         balance.change.copy(x)
         return response, SolveReport(
             iterations=iteration,
             factorizations=factorizations,
             residual=norm / (balance.scale or 1.0),
             counts=internal_forces.counts(response),
+            residuals=tuple(each / (balance.scale or 1.0) for each in norms),
         )
 
     def _correct(

@@ -63,12 +63,15 @@ class SolveReport:
         factorizations: Matrices factored on the way.
         residual: Last residual, relative to the largest of the forces in balance.
         counts: Joint points by status, None without joints.
+        residuals: The residual at the start and after each iteration of the monolithic solver,
+            empty of others, relative to the same.
     """
 
     iterations: int
     factorizations: int
     residual: float
     counts: StatusCounts | None
+    residuals: tuple[float, ...] = ()
 
 
 class StepSolver(Protocol):

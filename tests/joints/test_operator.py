@@ -23,10 +23,10 @@ from dolfinx.mesh import (
     locate_entities,
     meshtags,
 )
-from grids import CASES, SHAPES, case, name_of
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from benchmarks.shared.grids import CASES, SHAPES, case, name_of
 from dolfinx_joints import (
     Elastic,
     Fixed,

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Joint laws in UFL against the same by hand, energy, derivatives, a damage law, and errors.
 
-The cohesive law is Xu and Needleman's (1994) with q = 1 and r = 0, without history:
-
-    psi = phi - phi (1 + n/a) exp(-n/a) exp(-|s|^2/b^2),
-
-to which the body in the impact test adds k_n <n>^2 / 2 in pressure.
+The cohesive law is that of `benchmarks.shared.cohesive`, to which the body in the impact test adds
+k_n <n>^2 / 2 in pressure.
 """
 
 from __future__ import annotations
@@ -25,6 +22,18 @@ from dolfinx.mesh import create_unit_interval
 from mpi4py import MPI
 from shaken_wall import DT, STEPS, shaking, wall
 
+from benchmarks.shared.cohesive import (
+    COHESIVE,
+    K_S,
+    PHI,
+    A,
+    B,
+    ByHand,
+    cohesive,
+    energy_lines,
+    left_over,
+    random_steps,
+)
 from dolfinx_joints import (
     Elastic,
     EnergyConsistent,
@@ -48,70 +57,6 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
-
-PHI, A, B = 100.0, 1e-4, 2e-4  # [J/m^2], [m], [m]: 1 MPa / e at a
-K_N, K_S = PHI / A**2, 2.0 * PHI / B**2  # at the gap of zero
-
-
-def cohesive(g):
-    s = g[1] ** 2 + g[2] ** 2
-    return PHI - PHI * (1.0 + g[0] / A) * ufl.exp(-g[0] / A) * ufl.exp(-s / B**2)
-
-
-COHESIVE = {"normal_stiffness": K_N, "shear_stiffness": K_S}
-
-
-class ByHand:
-    """The cohesive law with traction and tangent worked out on paper."""
-
-    def closed_stiffness(self):
-        return K_N, K_S
-
-    def stored_energy(self, state):
-        n, s = state.gap[:, 0] / A, state.elastic_slip / B
-        return PHI - PHI * (1.0 + n) * np.exp(-n - (s**2).sum(axis=1))
-
-    def backward_euler(self, gap, state):
-        after = self._after(gap, state)
-        return self._response(after, *self._tractions(self._seen(after)))
-
-    def discrete_gradient(self, gap, state):
-        after = self._after(gap, state)
-        mean = path_mean(self._tractions, self._seen(state), self._seen(after))
-        return self._response(after, *mean)
-
-    def _tractions(self, g):
-        n, s = g[:, 0] / A, g[:, 1:] / B
-        bell = PHI * np.exp(-n - (s**2).sum(axis=1))
-        t = np.column_stack([bell * n / A, 2.0 * (bell * (1.0 + n))[:, None] * s / B])
-        d = np.empty((len(g), 3, 3))
-        d[:, 0, 0] = bell * (1.0 - n) / A**2
-        d[:, 0, 1:] = d[:, 1:, 0] = -2.0 * (bell * n)[:, None] * s / (A * B)
-        both = np.eye(2) - 2.0 * s[:, :, None] * s[:, None, :]
-        d[:, 1:, 1:] = 2.0 * (bell * (1.0 + n))[:, None, None] * both / B**2
-        return t, d
-
-    def _seen(self, state):
-        return np.column_stack([state.gap[:, 0], state.elastic_slip])
-
-    def _after(self, gap, state):
-        return JointState(gap=gap, elastic_slip=state.elastic_slip + (gap - state.gap)[:, 1:])
-
-    def _response(self, after, traction, tangent):
-        status = np.where(after.gap[:, 0] > 0.0, Status.OPEN, Status.STICK).astype(np.int8)
-        nothing = np.zeros(len(after.gap))
-        return Response(
-            traction=traction, tangent=tangent, state=after, dissipation=nothing, status=status
-        )
-
-
-def random_steps(count=3000, seed=1, *, size=A):
-    """Gaps of all kinds at the end of a step, and states at its start."""
-    rng = np.random.default_rng(seed)
-    before = size * rng.normal(size=(count, 3))
-    slip = before[:, 1:] + size * rng.normal(size=(count, 2))
-    return before + size * rng.normal(size=(count, 3)), JointState(gap=before, elastic_slip=slip)
-
 
 def assert_same(answer, expected, names=("traction", "tangent"), rtol=1e-12):
     for name in names:
@@ -249,40 +194,13 @@ def test_energy_of_an_impact(blocks_file, read, comm):
     velocity = thrown(model, "upper", -1.0)
     outcome = Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=30, velocity=velocity)
 
-    system, operator, records = model.system(), model.contact.operator, kept.records
-    force = system.load(0.0, velocity.duplicate())
-
-    def product(matrix, vector):
-        out = vector.duplicate()
-        matrix.mult(vector, out)
-        return out.dot(vector)
-
-    viscous, lines = 0.0, []
-    for before, now in zip([records[0], *records], records, strict=False):
-        moved = now.displacement.copy()
-        moved.axpy(-1.0, before.displacement)
-        viscous += product(system.damping, moved) / dt
-        moved = now.displacement.copy()
-        moved.axpy(-1.0, records[0].displacement)
-        lines.append(
-            {
-                "kinetic": 0.5 * product(system.mass, now.velocity),
-                "strain": 0.5 * product(system.stiffness, now.displacement),
-                "joint": comm.allreduce(operator.areas @ density(now.joints.state.gap)),
-                "input": force.dot(moved),
-                "viscous": viscous,
-                "friction": 0.0,
-                "numerical": 0.0,
-            }
-        )
+    records = kept.records
+    lines = energy_lines(model.system(), records, lambda state: density(state.gap))
     scale = lines[0]["kinetic"]
     for record, line in zip(records, lines, strict=True):
         for name, value in line.items():
             assert abs(getattr(record.energy, name) - value) < 1e-10 * scale, name
-        stored = [
-            sum(each[name] for name in ("kinetic", "strain", "joint")) for each in (lines[0], line)
-        ]
-        assert abs(stored[1] - stored[0] - line["input"] + line["viscous"]) < 1e-10 * scale
+        assert abs(left_over(lines[0], line)) < 1e-10 * scale
     shares = np.array([record.energy.joint for record in records]) / scale
     gaps = [max(comm.allgather(r.joints.state.gap[:, 0].max(initial=-1.0))) for r in records]
     assert min(gaps) < -A

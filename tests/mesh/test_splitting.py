@@ -12,16 +12,17 @@ import pytest
 pytest.importorskip("basix")
 
 import basix
-from grids import (
+
+from benchmarks.shared.grids import (
     CASES,
     SHAPES,
+    already_split,
     case,
     facets_on,
     grid,
     name_of,
     through,
 )
-
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.cells import CellShape, find_facets
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
@@ -344,17 +345,6 @@ def test_joints_of_one_facet_row(shape, rows):
     grown = len(np.unique(split.cells[:, :corners])) - len(np.unique(cells[:, :corners]))
     assert grown == rows * (4 if shape.dim == 3 else 2)
     assert np.all(normals(shape, cells, x, split)[:, 0] == 1)
-
-
-def already_split(shape, distance=0.0):
-    """The through joint with duplicated nodes, its + side moved by ``distance``."""
-    cells, x, joints, _ = case("through", shape)
-    split = split_cells(shape, cells, x, joints)
-    x = x[split.parent].copy()
-    corners = len(basix.topology(shape.type)[0])
-    beyond = np.unique(split.cells[x[split.cells[:, :corners]].mean(axis=1)[:, 0] > 2])
-    x[beyond] += distance
-    return split, x
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)

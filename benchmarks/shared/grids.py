@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
+from typing import Any
 
-import numpy as np
-import pytest
-
-pytest.importorskip("basix")
 import basix
+import numpy as np
+from numpy.typing import NDArray
 
+from dolfinx_joints import JointedMesh, mesh_from_arrays
 from dolfinx_joints.mesh.cells import CellShape
+from dolfinx_joints.mesh.splitting import SplitMesh, split_cells
+
+Case = tuple[NDArray[np.int64], NDArray[np.float64], list[tuple[str, NDArray[np.int64]]], int]
 
 SHAPES = [
     CellShape(name=name, degree=degree)
@@ -126,9 +129,52 @@ CASES = {
 }
 
 
-def case(name, shape):
+def case(name: str, shape: CellShape) -> Case:
+    """Cells, nodes, joints by name, and the number of vertices that splitting adds."""
     joints, per_layer = CASES[name]
     cells, x = grid(shape, (4, 4, 2))
     named = [(n, facets_on(shape, cells, x, *surfaces)) for n, surfaces in joints.items()]
     layers = 3 if shape.dim == 3 else 1
     return cells, x, named, per_layer * layers
+
+
+def already_split(
+    shape: CellShape, distance: float = 0.0
+) -> tuple[SplitMesh, NDArray[np.float64]]:
+    """The through joint with duplicated nodes, its + side moved by ``distance``."""
+    cells, x, joints, _ = case("through", shape)
+    split = split_cells(shape, cells, x, joints)
+    x = x[split.parent].copy()
+    corners = len(basix.topology(shape.type)[0])
+    beyond = np.unique(split.cells[x[split.cells[:, :corners]].mean(axis=1)[:, 0] > 2])
+    x[beyond] += distance
+    return split, x
+
+
+def distorted(comm: Any, shape: CellShape, scene: str) -> JointedMesh:
+    """A case with its nodes moved, and its cells and nodes in another order (collective).
+
+    ``gap`` is the through joint with duplicated nodes and faces apart.
+    """
+    if scene == "gap":
+        split, x = already_split(shape)
+        cells, apart = split.cells, already_split(shape, distance=0.05)[1] - x
+        local = shape.facet_vertices
+        sides = {"a-": split.minus, "a+": split.plus}
+        groups = {name: cells[side[:, :1], local[side[:, 1]]] for name, side in sides.items()}
+        joints = ["a"]
+    else:
+        cells, x, named, _ = case(scene, shape)
+        apart, groups, joints = 0.0, dict(named), [name for name, _ in named]
+    rng = np.random.default_rng(3)
+    new_node, new_cell = rng.permutation(len(x)), rng.permutation(len(cells))
+    moved = np.empty_like(x)
+    moved[new_node] = x + 0.1 * np.sin(x @ rng.normal(size=(shape.dim, shape.dim))) + apart
+    return mesh_from_arrays(
+        comm,
+        cell=shape.name,
+        x=moved,
+        cells=new_node[cells][new_cell],
+        facet_groups={name: new_node[facets] for name, facets in groups.items()},
+        joints=joints,
+    )

@@ -67,12 +67,12 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench lint dist docs clean
+.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
 	@echo 'Each target sets up what it needs by itself; the first may take minutes for that.'
-	@awk -F ':.*## ' '/^[a-z0-9.-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z0-9.-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' Makefile
 
 demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the dam
 	$(PYTHON) demos/01_impact.py
@@ -160,6 +160,12 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
+
+bench-forms: ## Joint integrals against the operator on 1, 2, 3 ranks, with both versions of DOLFINx
+	@for version in 0.9 0.11; do for ranks in 1 2 3; do \
+		./with-dolfinx --dolfinx $$version timeout --foreground $(MPI_SECONDS) \
+			mpirun -n $$ranks python3 benchmarks/interface_integrals.py --parts operator; \
+	done; done
 
 lint: ## Check style, imports between wings, and types
 	@$(call install_tool,$(RUFF_TOOL),$(RUFF_NEEDS))

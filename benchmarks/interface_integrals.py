@@ -20,7 +20,6 @@ status 1 if a bound is missed.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 from typing import Any

@@ -19,6 +19,7 @@ import dolfinx_joints as dj
 from benchmarks import (
     agreement,
     compliances,
+    interface_integrals,
     jointed_wall,
     large,
     scaling,
@@ -159,6 +160,25 @@ def test_scaling_leaves_the_package_as_it_was():
     with Clocks().watching():
         assert all(a is not b for a, b in zip(methods(), before, strict=True))
     assert methods() == before
+
+
+@pytest.mark.mpi
+def test_interface_integrals(capsys):
+    assert interface_integrals.main(["--quick", "--parts", "wall", "law", "--json"]) == 0
+    found = printed(capsys)
+    if found is None:
+        return
+    # Newton's method, quadratic where no point changes from one branch of the law to another.
+    *_, before, after, _, _ = found["wall"]["forms"]["residuals"]
+    assert after < 1e2 * before**1.5
+    assert 0.0 < found["law"]["left"] <= interface_integrals.BOUNDS["energy"]
+
+
+def test_forms_that_differ_are_shown(monkeypatch):
+    # Sums in another order differ by rounding.
+    monkeypatch.setattr(interface_integrals, "BOUNDS", {"operator": 0.0})
+    monkeypatch.setattr(interface_integrals, "SHAPES", interface_integrals.SHAPES[:1])
+    assert interface_integrals.main(["--quick", "--parts", "operator"]) == 1
 
 
 def test_efficiency_of_ranks():

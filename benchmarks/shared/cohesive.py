@@ -83,9 +83,7 @@ class ByHand:
         )
 
 
-def random_steps(
-    count: int = 3000, seed: int = 1, *, size: float = A
-) -> tuple[Floats, JointState]:
+def random_steps(count: int = 3000, seed: int = 1, *, size: float = A) -> tuple[Floats, JointState]:
     """Gaps of all kinds at the end of a step, and states at its start."""
     rng = np.random.default_rng(seed)
     before = size * rng.normal(size=(count, 3))

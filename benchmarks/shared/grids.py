@@ -138,9 +138,7 @@ def case(name: str, shape: CellShape) -> Case:
     return cells, x, named, per_layer * layers
 
 
-def already_split(
-    shape: CellShape, distance: float = 0.0
-) -> tuple[SplitMesh, NDArray[np.float64]]:
+def already_split(shape: CellShape, distance: float = 0.0) -> tuple[SplitMesh, NDArray[np.float64]]:
     """The through joint with duplicated nodes, its + side moved by ``distance``."""
     cells, x, joints, _ = case("through", shape)
     split = split_cells(shape, cells, x, joints)

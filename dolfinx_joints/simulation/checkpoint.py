@@ -218,7 +218,8 @@ class CheckpointKeeper:
             report = tree["reports"][str(i)]
             counts = report["counts"]
             counts = None if counts is None else StatusCounts(**counts)
-            reports.append(SolveReport(**{**report, "counts": counts}))
+            residuals = tuple(report.get("residuals", ()))
+            reports.append(SolveReport(**{**report, "counts": counts, "residuals": residuals}))
         return StaticState(
             displacement=self._vector(tree["displacement"]),
             joints=self._response(tree["joints"]),

@@ -51,12 +51,12 @@ from dolfinx_joints import (
     frictionless,
     mass_proportional,
 )
-from dolfinx_joints.laws.law import JointState, Response, Status
-from dolfinx_joints.laws.path_mean import path_mean
+from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
+
 
 def assert_same(answer, expected, names=("traction", "tangent"), rtol=1e-12):
     for name in names:

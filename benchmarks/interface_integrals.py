@@ -20,6 +20,7 @@ status 1 if a bound is missed.
 
 from __future__ import annotations
 
+import gc
 import json
 import statistics
 from typing import Any
@@ -41,7 +42,7 @@ from benchmarks.shared.cohesive import (
     random_steps,
 )
 from benchmarks.shared.grids import CASES, SHAPES, distorted, name_of
-from benchmarks.shared.measure import StepWatch, slowest
+from benchmarks.shared.measure import StepWatch, free_memory, slowest
 from benchmarks.shared.scenes import TIME_STEP, Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.joints.form_operator import FormOperator
@@ -116,6 +117,7 @@ def operator(quick: bool) -> Found:
         for shape in SHAPES[:3] if quick else SHAPES:
             row = {}
             for scene in SCENES:
+                free_memory()
                 found = against_operator(distorted(COMM, shape, scene), rule)
                 worst = {name: max(value, found[name]) for name, value in worst.items()}
                 row[scene] = max(found.values())
@@ -230,6 +232,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args(arguments)
     quick, steps = options.quick, 10 if options.quick else options.steps
+    gc.disable()  # ranks free meshes together, by `free_memory`
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     say(f"DOLFINx {dolfinx.__version__}, PETSc {petsc}, {COMM.size} rank(s)")
     tables = {

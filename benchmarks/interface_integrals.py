@@ -14,8 +14,7 @@ bound is 1e-10. Newton's residuals, relative to the forces, of the step that too
 law: a cohesive law in UFL against the same by hand, of a wall that is shaken: tractions, tangents
 and displacements to 1e-12, and its energies, each from its own formula, to 1e-10 of the largest.
 
-`make bench-forms` runs the first part on 1, 2 and 3 ranks with both versions of DOLFINx. Exit
-status 1 if a bound is missed.
+`make bench-forms`: the first part on 1 to 3 ranks, both DOLFINx. Status 1: a bound is missed.
 """
 
 from __future__ import annotations
@@ -47,7 +46,6 @@ from benchmarks.shared.scenes import TIME_STEP, Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.operator import JointOperator
-from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.record import Record
 
 COMM = MPI.COMM_WORLD
@@ -65,7 +63,7 @@ def largest(values: Any) -> float:
     return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
 
 
-def difference(found: Any, expected: Any) -> float:
+def relative(found: Any, expected: Any) -> float:
     """Largest difference relative to the largest value (collective)."""
     return largest(found - expected) / largest(expected)
 
@@ -74,9 +72,6 @@ def say(text: str = "") -> None:
     """Print on rank 0."""
     if COMM.rank == 0:
         print(text, flush=True)
-
-
-# ---------------------------------------------------------------- forms against B
 
 
 def against_operator(jointed: dj.JointedMesh, rule: str) -> dict[str, float]:
@@ -103,13 +98,13 @@ def against_operator(jointed: dj.JointedMesh, rule: str) -> dict[str, float]:
     forces = [o.force(traction, vector.duplicate()).getArray() for o in (forms, B)]
     return {
         "mass": abs(COMM.allreduce(fem.assemble_scalar(square)) / mass - 1.0),
-        "jump": difference(forms.jump(vector), B.jump(vector)),
-        "force": difference(*forces),
+        "jump": relative(forms.jump(vector), B.jump(vector)),
+        "force": relative(*forces),
         "tangent": by_form.norm(PETSc.NormType.NORM_INFINITY) / scale,
     }
 
 
-def operator(quick: bool) -> Found:
+def operator(quick: bool, _: int) -> Found:
     """Tables by rule: of each shape and scene the largest of the differences (collective)."""
     rows, worst = {}, dict.fromkeys(("mass", "jump", "force", "tangent"), 0.0)
     for rule in ("nodal",) if quick else ("nodal", "gauss"):
@@ -127,11 +122,8 @@ def operator(quick: bool) -> Found:
     return {"scenes": rows, **worst, "passed": max(worst.values()) <= BOUNDS["operator"]}
 
 
-# ---------------------------------------------------------------- solvers
-
-
 class Kept(StepWatch):
-    """Monitor that keeps all records, too."""
+    """Monitor that keeps all records, that of the static state included."""
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Keep the static state."""
@@ -144,15 +136,19 @@ class Kept(StepWatch):
         super().record(record)
 
 
-def run(scene: Scene, law: Law, solver: str, steps: int, dt: float) -> tuple[dj.Model, Kept]:
-    """Static loads, then the shaking (collective)."""
+def read(scene: Scene) -> dj.JointedMesh:
+    """The mesh, once for all runs: ranks may part it in another way each time (collective)."""
     with scene.mesh_file() as path:
-        model = scene.model(scene.read(path), law)
+        return scene.read(path)
+
+
+def run(scene: Scene, model: dj.Model, solver: str, steps: int, dt: float) -> Kept:
+    """Static loads, then the shaking (collective)."""
     kept = Kept(scene)
     simulation = dj.Simulation(model, monitors=[kept], solver=solver, options=NEWTON)
     simulation.statics(steps=scene.load_steps)
     simulation.dynamics(dt=dt, steps=steps, motion=scene.shaking(steps * dt))
-    return model, kept
+    return kept
 
 
 def apart(kept: Kept, reference: Kept) -> list[float]:
@@ -166,8 +162,9 @@ def apart(kept: Kept, reference: Kept) -> list[float]:
 def walls(quick: bool, steps: int) -> Found:
     """Differences, times and Newton's residuals of the solvers (collective)."""
     scene = wall("tiny" if quick else "coarse")
+    model = scene.model(read(scene), scene.law())
     runs = {
-        kind: run(scene, scene.law(), kind, steps, TIME_STEP)[1]
+        kind: run(scene, model, kind, steps, TIME_STEP)
         for kind in ("monolithic", "forms", "condensed")
     }
     reference = runs["monolithic"]
@@ -189,10 +186,7 @@ def walls(quick: bool, steps: int) -> Found:
     return found
 
 
-# ---------------------------------------------------------------- a law in UFL
-
-
-def law(steps: int) -> Found:
+def law(_: bool, steps: int) -> Found:
     """A law in UFL against the same by hand, and its energies (collective)."""
     by_ufl, by_hand = dj.PotentialJoint(cohesive, **COHESIVE), ByHand()
     gap, state = random_steps()
@@ -200,14 +194,14 @@ def law(steps: int) -> Found:
     for rule in ("backward_euler", "discrete_gradient"):
         one, other = (getattr(each, rule)(gap, state) for each in (by_ufl, by_hand))
         for name in ("traction", "tangent"):
-            off[f"{name}, {rule}"] = difference(getattr(one, name), getattr(other, name))
+            off[f"{name}, {rule}"] = relative(getattr(one, name), getattr(other, name))
     scene = wall("tiny")
-    (model, kept), (_, expected) = (
-        run(scene, each, "monolithic", steps, DT) for each in (by_ufl, by_hand)
-    )
+    jointed = read(scene)
+    model, reference = (scene.model(jointed, each) for each in (by_ufl, by_hand))
+    kept, expected = (run(scene, each, "monolithic", steps, DT) for each in (model, reference))
     off[f"displacement of {steps} steps"] = max(apart(kept, expected))
     opened = largest(np.maximum(kept.records[-1].joints.state.gap[:, 0], 0.0))
-    say(f"\nCohesive law in UFL against the same by hand; largest gap at the end {opened:.1e} m")
+    say(f"\nCohesive law in UFL against the same by hand; opened by {opened:.1e} m at the end")
     for name, value in off.items():
         say(f"{name:32}{value:9.1e}")
     system = model.system([dj.BaseMotion(acceleration=scene.shaking(steps * DT))])
@@ -225,22 +219,19 @@ def law(steps: int) -> Found:
 def main(arguments: list[str] | None = None) -> int:
     """Print the tables; 1 if a bound is missed."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parts = ("operator", "wall", "law")
-    parser.add_argument("--parts", nargs="+", default=list(parts), choices=parts)
+    parts = ["operator", "wall", "law"]
+    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
     parser.add_argument("--steps", type=at_least(2), default=200, help="steps of the walls")
     parser.add_argument("--quick", action="store_true", help="few shapes, the tiny wall, 10 steps")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args(arguments)
-    quick, steps = options.quick, 10 if options.quick else options.steps
-    gc.disable()  # ranks free meshes together, by `free_memory`
+    steps = 10 if options.quick else options.steps
+    if COMM.size > 1:
+        gc.disable()  # ranks free meshes together, by `free_memory`
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     say(f"DOLFINx {dolfinx.__version__}, PETSc {petsc}, {COMM.size} rank(s)")
-    tables = {
-        "operator": lambda: operator(quick),
-        "wall": lambda: walls(quick, steps),
-        "law": lambda: law(steps),
-    }
-    found = {part: tables[part]() for part in options.parts}
+    tables = {"operator": operator, "wall": walls, "law": law}
+    found = {part: tables[part](options.quick, steps) for part in options.parts}
     if options.json:
         say(json.dumps(found))
     return int(not all(table["passed"] for table in found.values()))

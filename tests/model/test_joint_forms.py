@@ -19,9 +19,9 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
-from grids import case
 from mpi4py import MPI
 
+from benchmarks.shared.grids import case
 from dolfinx_joints import (
     Elastic,
     Fixed,

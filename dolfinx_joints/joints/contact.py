@@ -256,7 +256,8 @@ class Contact:
         """
         if self.rigid:
             raise JointsError(
-                "A rigid joint has no stiffness: modes and the monolithic solver need a finite one."
+                "A rigid joint has no stiffness: modes and the solvers 'monolithic' and 'forms' "
+                "need a finite one; 'condensed' does not."
             )
         stiffness = self.closed_stiffness()
         tangent = np.zeros((len(stiffness), 3, 3))

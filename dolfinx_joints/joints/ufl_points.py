@@ -56,8 +56,8 @@ class UflPoints:
         Raises:
             ValueError: It is no expression of this size, or has something else in it.
         """
-        kind = "a scalar" if size == 1 else f"a vector of {size}"
-        wanted = f"it must be {kind} UFL expression of gap and internal variables alone."
+        kind = "a UFL scalar" if size == 1 else f"a UFL vector of {size} components"
+        wanted = f"it must be {kind}, of gap and internal variables alone."
         try:
             made = function(self.gap, *self.internal)
             made = ufl.as_vector(made) if isinstance(made, list | tuple) else ufl.as_ufl(made)

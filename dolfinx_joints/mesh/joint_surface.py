@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import basix.ufl
@@ -93,41 +93,44 @@ class JointSurface:
 
 
 def compiled(
-    form: Any, surfaces: Iterable[JointSurface], entities: Any, plus: set[int]
+    form: Any,
+    surfaces: Iterable[JointSurface],
+    joints_of: Callable[[Any], set[int] | None],
+    minus: set[int],
 ) -> fem.Form:
     """A form compiled with the entity maps of the joint surfaces that occur in it.
 
     Args:
         form: A UFL form.
         surfaces: The surfaces to look among.
-        entities: Subdomains of the measure `JointedMesh.dS`: 0 for all joints, and each joint's
-            position plus one.
-        plus: Tags of the + sides.
+        joints_of: Gives the positions of the joints of an integral over `JointedMesh.dS`, None for
+            others.
+        minus: Tags of the - sides.
 
     Raises:
-        MeshError: Functions on a surface stand under ds of a + side, whose cells may be on another
-            rank, or under dS of joints that the surface leaves out.
+        MeshError: Functions on a surface stand under another measure than that of its joints, or of
+            - sides.
     """
     by_domain = {surface.mesh.ufl_domain(): surface for surface in surfaces}
     needed: dict[Any, JointSurface] = {}
     for integral in form.integrals():
-        if integral.ufl_domain() in by_domain:  # on the surface itself
-            continue
         domains = extract_domains(integral.integrand())
         found = {each: by_domain[each] for each in domains if each in by_domain}
+        if not found or integral.ufl_domain() in by_domain:  # the latter on the surface itself
+            continue
         needed |= found
-        numbers = {*np.atleast_1d(integral.subdomain_id()).tolist()}
-        if found and integral.integral_type() == "exterior_facet" and numbers & plus:
-            raise MeshError(
-                "The form has functions on a joint surface under ds of a + side; take dS, or ds of "
-                "the - side."
-            )
-        if integral.subdomain_data() is entities:
-            over = {k for k, _ in entities[1:]} if 0 in numbers else numbers
-            if any({k - 1 for k in over} - set(each.joints) for each in found.values()):
+        joints = joints_of(integral)
+        if joints is None:
+            tags = set(np.atleast_1d(integral.subdomain_id()).tolist())
+            if integral.integral_type() != "exterior_facet" or not tags <= minus:
                 raise MeshError(
-                    "The form goes over joints that the surface of a function in it leaves out; "
-                    "let dS and surface have the same joints."
+                    "The form has a function on a joint surface under another measure than "
+                    "jointed.dS, or ds of a - side."
                 )
+        elif any(joints - set(surface.joints) for surface in found.values()):
+            raise MeshError(
+                "The form goes over joints that the surface of a function in it leaves out; let dS "
+                "and surface have the same joints."
+            )
     maps = [surface.entity_maps for surface in needed.values()]
     return fem.form(form, entity_maps=dolfinx_versions.merged_entity_maps(maps))

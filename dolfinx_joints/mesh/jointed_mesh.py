@@ -122,32 +122,40 @@ class JointedMesh:
         joints: str | Sequence[str] | None = None,
         *,
         quadrature: str | int | None = None,
-        degree: int = 1,
+        degree: int | None = None,
     ) -> ufl.Measure:
         """Interior-facet measure of joints, for forms on any function spaces of `mesh`.
 
         The sides are those of the conventions: ``jump(u)`` is u+ - u- and
         ``FacetNormal(mesh)("-")`` the normal n, see also `frame`; ``jump(u + x)`` with the mesh's
         own ``SpatialCoordinate`` x includes gaps in the geometry. Where faces that are apart have
-        other areas, that of the + face counts. ``ufl.dS`` has the facets inside the body only; a
-        form that has both takes ``jointed.dS()("everywhere")`` for it. On several ranks DOLFINx
-        refuses ``ufl.dS``, as no other cells than those across joints are ghosts.
+        other areas, that of the + face counts. Restrict every function: one of a Lagrange space
+        without ``("+")`` or ``("-")`` UFL takes for continuous, on its + side.
+
+        ``ufl.dS`` has the facets inside the body only; a form that has both takes
+        ``jointed.dS()("everywhere")`` for it. On several ranks DOLFINx refuses ``ufl.dS``, as no
+        other cells than those across joints are ghosts.
 
         Args:
             joints: A joint, several, or all.
             quadrature: ``nodal``, ``gauss`` or a degree, see `facet_rule`; UFL's choice for the
-                integrand unless given.
-            degree: Degree of the displacement that ``nodal`` or ``gauss`` is for.
+                integrand unless given, or what ``dS(...)(degree=4)`` says.
+            degree: Degree of the displacement, 1 unless given, that ``nodal`` or ``gauss`` is for.
 
         Raises:
             MeshError: There is no such joint.
-            ValueError: The rule does not exist.
+            ValueError: The rule does not exist, or a degree was given without one.
         """
+        if quadrature is None and degree is not None:
+            raise ValueError(
+                f"degree is {shown(degree)} without quadrature='nodal' or 'gauss': it is that of "
+                "the displacement; the degree of UFL's own rule is dS(...)(degree=4)."
+            )
         numbers = 0 if joints is None else tuple(k + 1 for k in self._positions(joints))
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
         if quadrature is None:
             return measure
-        points, weights = facet_rule(self.pairs.match.shape[1], degree, quadrature)
+        points, weights = facet_rule(self.pairs.match.shape[1], degree or 1, quadrature)
         return measure(
             metadata={
                 "quadrature_rule": "custom",
@@ -191,21 +199,29 @@ class JointedMesh:
         Arguments and coefficients may live on joint surfaces: it finds the entity maps.
 
         Raises:
-            MeshError: Functions on a surface stand under ds of a + side, or under `dS` of joints
-                that the surface leaves out.
+            MeshError: Functions on a surface stand under another measure than `dS` of its joints,
+                or `ds` of - sides.
         """
         if isinstance(form, list | tuple):
             return [self.form(each) for each in form]
         if not self._surfaces or not isinstance(form, ufl.Form):
             return fem.form(form)
-        plus = {tag for name in self.joint_names for tag in self._facet_groups[f"{name}+"]}
-        return compiled(form, self._surfaces.values(), self._joint_entities, plus)
+        minus = {tag for name in self.joint_names for tag in self._facet_groups[f"{name}-"]}
+        return compiled(form, self._surfaces.values(), self.joints_of, minus)
+
+    def joints_of(self, integral: Any) -> set[int] | None:
+        """Positions of the joints of an integral over `dS`, None for other integrals."""
+        numbers = integral.subdomain_id()
+        if integral.subdomain_data() is not self._joint_entities or isinstance(numbers, str):
+            return None
+        chosen = {int(number) - 1 for number in np.atleast_1d(numbers)}
+        return set(range(len(self.joint_names))) if -1 in chosen else chosen
 
     def _positions(self, joints: str | Sequence[str] | None) -> tuple[int, ...]:
         """Positions of joints among their names, ascending."""
         given = self.joint_names if joints is None else joints
-        names = [given] if isinstance(given, str) else list(given)
-        if joints is not None and not names:
+        names = [given] if isinstance(given, str) else given
+        if not isinstance(names, list | tuple) or (joints is not None and not names):
             raise MeshError(f"joints is {shown(joints)}; it must name joints, or be None for all.")
         for name in names:
             if name not in self.joint_names:

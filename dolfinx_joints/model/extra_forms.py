@@ -29,15 +29,9 @@ def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:
     Raises:
         MeshError: They leave a joint out.
     """
-    entities = jointed.dS().subdomain_data()
-    integrals = [integral for form in forms for integral in form.integrals()]
-    numbers: set[int] = set()
-    for integral in integrals:
-        if integral.subdomain_data() is entities:
-            number = integral.subdomain_id()
-            numbers.update(number if isinstance(number, tuple) else (number,))
-    names = jointed.joint_names
-    left = [name for i, name in enumerate(names, start=1) if not numbers & {0, i}]
+    over = [jointed.joints_of(integral) or () for form in forms for integral in form.integrals()]
+    tied = {position for positions in over for position in positions}
+    left = [name for i, name in enumerate(jointed.joint_names) if i not in tied]
     if left:
         raise MeshError(
             f"The mesh has joints ({', '.join(left)}) but no law was given; pass joints=, tie them "

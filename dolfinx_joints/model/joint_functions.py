@@ -99,6 +99,9 @@ class JointFunctions:
         found = getattr(state, "joints", state)
         wanted = "a StaticState, DynamicState, Record or Response of joints"
         check_kind_of("state", found, isinstance(found, Response), wanted)
+        given, own = len(found.traction), len(self._operator.areas)
+        if given != own:
+            raise ValueError(f"The state has {given} joint points, the model {own}, on this rank.")
         axes = self._operator.frames[:, :, : self.surface.mesh.geometry.dim]
         values = (
             found.state.gap,

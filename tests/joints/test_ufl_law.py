@@ -406,7 +406,7 @@ def test_bad_expressions_are_one_clear_error():
         ):
             PotentialJoint(energy, **COHESIVE)
     with pytest.raises(
-        ValueError, match=r"^TractionJoint: traction has shape \(\); it must be a vector"
+        ValueError, match=r"^TractionJoint: traction has shape \(\); it must be a UFL vector"
     ):
         TractionJoint(lambda g: g[0], **COHESIVE)
     with pytest.raises(ValueError, match="^TractionJoint: the update of k fails"):

@@ -265,9 +265,11 @@ def test_no_ordinary_measure_has_joints():
             r"'joint-' or 'joint\+'",
         ):
             measure("joint")
-    for nothing in ([], ()):
+    for nothing in ([], (), 1):
         with pytest.raises(MeshError, match="it must name joints, or be None for all"):
             jointed.dS(nothing)
+    with pytest.raises(ValueError, match=r"degree is 4 without quadrature=.*\(degree=4\)"):
+        jointed.dS(degree=4)
 
 
 @pytest.mark.skipif(COMM.size > 1, reason="DOLFINx refuses ufl.dS where ranks have no ghosts")

@@ -302,8 +302,12 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
     resumed = other.statics()
     difference = resumed.displacement.copy()
     difference.axpy(-1.0, end.displacement)
-    assert difference.norm() == 0.0
-    np.testing.assert_array_equal(resumed.joints.traction, end.joints.traction)
+    rounding = 0.0 if comm.size == 1 else 1e-12  # on several ranks MUMPS sums in any order
+    assert difference.norm() <= rounding * end.displacement.norm()
+    traction = end.joints.traction
+    np.testing.assert_allclose(
+        resumed.joints.traction, traction, rtol=0.0, atol=rounding * largest(comm, traction)
+    )
     with pytest.raises(CheckpointError, match=r"another model or run; load HydrostaticPressure"):
         Simulation(wall([weight])).load_static(path)
     with pytest.raises(CheckpointError, match="There is no checkpoint"):

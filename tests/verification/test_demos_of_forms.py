@@ -64,13 +64,11 @@ def test_a_law_in_ufl(printed):
     """The bond by forms and by B; UFL's own measure finds nothing between the faces."""
     text = printed("05_joint_law_in_ufl.py")
     assert numbers(text, "displacements by forms and by B differ by ")[0] < TOLERANCE
-    by_operator, by_forms, by_ufl = (numbers(text, f".*{name}.*: ")[0] for name in VOLUMES)
+    by_operator, by_forms = (numbers(text, f".*by {name}.*: ")[0] for name in ("B", "JointedMesh"))
     assert by_forms == pytest.approx(by_operator, rel=1e-12)
-    assert abs(by_ufl) < 1e-12 * abs(by_operator)
+    if COMM.size == 1:  # on several ranks DOLFINx refuses ufl.dS
+        assert abs(numbers(text, ".*by UFL's dS.*: ")[0]) < 1e-12 * abs(by_operator)
     assert 0.0 < numbers(text, "past the strength of 0.5 MPa: ")[0] < 100.0
-
-
-VOLUMES = ("by B", "by JointedMesh.dS", "by UFL's dS")
 
 
 def test_the_dam_by_forms(printed, new_path):

@@ -9,6 +9,8 @@ Lines that begin with ``#`` may stand above the numbers and give, as ``key: valu
 - ``columns``: what each column holds, ``time`` or the direction of a component, for example
   ``time N E UP`` or ``35 305 UP``.
 
+Comments that say that the numbers are velocities or displacements are an error.
+
 The user must give what the file does not; where both do they must agree. Where neither names the
 columns, one is a component and two are time and a component.
 """
@@ -27,6 +29,7 @@ from dolfinx_joints.motions.record_text import (
     RecordText,
     component,
     direction_named,
+    refuse_other_quantity,
     unit_named,
 )
 
@@ -54,12 +57,15 @@ def read_columns(
 ) -> list[Component]:
     """Components in a file of plain columns; None leaves it to the file to describe them."""
     keys, first = _keys(text), _first_row(text)
+    for number in range(1, first):
+        refuse_other_quantity(text, number, text.lines[number - 1])
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     rows = text.rows(first, len(names))
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
     is_time = [name == "time" for name in names]
-    dt = _step(text, keys, dt, rows[:, is_time], first)
+    times = rows[:, is_time]
+    dt = _step(text, keys, dt, times, first)
     return [
         component(
             text,
@@ -68,6 +74,7 @@ def read_columns(
             unit=unit,
             direction=direction_named(name),
             record=text.path.stem,
+            start=float(times[0, 0]) if times.size else None,
         )
         for place, name in enumerate(names)
         if name != "time"

@@ -22,11 +22,16 @@ from dolfinx_joints.motions.record_text import (
     RecordText,
     component,
     record_named,
+    start_time,
 )
 
 _TITLE = re.compile(r"\(Format\s+v[\d.]+\s+with\s+(\d{1,3})\s+text\s+lines", re.I)
 _PART = re.compile(r"\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)", re.I)
 _COMMENTS = re.compile(r"\s*(\d{1,4})\s+Comment line", re.I)
+_START = re.compile(
+    r".*\btime:\s*(?P<month>\d\d?)/(?P<day>\d\d?)/(?P<year>\d{4})[,\s]+"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)"
+)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
@@ -49,7 +54,7 @@ def _record(text: RecordText) -> str:
 def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
     while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
-        first = line + int(title[1])
+        first, start = line + int(title[1]), _start(text, line + 7)
         whole, second = _header(text, first)
         real, after = _header(text, second)
         unit = _unit(text, first + 1, whole)
@@ -63,7 +68,14 @@ def _channels(text: RecordText) -> Iterator[Component]:
             unit=unit,
             direction=_direction(whole[53]),
             record=_record(text),
+            start=start,
         )
+
+
+def _start(text: RecordText, number: int) -> float | None:
+    """Time of the first sample, where this line of text gives it."""
+    line = text.line(number, "the starting time")
+    return start_time(text, number, _START, line) if _START.match(line) else None
 
 
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:

@@ -7,6 +7,7 @@ Values are kept as recorded: K-NET's, for one, have an offset of their own.
 """
 
 import re
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from dolfinx_joints.common.errors import RecordError
@@ -19,7 +20,10 @@ from dolfinx_joints.motions.record_text import (
     RecordText,
     component,
     direction_named,
+    other_quantity,
     record_named,
+    refuse_other_quantity,
+    start_time,
     unit_named,
 )
 
@@ -33,6 +37,14 @@ _AT2_STEM = re.compile(
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
 _SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
+_ESM_START = re.compile(
+    r"(?P<year>\d{4})(?P<month>\d\d)(?P<day>\d\d)_"
+    r"(?P<hour>\d\d)(?P<minute>\d\d)(?P<second>\d\d(?:\.\d*)?)$"
+)
+_KNET_START = re.compile(
+    r"(?P<year>\d{4})/(?P<month>\d\d?)/(?P<day>\d\d?)\s+"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)$"
+)
 _ESM_DIRECTIONS: dict[str, Direction] = {"N": 0.0, "E": 90.0, "Z": "up"}
 _KNET_DIRECTIONS: dict[str, Direction] = {
     **dict.fromkeys(("N-S", "1", "4"), 0.0),
@@ -59,8 +71,15 @@ def at2_record(path: Path) -> str | None:
     return None if direction is None else record
 
 
+def _at2_record(text: RecordText) -> str | None:
+    """Name of the record; None for the velocities (VT2) and displacements (DT2) beside it."""
+    kind = text.lines[2] if len(text.lines) > 2 else ""
+    return None if other_quantity(kind) else at2_record(text.path)
+
+
 def _read_at2(text: RecordText) -> list[Component]:
     unit_line = text.line(3, "the unit, 'UNITS OF G'")
+    refuse_other_quantity(text, 3, unit_line)
     if not _UNIT_IS_G.search(unit_line):
         text.fail(3, f"must say 'UNITS OF G', got {shown(unit_line.strip())}.")
     line = text.line(4, "'NPTS= count, DT= step SEC'")
@@ -116,6 +135,7 @@ def _read_esm(text: RecordText) -> list[Component]:
     count = text.count(*keys["NDATA"], "NDATA")
     number, unit = keys["UNITS"]
     unit = unit_named(unit, f"{text.path}, line {number}")
+    number, first = keys.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", (0, ""))
     return [
         component(
             text,
@@ -124,6 +144,7 @@ def _read_esm(text: RecordText) -> list[Component]:
             unit=unit,
             direction=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
             record=_esm_record(text) or text.path.stem,
+            start=start_time(text, number, _ESM_START, first) if first else None,
         )
     ]
 
@@ -159,6 +180,7 @@ def _read_knet(text: RecordText) -> list[Component]:
     if match is None:
         text.fail(line, f"Scale Factor must be as 3920(gal)/6182761, got {shown(scale)}.")
     unit = unit_named(match[2], f"{text.path}, line {line}")
+    first, began = _knet(text, "Record Time")
     factor = text.positive(line, match[1], "scale") / text.positive(line, match[3], "scale")
     return [
         component(
@@ -168,6 +190,7 @@ def _read_knet(text: RecordText) -> list[Component]:
             unit=unit,
             direction=_KNET_DIRECTIONS.get(_knet(text, "Dir.")[1]),
             record=_knet_record(text),
+            start=start_time(text, first, _KNET_START, began),
         )
     ]
 
@@ -180,6 +203,16 @@ def _smc_record(text: RecordText) -> str:
     day = "-".join(text.line(4, "the date of the event").split()[:3])
     station = text.line(6, "the station").partition("component")[0]
     return record_named(station.removeprefix("station ="), day)
+
+
+def _smc_start(whole: list[str]) -> float | None:
+    """By the 2nd to 7th whole number: year, day of the year, hour, minute, s and ms, if all set."""
+    missing, *parts = whole[:7]
+    if missing in parts or not all(part.isdigit() for part in parts) or not int(parts[0]):
+        return None
+    year, day, hour, minute, second, ms = (int(part) for part in parts)
+    since = timedelta(days=day - 1, hours=hour, minutes=minute, seconds=second, milliseconds=ms)
+    return (datetime(year, 1, 1, tzinfo=UTC) + since).timestamp()
 
 
 def _read_smc(text: RecordText) -> list[Component]:
@@ -208,6 +241,7 @@ def _read_smc(text: RecordText) -> list[Component]:
             unit="cm/s^2",
             direction=vertical.get(tilt, sideways),
             record=_smc_record(text),
+            start=_smc_start(whole),
         )
     ]
 
@@ -218,5 +252,5 @@ FORMATS = (
     COSMOS,
     Format("SMC", _smc_matches, _smc_record, _read_smc),
     Format("ESM/ITACA", _esm_matches, _esm_record, _read_esm),
-    Format("PEER AT2", _at2_matches, lambda text: at2_record(text.path), _read_at2),
+    Format("PEER AT2", _at2_matches, _at2_record, _read_at2),
 )

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
@@ -29,6 +30,7 @@ from dolfinx_joints.motions.record_text import (
 
 _HEAD = 20_000  # bytes that hold the header of any format
 _ANGLE = 1e-6  # degrees by which a right angle may be missed
+_OFF = 0.25  # of a step, by which samples of two components may be apart: headers round to 1 ms
 
 
 @checked
@@ -86,8 +88,13 @@ def read_record(
     Of the horizontal components x is the one that has y at a right angle to its left, seen from
     above, which makes x, y, z right-handed: azimuths 0 and 270 become x and y, and so do east
     and north. A downward component changes its sign. With ``stream_azimuth_deg`` the horizontal
-    axes are then turned until x points downstream. Components of different length are cut to the
-    shortest.
+    axes are then turned until x points downstream.
+
+    Components are cut to the time that all of them cover: by the times of their first samples
+    where the files hold them (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from
+    the first sample on. Samples are taken as they are: an error is raised where those of two
+    components are more than a quarter of a step apart, where the components share no time, and
+    where only some of them have one.
 
     Args:
         source: a directory, one file, or several. Of a directory those files are taken that
@@ -213,10 +220,53 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
             f"{shown(title)} is {found}; give directions= where the files do not."
         )
     ((x, y, azimuth),) = pairs
-    if len({part.dt for part in parts}) != 1:
+    columns = _shared_time((x, y, upright[0]), title)
+    if upright[0].direction == "down":
+        columns[:, 2] *= -1.0
+    return Motion(acceleration=columns, dt=x.dt, name=title), azimuth
+
+
+def _shared_time(parts: Sequence[Component], title: str) -> NDArray[np.float64]:
+    """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
+    dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
+    if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:
         raise RecordError(f"The components of {shown(title)} have different time steps.")
-    sign = -1.0 if upright[0].direction == "down" else 1.0
-    length = min(len(part.acceleration) for part in parts)
-    columns = [part.acceleration[:length] for part in (x, y, upright[0])]
-    columns[2] = sign * columns[2]
-    return Motion(acceleration=np.stack(columns, axis=1), dt=x.dt, name=title), azimuth
+    cut = [
+        part.acceleration[skipped:]
+        for part, skipped in zip(parts, _skipped(parts, dt, title), strict=True)
+    ]
+    length = min(map(len, cut))
+    if length < 2:
+        raise RecordError(
+            f"The components of {shown(title)} have no time in common: {_starts(parts)}."
+        )
+    return np.stack([values[:length] for values in cut], axis=1)
+
+
+def _skipped(parts: Sequence[Component], dt: float, title: str) -> list[int]:
+    """Samples of each component before the first of the one that starts last."""
+    starts = [part.start for part in parts if part.start is not None]
+    if not starts:
+        return [0] * len(parts)
+    if len(starts) < len(parts):
+        raise RecordError(
+            f"The components of {shown(title)} cannot be aligned, as only some of their files hold "
+            f"the time of the first sample: {_starts(parts)}."
+        )
+    steps = (max(starts) - np.array(starts)) / dt
+    if np.abs(steps - np.rint(steps)).max() > _OFF:
+        raise RecordError(
+            f"The components of {shown(title)} cannot be aligned, as their starts are no whole "
+            f"steps of {dt:.6g} s apart: {_starts(parts)}."
+        )
+    return [int(step) for step in np.rint(steps)]
+
+
+def _starts(parts: Sequence[Component]) -> str:
+    """When components start, after the first of them."""
+    first = min(part.start for part in parts if part.start is not None)
+    return ", ".join(
+        f"{part.path.name} (direction {part.direction}) starts at "
+        + ("no known time" if part.start is None else f"{part.start - first:.4g} s")
+        for part in parts
+    )

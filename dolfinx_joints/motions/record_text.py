@@ -8,6 +8,7 @@ Every message names the file, the line, what it has and what it should.
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, NamedTuple, NoReturn
 
@@ -28,6 +29,11 @@ UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
 Direction = float | Literal["up", "down"]
 """Azimuth, clockwise from north and from 0 to below 360 degrees, or up or down."""
 
+_OTHER_QUANTITY = re.compile(
+    r"^\W*(?:\w+\s*[:=]\s*)?(velocity|displacement)\b"
+    r"|\b(velocity|displacement)\s+(?:time\W*)?(?:series|history|record)",
+    re.I,
+)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
 _NAMES: dict[str, Direction] = {
     **dict.fromkeys(("UP", "V", "VER", "VERT", "UD", "U", "Z"), "up"),
@@ -50,6 +56,8 @@ class Component:
         direction: of positive values; None if the file does not hold it.
         record: name of the record that the component belongs to.
         path: the file.
+        start: time of the first sample on the clock of the file [s]: since 1970, or as a column of
+            time begins; None if the file does not hold it.
     """
 
     acceleration: NDArray[np.float64]
@@ -58,6 +66,7 @@ class Component:
     direction: Direction | None
     record: str
     path: Path
+    start: float | None
 
 
 class RecordText:
@@ -193,6 +202,32 @@ def direction_named(text: str) -> Direction | None:
     return _NAMES.get(plain.replace("-", ""))
 
 
+def other_quantity(line: str) -> str | None:
+    """``velocity`` or ``displacement`` where a line says that the values are these."""
+    match = _OTHER_QUANTITY.search(line)
+    return None if match is None else (match[1] or match[2]).lower()
+
+
+def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:
+    """Raise an error where a line says that the values are no accelerations."""
+    if (found := other_quantity(line)) is not None:
+        text.fail(number, f"the file must hold accelerations, it says {found}: {shown(line)}.")
+
+
+def start_time(text: RecordText, number: int, pattern: re.Pattern[str], written: str) -> float:
+    """Seconds from 1970 to a date and time.
+
+    ``pattern`` has groups of the names of `datetime`'s arguments; seconds may have decimals.
+    """
+    match = pattern.match(written)
+    try:
+        parts = {} if match is None else match.groupdict()
+        second = float(parts.pop("second"))
+        return datetime(**{k: int(v) for k, v in parts.items()}, tzinfo=UTC).timestamp() + second
+    except (KeyError, ValueError):
+        text.fail(number, f"{shown(written)} is no date and time of the first sample.")
+
+
 def record_named(*parts: str) -> str:
     """Name of a record that can name a file too: words joined by ``_``, times without marks."""
     words = (re.sub(r"[/:]", "", part) for part in parts)
@@ -207,6 +242,7 @@ def component(
     unit: str,
     direction: Direction | None,
     record: str,
+    start: float | None = None,
 ) -> Component:
     """A component of a file in m/s^2, from values in ``unit``; an error where that cannot be."""
     acceleration = UNITS[unit] * values
@@ -223,4 +259,5 @@ def component(
         direction=direction,
         record=record,
         path=text.path,
+        start=start,
     )

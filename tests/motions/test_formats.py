@@ -8,6 +8,7 @@ are those of ``WAVE``, in cm/s^2, to the digits of the format.
 
 import errno
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +47,13 @@ def esm(
     values: Sequence[float] = WAVE,
     stream: str = "HNN",
     kind: str = "ACCELERATION",
+    start: str = "10:20:46.000",
 ) -> str:
     """ESM and ITACA: lines ``KEY: value``, then one value on each line."""
     header = ["EVENT_NAME: SOMEWHERE", "EVENT_DATE_YYYYMMDD: 20000101", "EVENT_TIME_HHMMSS: 102030"]
     header += ["NETWORK: XX", "STATION_CODE: ABC", "VS30_M/S: ", "SAMPLING_INTERVAL_S: 0.010000"]
     header += [f"NDATA: {count}", f"STREAM: {stream}", f"UNITS: {unit}", "PGA_CM/S^2: 25.0"]
+    header += [f"DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: 20000101_{start.replace(':', '')}"]
     header += [f"DATA_TYPE: {kind}", "USER1: some.py --le 0.1", "USER5: "]
     return "\n".join(header + rows(values, 1, "{:.6f}")) + "\n"
 
@@ -60,13 +63,14 @@ def knet(
     unit: str = "gal",
     values: Sequence[float] = WAVE,
     direction: str = "N-S",
+    start: str = "10:20:46",
 ) -> str:
     """K-NET and KiK-net: 17 header lines, then counts; here 1000 of them are one gal."""
     names = ["Origin Time", "Lat.", "Long.", "Depth. (km)", "Mag.", "Station Code", "Station Lat."]
     names += ["Station Long.", "Station Height(m)", "Record Time", "Sampling Freq(Hz)"]
     names += ["Duration Time(s)", "Dir.", "Scale Factor", "Max. Acc. (gal)", "Last Correction"]
     words = ["2000/01/01 10:20:00", "37.798", "142.2", "36", "5.7", "ABC001", "38.7", "141.5", "79"]
-    words += ["2000/01/01 10:20:46", "100Hz", count, direction, f"2000({unit})/2000000", "25.0"]
+    words += [f"2000/01/01 {start}", "100Hz", count, direction, f"2000({unit})/2000000", "25.0"]
     words += ["2000/01/01 10:20:31"]
     header = [f"{name:<18s}{word}" for name, word in zip(names, words, strict=True)]
     counts = np.round(1000.0 * np.asarray(values))
@@ -80,11 +84,16 @@ def smc(
     tilt: int = 90,
     azimuth: int = 360,
     kind: str = "2 CORRECTED ACCELEROGRAM",
+    start: str = "",
 ) -> str:
     """SMC: 11 lines of text, 48 whole and 50 real numbers, comments, values 10 wide."""
     text = [kind, "*", "ABC", "     2000  1  1    1020 Somewhere", "Moment Mag= 6.0"]
     text += ["station = Town, Street  component= 360", *["*"] * 5]
     whole = [-32768] * 48
+    if start:
+        hour, minute, second = start.split(":")
+        ms = round(1000 * float(second))
+        whole[1:7] = [2000, 1, int(hour), int(minute), ms // 1000, ms % 1000]
     whole[12], whole[13], whole[15], whole[17] = tilt, azimuth, 2, 0
     cells = [f"{number:10d}" for number in whole]
     cells[16] = f"{count:>10s}"
@@ -102,11 +111,12 @@ def cosmos(
     values: Sequence[float] = WAVE,
     azimuth: int = 360,
     said: str = "04",
+    start: str = "10:20:46.0",
 ) -> str:
     """COSMOS V2: text, 100 whole and 100 real numbers, comments, blocks of values 10 wide."""
     text = ["Corrected acceleration    (Format v01.20 with 13 text lines) Src: made up"]
     text += ["Record of Somewhere", "Hypocenter:", "Origin:", "Statn No: 01-1  Code:CE-ABC  Town"]
-    text += ["Coords:", "Recorder:", "Rcrd start time:01/01/2000, 10:20:46.0 UTC (Q=2) RcrdId: 1"]
+    text += ["Coords:", "Recorder:", f"Rcrd start time:01/01/2000, {start} UTC (Q=2) RcrdId: 1"]
     text += ["line"] * 5
     whole = [2, 1, 0, 120, *[-999] * 96]
     whole[53] = azimuth
@@ -126,10 +136,17 @@ def cosmos(
     return "\n".join([*text, *middle, block, *data, speed, *rows([0, 1, 2], 8, "{:10.5f}"), end])
 
 
-def columns(count: str = "", unit: str = "cm/s^2", values: Sequence[float] = WAVE) -> str:
+def columns(
+    count: str = "",
+    unit: str = "cm/s^2",
+    values: Sequence[float] = WAVE,
+    direction: str = "N",
+    start: str = "0:0:0",
+) -> str:
     """Plain columns: time and one component."""
-    lines = [f"{0.01 * i:.2f}, {value:.3f}" for i, value in enumerate(values)]
-    return "\n".join([f"# unit: {unit}", "# columns: time N", *lines]) + "\n"
+    first = float(start.split(":")[2])
+    lines = [f"{first + 0.01 * i:.3f}, {value:.3f}" for i, value in enumerate(values)]
+    return "\n".join([f"# unit: {unit}", f"# columns: time {direction}", *lines]) + "\n"
 
 
 FORMATS: dict[str, Callable[..., str]] = {
@@ -179,7 +196,7 @@ def test_every_format_is_found_by_content_and_converted(
     ("name", "message"),
     [
         ("at2", "line 12: 36 values up to here, line 4 announces 37"),
-        ("esm", "line 50: 36 values up to here, line 8 announces 37"),
+        ("esm", "line 51: 36 values up to here, line 8 announces 37"),
         ("knet", "line 22: 36 values up to here, line 12 announces 37"),
         ("smc", "line 34: 36 values up to here, line 14 announces 37"),
     ],
@@ -202,7 +219,7 @@ def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, l
     ("name", "count", "message"),
     [
         ("at2", "36", "line 12: 37 values up to here, line 4 announces 36"),
-        ("esm", "38", "line 51: 37 values up to here, line 8 announces 38"),
+        ("esm", "38", "line 52: 37 values up to here, line 8 announces 38"),
         ("esm", "36.5", "line 8: NDATA must be a whole number of 2 or more, got '36.5'"),
         ("esm", "", "line 8: NDATA must be a whole number of 2 or more, got ''"),
         ("knet", "0.38", "line 22: 37 values up to here, line 12 announces 38"),
@@ -289,7 +306,7 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (esm(kind="VELOCITY"), "line 12: DATA_TYPE must be ACCELERATION, got 'VELOCITY'"),
+        (esm(kind="VELOCITY"), "line 13: DATA_TYPE must be ACCELERATION, got 'VELOCITY'"),
         (esm().replace("NDATA", "COUNT"), ": the header of an ESM file must have the key NDATA"),
         (esm().replace("0.010000", "0.0"), "line 7: SAMPLING_INTERVAL_S must be positive"),
         (knet().replace("Scale Factor", "Scale  Factr"), "must have the line 'Scale Factor'"),
@@ -344,6 +361,80 @@ def three(directory: Path, name: str) -> list[Path]:
         write(directory, maker((1 + number) * WAVE), f"{name}{number}.txt")
         for number, maker in enumerate(makers[name])
     ]
+
+
+DIRECTED: dict[str, list[Callable[..., str]]] = {
+    "esm": [partial(esm, stream=s) for s in ("HNN", "HNE", "HNZ")],
+    "knet": [partial(knet, direction=d) for d in ("N-S", "E-W", "U-D")],
+    "smc": [partial(smc, tilt=t, azimuth=a) for t, a in ((90, 360), (90, 90), (0, 0))],
+    "cosmos": [partial(cosmos, azimuth=a) for a in (360, 90, 400)],
+    "columns": [partial(columns, direction=d) for d in ("N", "E", "UP")],
+}
+"""North, east and up in each format that holds the time of the first sample."""
+
+
+def started(directory: Path, name: str, starts: Sequence[str]) -> list[Path]:
+    """Files of a record whose components start so many seconds after 10:20:46."""
+    made = zip(DIRECTED[name], starts, strict=True)
+    return [
+        write(directory, maker(start=f"10:20:{46 + float(s):06.3f}", values=WAVE), f"{name}{i}.txt")
+        for i, (maker, s) in enumerate(made)
+    ]
+
+
+@pytest.mark.parametrize("name", DIRECTED)
+def test_components_are_aligned_by_their_starts(tmp_path: Path, name: str) -> None:
+    # All hold WAVE: one that starts 0.1 s later has its sample i at the time of sample i + 10 of
+    # the others, and the last 10 samples of it are after their end. 1 ms is rounding of a header.
+    files = started(tmp_path, name, ["0", "0.1", "0.001"])
+    north, east, up = WAVE[10:], WAVE[:-10], WAVE[10:]
+    motion = read_record(files)
+    expected = np.stack([east, north, up], axis=1)
+    np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=DIGITS[name])
+    for starts, message in (
+        (["0", "0.1", "0.004"], "no whole steps of 0.01 s apart: .* starts at 0.004 s"),
+        (["0", "0.36", "0"], f"no time in common: {name}1.txt .* starts at 0.36 s"),
+    ):
+        with pytest.raises(RecordError, match=message):
+            read_record(started(tmp_path, name, starts))
+
+
+def test_starts_across_midnight_and_starts_that_are_missing(tmp_path: Path) -> None:
+    files = started(tmp_path, "esm", ["0", "0", "0"])
+    day, stamp = "20000101", "DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: "
+    write(tmp_path, esm(start="23:59:59.900"), files[0].name)
+    for path in files[1:]:
+        text = path.read_text().replace(f"{stamp}{day}_102046.000", f"{stamp}20000102_000000.000")
+        path.write_text(text)
+    np.testing.assert_allclose(100.0 * read_record(files).acceleration[:, 1], WAVE[10:], atol=1e-9)
+    files[1].write_text(esm(stream="HNE").replace(f"{stamp}{day}_102046.000", stamp))
+    with pytest.raises(RecordError, match=r"only some .* esm1.txt .* starts at no known time"):
+        read_record(files)
+    files[1].write_text(esm(stream="HNE").replace(f"{stamp}{day}_", f"{stamp}20001301_"))
+    with pytest.raises(RecordError, match="line 12: '20001301_.*' is no date and time of the fir"):
+        read_record(files)
+
+
+@pytest.mark.parametrize("name", ["at2", "columns"])
+@pytest.mark.parametrize("kind", ["DISPLACEMENT", "VELOCITY"])
+def test_displacements_and_velocities_are_no_accelerations(
+    tmp_path: Path, name: str, kind: str
+) -> None:
+    written = at2().replace("ACCELERATION TIME", f"{kind} TIME")
+    if name == "columns":
+        written = f"# {kind} TIME SERIES\n" + columns()
+    sentence = error_message(write(tmp_path, written))
+    assert f"the file must hold accelerations, it says {kind.lower()}: " in sentence
+    said = columns().replace("# unit", "# baseline corrected to zero velocity\n# unit")
+    assert len(read_components(write(tmp_path, said))) == 1
+
+
+def test_velocities_and_displacements_beside_an_at2_record_are_left_out(tmp_path: Path) -> None:
+    for part in ("000", "090", "-UP"):
+        header = at2().replace("Station, 0", f"Station, {part.strip('-')}")
+        write(tmp_path, header, f"RSN1_A{part}.AT2")
+        write(tmp_path, header.replace("ACCELERATION T", "DISPLACEMENT T"), f"RSN1_A{part}.DT2")
+    assert read_record(tmp_path).name == "RSN1_A"
 
 
 @pytest.mark.parametrize("name", ["esm", "knet", "kik", "smc", "cosmos"])

@@ -131,7 +131,7 @@ class FreeField:
             )
         lowest, highest = _heights(model, self.groups)
         base = lowest if self.base is None else self.base
-        if highest - self.surface > 1e-9 * (highest - lowest) + 1e-12 or self.surface <= base:
+        if highest - self.surface > 1e-9 * (highest - base) or self.surface <= base:
             lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
             raise ValueError(
                 f"FreeField: surface is {self.surface:g} m; the groups {', '.join(self.groups)} "

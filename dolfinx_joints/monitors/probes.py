@@ -109,7 +109,7 @@ class PointProbe:
                 )
             wanted = np.zeros(3)
             wanted[: len(point)] = point
-            distance = np.round(np.linalg.norm(x - wanted, axis=1), 9)
+            distance = extent * np.round(np.linalg.norm(x - wanted, axis=1) / extent, 9)
             found = (np.inf, 0, -1, (0.0, 0.0, 0.0))
             if owned:
                 near = int(np.lexsort((nodes.number[:owned], distance))[0])

@@ -123,7 +123,7 @@ class Scene:
         """Left, right, bottom and top of everything in the picture, with a margin [m]."""
         corners = np.concatenate([camera.project(data.points) for data, _ in self.layers])
         low, high = corners.min(axis=0), corners.max(axis=0)
-        margin = _MARGIN * max(float((high - low).max()), 1e-9)
+        margin = _MARGIN * (float((high - low).max()) or 1.0)
         return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
 
     def render(self, camera: Camera, *, pixels: int = 1600) -> NDArray[np.uint8]:

@@ -286,7 +286,7 @@ class Simulation:
                 scheme=scheme,
                 solver=solver,
                 control=control,
-                state=saved.state if saved else self._first_state(solver, velocity, start),
+                state=saved.state if saved else self._first_state(solver, dt, velocity, start),
                 steps=steps,
                 motion=motion,
                 settings=facts,
@@ -324,12 +324,16 @@ class Simulation:
                 keeper.save_if_due(run, self.static)
 
     def _first_state(
-        self, solver: StepSolver, velocity: PETSc.Vec | None, start: DynamicState | None
+        self,
+        solver: StepSolver,
+        dt: float,
+        velocity: PETSc.Vec | None,
+        start: DynamicState | None,
     ) -> DynamicState:
         """The state a dynamic stage begins with, its acceleration in balance with its loads."""
         origin = start or self.static
         if origin is None:
-            return initial_state(solver, velocity=velocity)
+            return initial_state(solver, dt=dt, velocity=velocity)
         if start is None:
             self._check_prescribed(solver.system, origin.displacement)
         # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
@@ -337,6 +341,7 @@ class Simulation:
         return initial_state(
             solver,
             time=start.time if start else 0.0,
+            dt=dt,
             displacement=origin.displacement,
             velocity=start.velocity if start else velocity,
             joints=origin.joints,
@@ -348,7 +353,7 @@ class Simulation:
         at_zero = system.prescribed(0.0)
         there = u.getArray(readonly=True)[system.constrained]
         jump = float(np.abs(at_zero - there).max(initial=0.0))
-        if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * max(u.norm(), 1e-12):
+        if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * u.norm():
             raise ValueError(
                 "The displacements prescribed at t = 0 differ from those of the static state that "
                 "the dynamic stage starts from; let their functions agree there."

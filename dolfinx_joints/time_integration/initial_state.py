@@ -15,8 +15,10 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Spacing of the differences that give the first velocity and acceleration of moving supports [s].
-SPACING = 1e-4
+# Spacing of the differences that give the first velocity and acceleration of moving supports, as
+# part of a step: for motions that the steps resolve they err far less than the time scheme, and
+# rounding leaves them some eight digits.
+SPACING = 1.0 / 64.0
 
 # Of the loads or elastic forces, that may be left where there is no mass at the start.
 LARGEST_FORCE = 1e-6
@@ -26,6 +28,7 @@ def initial_state(
     solver: StepSolver,
     *,
     time: float = 0.0,
+    dt: float | None = None,
     displacement: PETSc.Vec | None = None,
     velocity: PETSc.Vec | None = None,
     joints: JointState | Response | None = None,
@@ -36,6 +39,7 @@ def initial_state(
     Args:
         solver: Solver of the system.
         time: Start [s].
+        dt: Step that is taken next [s]; needed where supports move, see `SPACING`.
         displacement: u [m]; zero unless given, but for prescribed dofs.
         velocity: v [m/s], zero unless given.
         joints: State of the joints, asked for their tractions at ``displacement``, or the response
@@ -52,7 +56,9 @@ def initial_state(
         v.set(0.0)
     moving = u.duplicate()
     moving.set(0.0)
-    rates = system.prescribed_rates(time, -SPACING)
+    if dt is None and system.values is not None:
+        raise ValueError("dt is missing; the first velocity of moving supports depends on it.")
+    rates = None if dt is None else system.prescribed_rates(time, -SPACING * dt)
     if rates is not None:
         v.getArray()[system.constrained] = rates[0]
         moving.getArray()[system.constrained] = rates[1]

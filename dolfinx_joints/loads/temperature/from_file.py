@@ -43,7 +43,8 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
     points = table[:, :axes]
     if table.shape[1] != axes + 1 or not np.isfinite(table).all():
         raise TemperatureError(f"{path} must hold {axes + 1} finite numbers a line.")
-    spread = np.linalg.matrix_rank(points - points[:1], tol=1e-9) if len(points) else 0
+    apart = points - points[:1]
+    spread = np.linalg.matrix_rank(apart, tol=1e-9 * np.linalg.norm(apart)) if len(points) else 0
     if spread < axes:
         raise TemperatureError(
             f"{path} has {len(points)} points that span {spread} of {axes} dimensions; they must "

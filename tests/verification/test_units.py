@@ -1,0 +1,290 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results do not depend on the units of length, time and mass, whatever a model has in it.
+
+         ____ ____     two columns of 2 m on a slab, joint_1 under them, joint_2 between them,
+        |    |    |    with an initial gap; on "top" a push, on "face" water, springs on "end"
+        |____|____|
+        |_________|    base: clamped, prescribed, or on dashpots
+
+Expected: numbers in millimetres and milliseconds, or in kilometres, hours and tonnes, are those in
+metres, seconds and kilograms times the scale of their unit. Only an absolute number in the code
+can make another difference than rounding.
+
+Tolerance: 1e-9 of the largest value of a quantity in the run.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FreeField,
+    FrictionNoTension,
+    Gravity,
+    HydrostaticPressure,
+    JointWater,
+    Model,
+    MohrCoulombJoint,
+    Prescribed,
+    Rayleigh,
+    ReservoirMass,
+    Simulation,
+    SolverOptions,
+    Spring,
+    Traction,
+    ViscousBoundary,
+    ViscousJoint,
+    mesh_from_arrays,
+)
+from dolfinx_joints.simulation.monitor import Monitor
+
+pytestmark = pytest.mark.filterwarnings("ignore:The energy error is")
+
+
+@dataclass(frozen=True)
+class Units:
+    """How many units make a metre, a second and a kilogram."""
+
+    length: float = 1.0
+    time: float = 1.0
+    mass: float = 1.0
+
+    def __call__(self, value, *, m=0, s=0, kg=0):
+        """A value in SI, of unit m^m s^s kg^kg, in these units."""
+        return value * self.length**m * self.time**s * self.mass**kg
+
+    def pressure(self, value):
+        """Pa."""
+        return self(value, m=-1, s=-2, kg=1)
+
+    def stiffness(self, value):
+        """Pa/m."""
+        return self(value, m=-2, s=-2, kg=1)
+
+    def density(self, value):
+        """kg/m^3."""
+        return self(value, m=-3, kg=1)
+
+    def acceleration(self, value):
+        """m/s^2."""
+        return self(value, m=1, s=-2)
+
+
+SI = Units()
+OTHER = {
+    "mm-ms": Units(length=1e3, time=1e3),
+    "km-h-t": Units(length=1e-3, time=1.0 / 3600.0, mass=1e-3),
+}
+
+
+def mesh(units):
+    """The slab and the columns, 4 by 4 cells of 0.5 m by 0.75 m."""
+    number = np.arange(25).reshape(5, 5)  # x, height
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    cells = np.stack(corners, axis=-1).reshape(-1, 4)
+    x, z = np.meshgrid(0.5 * np.arange(5.0), 0.75 * np.arange(5.0), indexing="ij")
+
+    def edges(row):
+        return np.column_stack([row[:-1], row[1:]])
+
+    return mesh_from_arrays(
+        MPI.COMM_WORLD,
+        cell="quadrilateral",
+        x=units(np.column_stack([x.ravel(), z.ravel()]), m=1),
+        cells=cells,
+        facet_groups={
+            "base": edges(number[:, 0]),
+            "top": edges(number[:, -1]),
+            "face": edges(number[0]),
+            "end": edges(number[-1]),
+            "joint_1": edges(number[:, 1]),
+            "joint_2": edges(number[2, 1:]),
+        },
+    )
+
+
+def friction(u):
+    """Joints that press, slide and open."""
+    return FrictionNoTension(
+        normal_stiffness=u.stiffness(4e9),
+        shear_stiffness=u.stiffness(2e9),
+        friction_angle_deg=30.0,
+    )
+
+
+def bonded(u, **more):
+    """Joints with a bond that breaks."""
+    return MohrCoulombJoint(
+        normal_stiffness=u.stiffness(4e9),
+        shear_stiffness=u.stiffness(2e9),
+        friction_angle_deg=30.0,
+        cohesion=u.pressure(6e4),
+        tensile_strength=u.pressure(3e4),
+        **more,
+    )
+
+
+def dashpots(u):
+    """Joints with a bond and dashpots."""
+    viscosity = u(1e6, m=-2, s=-1, kg=1)
+    return ViscousJoint(law=bonded(u), normal_viscosity=viscosity, shear_viscosity=viscosity)
+
+
+def push(u):
+    """A push on the top that comes and goes within 20 ms."""
+
+    def factor(time):
+        return float(np.sin(np.pi * min(time / u(0.02, s=1), 1.0)))
+
+    return Traction(group="top", value=u.pressure(np.array([2e5, 1e5])), factor=factor)
+
+
+def clamped(u):
+    """A base at rest, springs beside it."""
+    stiffness = u.stiffness(3e8)
+    return [
+        Fixed(group="base"),
+        Spring(group="end", normal_stiffness=stiffness, tangential_stiffness=stiffness),
+    ]
+
+
+def moved(u):
+    """A base that starts with its largest velocity, as in a laboratory."""
+
+    def shift(time):
+        return u(1e-3, m=1) * float(np.sin(300.0 * time / u(1.0, s=1)))
+
+    return [
+        Prescribed(group="base", component="x", value=shift),
+        Fixed(group="base", components="y"),
+    ]
+
+
+def floating(u):
+    """A base on dashpots, and springs that hold it in statics."""
+    stiffness = u.stiffness(1e9)
+    spring = Spring(group="base", normal_stiffness=stiffness, tangential_stiffness=stiffness)
+    return [ViscousBoundary(group="base"), spring]
+
+
+def still_water(u):
+    """A lake that stands against the face and enters the joint where it opens."""
+    water = {"level": u(2.8, m=1), "density": u.density(1000.0)}
+    water["gravity"] = u.acceleration(9.81)
+    return [
+        HydrostaticPressure(group="face", **water),
+        JointWater(joint="joint_1", reached_from="face", aperture=u(1e-6, m=1), **water),
+    ]
+
+
+def wave(u):
+    """A wave that rises through the dashpots of the base."""
+
+    def velocity(time):
+        t = time / u(1.0, s=1)
+        return u(0.3, m=1, s=-1) * np.array([np.sin(300.0 * t), 0.0, np.sin(200.0 * t)])
+
+    highest = u(100.0, s=-1)
+    surface = u(0.1, m=1)
+    return [
+        FreeField(groups=["base"], incident=velocity, surface=surface, highest_frequency=highest)
+    ]
+
+
+SCENES = {
+    "friction": (friction, clamped, lambda u: [push(u)], {}),
+    "friction monolithic": (friction, clamped, lambda u: [push(u)], {"solver": "monolithic"}),
+    "cohesion": (bonded, clamped, lambda u: [push(u)], {}),
+    "dilatancy": (lambda u: bonded(u, dilatancy_angle_deg=10.0), clamped, lambda u: [push(u)], {}),
+    "dashpots": (dashpots, floating, lambda u: [push(u)], {}),
+    "prescribed": (friction, moved, lambda u: [], {}),
+    "water": (friction, clamped, still_water, {}),
+    "free field": (friction, floating, wave, {}),
+}
+
+
+@dataclass
+class Watch(Monitor):
+    """Every step of a dynamic run, in SI."""
+
+    model: Model
+    units: Units
+    rows: list
+
+    def start(self, model, stage, steps, first):
+        self.record(first)
+
+    def record(self, record):
+        u, e = self.units, record.energy
+        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
+        self.rows.append(
+            {
+                "displacement": record.displacement.array / u(1.0, m=1),
+                "velocity": record.velocity.array / u(1.0, m=1, s=-1),
+                "gap": record.joints.state.gap / u(1.0, m=1),
+                "traction": record.joints.traction / u.pressure(1.0),
+                "energy": np.array(energies) / u(1.0, m=1, s=-2, kg=1),
+                "status": np.array(record.joints.status, dtype=float),
+            }
+        )
+
+    def finish(self, status, summary):
+        assert status == "complete"
+
+
+def run(scene, units):
+    """Self weight, then ten steps of 2 ms, shaken; quantities of each step by name."""
+    law, supports, loads, options = SCENES[scene]
+    mass = ReservoirMass(
+        group="face",
+        level=units(2.8, m=1),
+        density=units.density(1000.0),
+        frequency=units(5.0, s=-1),
+        sound_speed=units(1440.0, m=1, s=-1),
+    )
+    model = Model(
+        mesh(units),
+        material=Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
+        joints=law(units),
+        initial_gaps={"joint_2": units(2e-6, m=1)},
+        supports=supports(units),
+        damping=Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
+        added_mass=[mass] if scene == "water" else [],
+        loads=[Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
+    )
+    rows = []
+    simulation = Simulation(
+        model,
+        options=SolverOptions(relative_tolerance=1e-14),
+        monitors=[Watch(model, units, rows)],
+        **options,
+    )
+    simulation.statics()
+
+    def ground(time):
+        t = time / units(1.0, s=1)
+        return units.acceleration(np.array([8.0 * np.sin(200.0 * t), 12.0 * np.sin(300.0 * t)]))
+
+    motion = None if scene in ("prescribed", "free field") else ground
+    simulation.dynamics(dt=units(2e-3, s=1), steps=10, motion=motion)
+    return rows
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_results_do_not_depend_on_units(scene):
+    expected = run(scene, SI)
+    assert {int(i) for row in expected for i in row["status"]} == {0, 1, 2}  # open, stick, slip
+    for name, units in OTHER.items():
+        found = run(scene, units)
+        for quantity in expected[0]:
+            one, other = (np.array([row[quantity] for row in rows]) for rows in (expected, found))
+            off = np.abs(one - other).max(initial=0.0) / np.abs(one).max(initial=1e-300)
+            assert off < 1e-9, (name, quantity, off)

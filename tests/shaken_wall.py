@@ -47,7 +47,7 @@ def shaking(time):
     return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
-def wall(jointed, joints=LAW):
+def wall(jointed, joints=LAW, **options):
     return Model(
         jointed,
         material=CONCRETE,
@@ -55,4 +55,5 @@ def wall(jointed, joints=LAW):
         supports=[Fixed(group="base")],
         loads=[Gravity()],
         damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+        **options,
     )

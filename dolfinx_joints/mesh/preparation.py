@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import PreparedMesh
@@ -23,6 +23,12 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     if joints is not None and not listed:
         raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
     names, duplicated = _joint_names(raw, joints)
+    for name in raw.facet_groups:  # those of joints and of supports are paths in results files
+        if not is_plain_name(name):
+            raise MeshError(
+                f"The facet group {shown(name)} has a name that results files cannot hold; names "
+                f"are {PLAIN_NAMES}."
+            )
     slots: dict[str, Ints] = {}
     for name, vertices in raw.facet_groups.items():
         owner, count = find_facets(raw.shape, raw.cells, vertices)

@@ -4,7 +4,6 @@
 
 import json
 import os
-import re
 import time as clock
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
-from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
 from dolfinx_joints.results.stream import Stream
@@ -28,7 +27,6 @@ Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
 _COPIED_BYTES = 1 << 24  # at a time
-_NAME = re.compile(r"[A-Za-z0-9_.+-]+(/[A-Za-z0-9_.+-]+)*")
 
 
 class ResultsWriter:
@@ -277,10 +275,8 @@ class ResultsWriter:
         self._file.flush()
 
     def _check_declaration(self, name: str) -> None:
-        if not _NAME.fullmatch(name):
-            raise ResultsError(
-                f"Names are letters, digits and _ . + - with '/' between parts, got {name!r}."
-            )
+        if not all(map(is_plain_name, name.split("/"))):
+            raise ResultsError(f"Names are {PLAIN_NAMES}, with '/' between parts, got {name!r}.")
 
 
 def _counted(rows: Mapping[str, int]) -> str:

@@ -8,6 +8,7 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
@@ -34,6 +35,8 @@ from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
+
+_MOST_NAMED = 5  # values in a warning
 
 # Parts of every checkpoint.
 PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
@@ -120,7 +123,8 @@ class CheckpointKeeper:
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes = NodeNumbering(model.V)
-        self._facts = fingerprint(model, system, self._nodes, settings, motion, times)
+        facts = fingerprint(model, system, self._nodes, settings, motion, times)
+        self._facts, self._unknown = facts
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
         """Write a checkpoint every so many steps (collective)."""
@@ -172,6 +176,14 @@ class CheckpointKeeper:
             if difference is not None:
                 raise CheckpointError(
                     f"The checkpoint {self._path} is of another model or run; {difference}."
+                )
+            if self._unknown:
+                more = len(self._unknown) - _MOST_NAMED
+                named = "; ".join(self._unknown[:_MOST_NAMED])
+                warnings.warn(
+                    f"Going on from {self._path}: whether it was written with the same values "
+                    f"cannot be told of {named}{f'; and {more} more' if more > 0 else ''}.",
+                    stacklevel=2,
                 )
             return tree
 

@@ -5,21 +5,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.supports import Prescribed
 from dolfinx_joints.common.parameters import number_at
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.loads.load import FollowsJoints
+from dolfinx_joints.loads.water.joint_water import label
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.simulation.inventory import HASH, Inventory
 
 Floats = NDArray[np.float64]
 
 # Sums over other numbers of ranks differ by rounding.
 SAME = 1e-9
+
+# Sums that stand for a vector, or for a function of time: shorter ones are compared one by one.
+PARTS = 1021
 
 
 def fingerprint(
@@ -29,53 +38,73 @@ def fingerprint(
     settings: Mapping[str, Any],
     motion: Callable[[float], Any] | None,
     times: Floats,
-) -> dict[str, Any]:
-    """Facts of a run by name, the same on any number of ranks (collective).
+) -> tuple[dict[str, Any], list[str]]:
+    """Facts of a run by name, and what it has that cannot be compared (collective).
 
-    Matrices and loads are known by their products with a field that weighs each node differently.
+    They are the same on any number of ranks; those of rank 0 count. Matrices are known by their
+    products with a field that weighs each node differently, functions of time by their values at
+    all times and by what they hold.
 
     Args:
         model: The model.
         system: Its system in this run.
         nodes: Numbers the nodes.
-        settings: Further facts, compared as text.
+        settings: Further facts.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
-        times: Times at which functions of time are compared [s].
+        times: Those of the steps [s]; of a static state only the one.
     """
-    weights = _weights(system, nodes, model.gdim)
-    facts: dict[str, Any] = {name: _as_text(value) for name, value in settings.items()}
-    facts["node coordinates"] = nodes.positions
+    sums = _NodalSums(system, nodes, model)
+    held = Inventory()
+    for name, value in {**settings, "Rayleigh damping": system.rayleigh}.items():
+        held.add(name, value)
+    facts: dict[str, Any] = {**held.facts, "node coordinates": nodes.positions.ravel()}
     matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
     for name, matrix in matrices.items():
-        facts[f"{name} matrix"] = _energy(matrix, weights)
-    facts["Rayleigh damping"] = _as_text(system.rayleigh)
-    fixed = np.zeros(weights.getLocalSize())
+        facts[f"{name} matrix"] = sums.of_matrix(matrix)
+    fixed = np.zeros(len(sums.weights))
     fixed[system.constrained] = 1.0
-    facts["supports"] = _sum(model, fixed * weights.getArray(readonly=True))
-    facts["motion of the supports"] = np.array(
-        [
-            _sum(model, system.prescribed(float(t)) @ weights.getArray()[system.constrained])
-            for t in times
-            if system.values is not None
-        ]
-    )
+    facts["supports"] = sums(fixed)
+    if system.values is not None:
+        weights = sums.weights[system.constrained]
+        moved = np.array([system.prescribed(float(t)) @ weights for t in times])
+        every = np.sum(model.jointed.mesh.comm.allgather(moved), axis=0)
+        facts["motion of the supports"] = _over_time(every)
+    functions: dict[str, Any] = {}
     if motion is not None:
-        facts["ground motion"] = np.array([np.asarray(motion(float(t)))[:3] for t in times])
+        axes = np.array([motion(float(t)) for t in times]).T
+        facts["ground motion"] = np.array([_over_time(axis) for axis in axes])
+        functions["ground motion"] = motion
     for i, (vector, factor) in enumerate(system.patterns):
-        name = f"load {system.load_names[i]}"
+        name = _unused(f"load {system.load_names[i]}", facts)
+        facts[name] = sums(vector.getArray(readonly=True))
         values = np.array([number_at(name, factor, float(t)) for t in times])
-        both = np.array([float(vector.dot(weights)), float(vector.norm())])
-        facts[name] = np.concatenate([facts.get(name, np.zeros(0)), np.outer(both, values).ravel()])
+        facts[f"factor of {name}"] = _over_time(values)
+        functions[f"factor of {name}"] = factor
     if system.water is not None:
         facts |= system.water.facts(times)
+        following = [load for load in system.in_joints if isinstance(load, FollowsJoints)]
+        functions |= {f"factor of {label(load)}": load for load in following}
+    for support in model.supports:
+        if isinstance(support, Prescribed):
+            functions[f"displacement {support.component} of {support.group}"] = support.value
     if system.contact is not None:
-        contact = system.contact
-        facts["joints"] = ", ".join(contact.operator.names)
-        facts["laws of the joints"] = "; ".join(_as_text(law) for law in contact.laws.values())
-        gap = np.linalg.norm(contact.initial_gap, axis=1)
-        facts["joint points"] = contact.integrals(np.ones(len(gap)))
-        facts["initial gaps"] = contact.integrals(gap)
-    return facts
+        facts |= _of_joints(system.contact, held)
+    if len(times) > 1:
+        for name, function in functions.items():
+            held.add(f"{name}, its function", function)
+    return {**facts, **held.facts}, held.unknown
+
+
+def _of_joints(contact: Contact, held: Inventory) -> dict[str, Any]:
+    """Facts of the joint points; what the laws hold is added (collective)."""
+    operator = contact.operator
+    held.add("joints", ", ".join(operator.names))
+    for name, law in contact.laws.items():
+        held.add(f"law of {name}", law)
+    facts = {"joint points": operator.areas, "joints of the points": operator.joint}
+    facts["initial gaps"] = contact.initial_gap
+    gathered = {name: operator.gather(values) for name, values in facts.items()}
+    return {name: each if each is None else each.ravel() for name, each in gathered.items()}
 
 
 def first_difference(saved: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
@@ -86,41 +115,58 @@ def first_difference(saved: Mapping[str, Any], here: Mapping[str, Any]) -> str |
             return f"{name}: only {'this run' if one is None else 'the checkpoint'} has it"
         if isinstance(other, str) or isinstance(one, str):
             if one != other:
-                return f"{name}: {one} in the checkpoint, {other} here"
+                hashed = any(str(each).startswith(HASH) for each in (one, other))
+                text = f"{one} in the checkpoint, {other} here"
+                return f"{name}: {'not the same' if hashed else text}"
         elif not _alike(np.asarray(one), np.asarray(other)):
             return f"{name}: the numbers are not the same"
     return None
 
 
 def _alike(one: Floats, other: Floats) -> bool:
+    """Whether numbers are the same but for rounding, of a table row by row."""
     if one.shape != other.shape:
         return False
-    scale = float(np.abs(one).max(initial=0.0))
-    return bool(np.allclose(one, other, rtol=SAME, atol=SAME * scale))
+    scale = np.abs(one).max(axis=-1, keepdims=True, initial=0.0)
+    return bool(np.all(np.abs(one - other) <= SAME * scale))
 
 
-def _as_text(value: Any) -> str:
-    """A value as text, without the address that Python shows of plain objects."""
-    text = repr(value)
-    return text if " at 0x" not in text else type(value).__qualname__
+def _unused(name: str, facts: Mapping[str, Any]) -> str:
+    """A name, numbered where it is taken."""
+    numbered = (name if i == 1 else f"{name} ({i})" for i in count(1))
+    return next(each for each in numbered if each not in facts)
 
 
-def _weights(system: MatrixSystem, nodes: NodeNumbering, components: int) -> PETSc.Vec:
-    """A number between 0.5 and 2.5 for each dof, by its node's place in the input."""
-    weights = system.stiffness.createVecRight()
-    owned = nodes.number[: weights.getLocalSize() // components]
-    dofs = components * owned[:, None] + np.arange(components)
-    weights.setArray(1.5 + np.sin(dofs.ravel().astype(np.float64)))
-    return weights
+def _over_time(values: Floats) -> Floats:
+    """Sums that stand for the values at all times."""
+    return _sums(np.arange(len(values)), values)
 
 
-def _energy(matrix: PETSc.Mat | None, weights: PETSc.Vec) -> float:
-    if matrix is None:
-        return 0.0
-    product = weights.duplicate()
-    matrix.mult(weights, product)
-    return float(product.dot(weights))
+def _sums(numbers: NDArray[np.int64], values: Floats) -> Floats:
+    """Sums over groups of numbered values, each with a weight of its own between 0.5 and 2.5."""
+    weights = 1.5 + np.sin(numbers.astype(np.float64))
+    return np.bincount(numbers % PARTS, weights * values, minlength=PARTS)
 
 
-def _sum(model: Model, values: Any) -> float:
-    return float(model.jointed.mesh.comm.allreduce(float(np.sum(values))))
+class _NodalSums:
+    """Sums that stand for nodal vectors, the same on any number of ranks."""
+
+    def __init__(self, system: MatrixSystem, nodes: NodeNumbering, model: Model) -> None:
+        """Number the dofs by their node's place in the input."""
+        self._comm, self._field = model.jointed.mesh.comm, system.stiffness.createVecRight()
+        owned = nodes.number[: self._field.getLocalSize() // model.gdim]
+        self._dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
+        self.weights = 1.5 + np.sin(self._dofs.astype(np.float64))
+        self._field.setArray(self.weights)
+
+    def __call__(self, values: Floats) -> Floats:
+        """Sums of a value per owned dof (collective)."""
+        return np.asarray(np.sum(self._comm.allgather(_sums(self._dofs, values)), axis=0))
+
+    def of_matrix(self, matrix: PETSc.Mat | None) -> Floats:
+        """Those of a matrix times the weights, none for no matrix (collective)."""
+        if matrix is None:
+            return np.zeros(0)
+        product = self._field.duplicate()
+        matrix.mult(self._field, product)
+        return self(product.getArray(readonly=True))

@@ -50,9 +50,6 @@ from dolfinx_joints.time_integration.substeps import StepControl, located
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
 
-# Times at which functions of time are compared with those of a checkpoint.
-SAMPLES = 500
-
 
 @dataclass(eq=False, repr=False)
 @checked
@@ -271,7 +268,7 @@ class Simulation:
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
             began = start.time if start else 0.0
-            times = began + dt * steps * np.linspace(0.0, 1.0, SAMPLES)
+            times = began + dt * np.arange(steps + 1)
             keeper = None
             if checkpoint is not None:
                 keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import h5py
@@ -34,7 +35,9 @@ from dolfinx_joints import (
     Gravity,
     Model,
     MohrCoulombJoint,
+    Motion,
     Newmark,
+    PotentialJoint,
     ProgressMonitor,
     Results,
     ResultsError,
@@ -215,12 +218,12 @@ STIFFER = FrictionNoTension(normal_stiffness=2e11, shear_stiffness=1e11, frictio
 DIFFERENT = {
     "time step": ({"dt": 2e-3}, "time step: 0.004 in the checkpoint, 0.002 here"),
     "steps": ({"steps": 5}, "number of steps: 4 in the checkpoint, 5 here"),
-    "scheme": ({"scheme": Newmark()}, "time scheme: EnergyConsistent() in the checkpoint, Newmark"),
+    "scheme": ({"scheme": Newmark()}, "time scheme: EnergyConsistent in the checkpoint, Newmark"),
     "control": ({"control": CUT}, "step control"),
     "motion": ({"motion": weaker}, "ground motion: the numbers are not the same"),
-    "no motion": ({"motion": None}, "ground motion: only the checkpoint has it"),
+    "no motion": ({"motion": None}, "ground motion, its function: only the checkpoint has it"),
     "loads": ({"loads": [Gravity()]}, "load Gravity"),
-    "law": ({"joints": STIFFER}, "laws of the joints: FrictionNoTension(normal_stiffness=1"),
+    "law": ({"joints": STIFFER}, ".normal_stiffness: 100000000000.0 in the checkpoint, 2000"),
     "monitors": (
         {"monitors": [ProgressMonitor()]},
         "monitors: ['ResultsMonitor'] in",
@@ -235,6 +238,103 @@ def test_another_run_is_refused(case, wall_file, read, tmp_path):
     with pytest.raises(CheckpointError, match=re.escape(sentence)) as raised:
         short(read(wall_file()), tmp_path, resume=True, **options)
     assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} is of a")
+
+
+class PlainLaw:
+    """A law of the user, neither a dataclass nor with a text of its own."""
+
+    def __init__(self, stiffness):
+        self._k = np.array([stiffness, 1e11])
+
+    def backward_euler(self, gap, state):
+        law = FrictionNoTension(
+            normal_stiffness=self._k[0], shear_stiffness=self._k[1], friction_angle_deg=30.0
+        )
+        return law.backward_euler(gap, state)
+
+    def stored_energy(self, state):
+        return np.zeros(len(state.gap))
+
+    def closed_stiffness(self):
+        return tuple(self._k)
+
+
+def sampled(middle):
+    """A motion whose samples stand in a closure; at the ends of steps it is the same for all."""
+    record = Motion(acceleration=np.outer([1.0, middle, 2.0, 0.5, 1.0], np.ones(3)), dt=2e-3)
+    return lambda time: record(time) + 0.0
+
+
+def tied(energy):
+    return PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=1e11)
+
+
+# Each pair differs in one thing that neither an integral of absolute values, nor a name of a class,
+# nor 500 samples in time can see.
+CHANGED = {
+    "samples between the steps": (
+        {"motion": sampled(1.0)},
+        {"motion": sampled(1.5)},
+        "ground motion, its function.motion.record.acceleration: not the same",
+    ),
+    "gap with the other sign": (
+        {"gap": lambda x: 1e-4 * x[:, 2]},
+        {"gap": lambda x: -1e-4 * x[:, 2]},
+        "initial gaps: the numbers are not the same",
+    ),
+    "mirrored gap": (
+        {"gap": lambda x: 1e-4 * x[:, 2]},
+        {"gap": lambda x: 1e-4 * (20.0 - x[:, 2])},
+        "initial gaps: the numbers are not the same",
+    ),
+    "stiffness in a plain class": (
+        {"joints": PlainLaw(1e11)},
+        {"joints": PlainLaw(2e11)},
+        "law of joint_1._k: not the same",
+    ),
+    "expression of a law in UFL": (
+        {"joints": tied(lambda g: 0.5e11 * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2))},
+        {"joints": tied(lambda g: 0.6e11 * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2))},
+        "not the same",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CHANGED)
+def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, tmp_path):
+    before, after, sentence = CHANGED[case]
+    jointed = read(wall_file())
+
+    def run(joints=LAW, gap=0.0, motion=shaking, **options):
+        gaps = dict.fromkeys(jointed.joint_names, gap)
+        model = wall(jointed, joints, initial_gaps=gaps)
+        simulation = Simulation(model, monitors=[Killer()])
+        kept = Checkpoints(tmp_path / "run.ckpt", every=1)
+        return simulation.dynamics(dt=DT, steps=2, motion=motion, checkpoint=kept, **options)
+
+    run(**before)
+    with pytest.raises(CheckpointError, match=re.escape(sentence)):
+        run(**after, resume=True)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "Going on from")
+        run(**before, resume=True)  # and is known again, with nothing that cannot be compared
+
+
+def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
+    class Stream:
+        """A motion from a source that Python cannot look into."""
+
+        def __init__(self):
+            self.source = (n for n in range(9))
+
+        def __call__(self, time):
+            return np.zeros(3)
+
+    jointed = read(wall_file())
+    short(jointed, tmp_path, monitors=[], motion=Stream())
+    sentence = r"cannot be told of ground motion, its function\.motion\.source \(generator\)\.$"
+    with pytest.warns(UserWarning, match=sentence):
+        short(jointed, tmp_path, monitors=[], motion=Stream(), resume=True)
 
 
 def test_another_mesh_or_material_is_refused(wall_file, read, tmp_path):

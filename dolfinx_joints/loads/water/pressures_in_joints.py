@@ -103,16 +103,15 @@ class JointWaters:
         }
 
     def facts(self, times: Floats) -> dict[str, Any]:
-        """Facts that distinguish these loads from others, by name (collective)."""
-        contact = self._model.contact
-        assert contact is not None
+        """Facts that distinguish these loads from others, by name, on rank 0 (collective)."""
         found: dict[str, Any] = {}
         for part in self._parts:
-            shape = self.codes.shape
-            of_codes = [np.full(shape, code, dtype=np.int8) for code in Wetness]
-            sums = [contact.integral(part.pressure(codes)) for codes in of_codes]
+            of_codes = [np.full(self.codes.shape, code, dtype=np.int8) for code in Wetness]
+            pressures = np.column_stack([part.pressure(codes) for codes in of_codes])
+            every = self._operator.gather(pressures)
+            found[f"load {part.name}"] = None if every is None else every.ravel()
             factors = [part.factor(float(t)) for t in times]
-            found[f"load {part.name}"] = np.array([*sums, *factors])
+            found[f"factor of load {part.name}"] = np.array(factors)
             found[f"water of {part.name}"] = part.settings
         return found
 

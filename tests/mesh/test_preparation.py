@@ -1,0 +1,70 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Names of groups: those that would be lost in a results file are refused at the split."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    MeshError,
+    Model,
+    Results,
+    ResultsMonitor,
+    Simulation,
+    mesh_from_arrays,
+)
+
+pytestmark = pytest.mark.mpi
+
+
+def two_blocks(comm, joint, base, cells="all"):
+    """Two squares, one on the other, of 1 m."""
+    return mesh_from_arrays(
+        comm,
+        cell="quadrilateral",
+        x=[[0, 0], [1, 0], [0, 1], [1, 1], [0, 2], [1, 2]],
+        cells=[[0, 1, 2, 3], [2, 3, 4, 5]],
+        facet_groups={joint: [[2, 3]], base: [[0, 1]]},
+        cell_groups={cells: [0, 1]},
+        joints=[joint],
+    )
+
+
+@pytest.mark.parametrize("name", ["a/b", "../x", "..", "", "foot of the dam", "übergang"])
+def test_names_that_results_cannot_hold_are_refused(comm, name):
+    sentence = re.escape(f"The facet group {name!r} has a name that results files cannot hold")
+    for names in ((name, "base"), ("joint", name)):
+        with pytest.raises(MeshError, match=sentence):
+            two_blocks(comm, *names)
+
+
+def test_names_that_are_taken_are_read_back(comm, new_path):
+    """Joint and support stand in the results under their names; cell groups are not in them."""
+    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+    model = Model(
+        two_blocks(comm, "a.b+1", "..foot-", "all of it/them"),
+        material={"all of it/them": Elastic(young=1e10, poisson=0.2, density=2400.0)},
+        joints=law,
+        supports=[Fixed(group="..foot-")],
+        loads=[Gravity()],
+    )
+    path = new_path("names.h5")
+    simulation = Simulation(model, monitors=[ResultsMonitor(path, points={"top": (0, 2)})])
+    simulation.statics()
+    simulation.dynamics(dt=1e-3, steps=1)
+    comm.barrier()
+    with Results(path) as results:
+        assert results.joints == ["a.b+1"]
+        reaction = results.series("histories", "reaction/..foot-")[0]
+    # Two cubic metres of 2400 kg/m^3; the half of them at the base itself included.
+    np.testing.assert_allclose(reaction[1], 2 * 2400.0 * 9.80665, rtol=1e-6)

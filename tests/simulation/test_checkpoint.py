@@ -259,9 +259,11 @@ class PlainLaw:
         return tuple(self._k)
 
 
-def sampled(middle):
-    """A motion whose samples stand in a closure; at the ends of steps it is the same for all."""
-    record = Motion(acceleration=np.outer([1.0, middle, 2.0, 0.5, 1.0], np.ones(3)), dt=2e-3)
+def sampled(sixth):
+    """A motion of 8001 samples, 1e-6 s apart, which stand in a closure."""
+    values = np.ones((8001, 3))
+    values[5] = sixth
+    record = Motion(acceleration=values, dt=1e-6)
     return lambda time: record(time) + 0.0
 
 

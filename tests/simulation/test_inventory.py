@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
@@ -75,9 +76,11 @@ def script(changed=None):
 
 def facts(changed=None):
     """What the script finds in this process."""
-    space = {"__name__": "script"}
-    exec(compile(script(changed), "script.py", "exec"), space)
-    return space["held"].facts
+    module = ModuleType("script")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "script", module)
+        exec(compile(script(changed), "script.py", "exec"), vars(module))
+    return module.held.facts
 
 
 def test_the_same_in_another_process(tmp_path):

@@ -145,7 +145,8 @@ def _over_time(values: Floats) -> Floats:
 def _sums(numbers: NDArray[np.int64], values: Floats) -> Floats:
     """Sums over groups of numbered values, each with a weight of its own between 0.5 and 2.5."""
     weights = 1.5 + np.sin(numbers.astype(np.float64))
-    return np.bincount(numbers % PARTS, weights * values, minlength=PARTS)
+    sums = np.bincount(numbers % PARTS, weights * values, minlength=PARTS)
+    return np.asarray(sums, dtype=np.float64)
 
 
 class _NodalSums:

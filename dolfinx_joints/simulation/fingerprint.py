@@ -74,16 +74,20 @@ def fingerprint(
         axes = np.array([motion(float(t)) for t in times]).T
         facts["ground motion"] = np.array([_over_time(axis) for axis in axes])
         functions["ground motion"] = motion
-    for i, (vector, factor) in enumerate(system.patterns):
-        name = _unused(f"load {system.load_names[i]}", facts)
+    named = [
+        (f"load {name}", *p) for name, p in zip(system.load_names, system.patterns, strict=True)
+    ]
+    # Time by time: the components of a motion come from one call.
+    factors = np.array([[number_at(n, f, float(t)) for n, _, f in named] for t in times])
+    for i, (load, vector, factor) in enumerate(named):
+        name = _unused(load, facts)
         facts[name] = sums(vector.getArray(readonly=True))
-        values = np.array([number_at(name, factor, float(t)) for t in times])
-        facts[f"factor of {name}"] = _over_time(values)
-        functions[f"factor of {name}"] = factor
+        facts[f"{name}, factor"] = _over_time(factors[:, i])
+        functions[f"{name}, factor"] = factor
     if system.water is not None:
         facts |= system.water.facts(times)
         following = [load for load in system.in_joints if isinstance(load, FollowsJoints)]
-        functions |= {f"factor of {label(load)}": load for load in following}
+        functions |= {f"load {label(load)}, factor": load for load in following}
     for support in model.supports:
         if isinstance(support, Prescribed):
             functions[f"displacement {support.component} of {support.group}"] = support.value

@@ -111,7 +111,7 @@ class JointWaters:
             every = self._operator.gather(pressures)
             found[f"load {part.name}"] = None if every is None else every.ravel()
             factors = [part.factor(float(t)) for t in times]
-            found[f"factor of load {part.name}"] = np.array(factors)
+            found[f"load {part.name}, factor"] = np.array(factors)
             found[f"water of {part.name}"] = part.settings
         return found
 

@@ -10,12 +10,7 @@ import basix
 import numpy as np
 
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.facet_quadrature import (
-    facet_cell_type,
-    facet_rule,
-    is_nodal,
-    nodes_with_points,
-)
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
 from dolfinx_joints.mesh.joint_frames import facet_geometry, fixed_axes, frames
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
@@ -24,8 +19,8 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 class JointPoints:
     """All joint points.
 
-    With a nodal rule there is one point per pair of nodes and joint, shared by the facets around
-    it; with a Gauss rule every point belongs to one facet.
+    A point at a vertex or in the middle of an edge is one for all facets of its joint around it;
+    every other point belongs to one facet.
 
     Attributes:
         rule: Points on the reference facet, shape (q, facet dimension).
@@ -66,10 +61,7 @@ def joint_points(
     rule, weights = facet_rule(corners, degree, quadrature)
     x, normal, size = facet_geometry(pairs, shape, rule)
     area = size * weights
-    if is_nodal(corners, degree, quadrature):
-        number = _node_pairs(pairs, corners, degree)
-    else:
-        number = np.arange(area.size, dtype=np.int64).reshape(area.shape)
+    number = _numbers(pairs, corners, rule)
     count = int(number.max(initial=-1)) + 1
     first = np.unique(number.ravel(), return_index=True)[1]
     total, mean = np.zeros(count), np.zeros((count, 3))
@@ -101,28 +93,25 @@ def _shortest_edges(nodes: Floats, corners: int) -> Floats:
     return np.linalg.norm(along, axis=2).min(axis=1)
 
 
-def _node_pairs(pairs: JointPairs, corners: int, degree: int) -> Ints:
-    """Number the pairs of nodes, shape (num_facets, q), in the order of their first facet.
+def _numbers(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
+    """Number the points, shape (num_facets, q), in the order of their first facet.
 
-    A pair is known by its joint and by the vertices, on both sides, of the facet's sub-entity
-    (vertex, edge or the facet itself) that it lies on.
+    A point is known by its joint, by the vertices, on both sides, of the facet's sub-entity
+    (vertex, edge or the facet itself) that it lies on, and within a facet by its place in the rule.
     """
     kind = facet_cell_type(corners)
-    element = basix.create_element(
-        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-    )
-    keys = np.full((len(pairs.joint), element.dim, 1 + 2 * corners), -1, dtype=np.int64)
+    linear = basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.gll_warped)
+    around = linear.tabulate(0, rule)[0, :, :, 0] > 1e-9  # vertices of the sub-entity
+    keys = np.full((len(pairs.joint), len(rule), 2 + 2 * corners), -1, dtype=np.int64)
     keys[..., 0] = pairs.joint[:, None]
-    for dim, entities in enumerate(element.entity_dofs):
-        for entity, dofs in enumerate(entities):
-            vertices = basix.topology(kind)[dim][entity]
-            size = len(vertices)
-            for dof in dofs:
-                keys[:, dof, 1 : 1 + size] = np.sort(pairs.minus_vertices[:, vertices], axis=1)
-                keys[:, dof, 1 + corners : 1 + corners + size] = np.sort(
-                    pairs.plus_vertices[:, vertices], axis=1
-                )
-    keys = keys[:, nodes_with_points(corners, degree)]
+    for point, vertices in enumerate(around):
+        size = np.count_nonzero(vertices)
+        if size == corners:
+            keys[:, point, 1] = point
+        keys[:, point, 2 : 2 + size] = np.sort(pairs.minus_vertices[:, vertices], axis=1)
+        keys[:, point, 2 + corners : 2 + corners + size] = np.sort(
+            pairs.plus_vertices[:, vertices], axis=1
+        )
     _, first, inverse = np.unique(
         keys.reshape(-1, keys.shape[2]), axis=0, return_index=True, return_inverse=True
     )

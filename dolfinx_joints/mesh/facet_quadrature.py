@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Quadrature rules on joint facets: Gauss points, or the nodes themselves."""
+"""Quadrature rules on joint facets: Gauss points, the nodes, or nodes and centre."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dolfinx_joints.common.parameters import shown
 Floats = NDArray[np.float64]
 
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
+_NODES_AND_CENTRE = np.array([3.0, 8.0, 27.0]) / 120.0  # a vertex, an edge, the centre
 RULES = ("auto", "nodal", "gauss")
 GAUSS_DEGREES = (2, 20)  # one point per facet, degree 1, would let it turn
 
@@ -35,14 +36,17 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
     A nodal rule has one point per pair of nodes, which keeps contact tractions free of
     oscillation however stiff the joint is. Its weights are the integrals of the shape functions,
     so that a uniform traction makes the right nodal forces. On 6-node triangles these integrals
-    vanish at the vertices: the points are the nodes on the edges.
+    vanish at the vertices: the points of ``nodal`` are the nodes on the edges there, and it leaves
+    pairs of vertices untied, free to part and to overlap however stiff the joint is. ``auto``
+    adds vertices and centre there; a rule exact to degree 3 with positive weights, which ties
+    every pair.
 
     Args:
         facet_vertices: 2, 3 or 4.
         degree: Degree of the displacement on the facet, 1 or 2.
         rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; a whole number
-            from 2 to 20, the degree of polynomials that a Gauss rule is exact for; or ``auto``,
-            which is ``nodal``.
+            from 2 to 20, the degree of polynomials that a Gauss rule is exact for; or ``auto``:
+            nodes and centre on 6-node triangles, beyond degree 2 ``gauss``, otherwise ``nodal``.
 
     Returns:
         Points, shape (n, facet dimension), and weights, shape (n,), on the basix reference facet.
@@ -50,41 +54,29 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
     Raises:
         ValueError: The rule is unknown or does not exist for this degree.
     """
-    kind = facet_cell_type(facet_vertices)
-    if not is_nodal(facet_vertices, degree, rule):
-        exact_to = 2 * degree if isinstance(rule, str) else operator.index(rule)
-        points, weights = basix.make_quadrature(kind, exact_to)
-        return points, weights
-    element = basix.create_element(
-        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-    )
-    points = element.points[nodes_with_points(facet_vertices, degree)]
-    if facet_vertices == 3:
-        return points, np.full(3, 1.0 / 6.0)
-    line = np.array([0.5, 0.5]) if degree == 1 else _SIMPSON[[0, 1, 2]]
-    position = {0.0: line[0], 1.0: line[1], 0.5: line[-1]}
-    weights = np.array([np.prod([position[round(c, 6)] for c in p]) for p in points])
-    return points, weights
-
-
-def nodes_with_points(facet_vertices: int, degree: int) -> slice:
-    """Which nodes of a facet, in the order of basix, carry the points of a nodal rule."""
-    return slice(3, 6) if (facet_vertices, degree) == (3, 2) else slice(None)
-
-
-def is_nodal(facet_vertices: int, degree: int, rule: str | int) -> bool:
-    """Whether `facet_rule` places the points at the nodes.
-
-    Raises:
-        ValueError: The rule is unknown or does not exist for this degree.
-    """
     check_rule(rule)
-    exists = degree in (1, 2)
-    if rule == "nodal" and not exists:
+    kind = facet_cell_type(facet_vertices)
+    if rule == "nodal" and degree not in (1, 2):
         raise ValueError(
             f"quadrature 'nodal' exists for degree 1 and 2, not {degree}; use 'gauss'."
         )
-    return exists and rule in ("auto", "nodal")
+    if rule not in ("auto", "nodal") or degree not in (1, 2):
+        exact_to = 2 * degree if isinstance(rule, str) else operator.index(rule)
+        points, weights = basix.make_quadrature(kind, exact_to)
+        return points, weights
+    nodes = basix.create_element(
+        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+    ).points
+    if facet_vertices == 3 and degree == 1:
+        return nodes, np.full(3, 1.0 / 6.0)
+    if facet_vertices == 3 and rule == "nodal":
+        return nodes[3:], np.full(3, 1.0 / 6.0)
+    if facet_vertices == 3:
+        return np.vstack([nodes, nodes.mean(axis=0)]), np.repeat(_NODES_AND_CENTRE, [3, 3, 1])
+    line = np.array([0.5, 0.5]) if degree == 1 else _SIMPSON
+    position = {0.0: line[0], 1.0: line[1], 0.5: line[-1]}
+    weights = np.array([np.prod([position[round(c, 6)] for c in p]) for p in nodes])
+    return nodes, weights
 
 
 def check_rule(rule: Any) -> None:

@@ -35,6 +35,7 @@ EDGE_CASE = 0.49  # e/h of a force near the edge: the contact is 0.03 h long
 
 CRACK_CELLS = ("quad", "tri", "hex", "tet")
 CRACK_RULES = {1: ("nodal", "gauss", 4), 2: ("nodal", 2, "gauss", 6)}
+OWN_DEFAULT = ("tet", 2)  # where ``auto`` is none of the others
 SECTION_RULES = {
     "hex": ("nodal", 2, 4, 6, 8, 10, 12),
     "tet": ("nodal", 2, 3, 5, 6, 8, 10, 12),
@@ -52,7 +53,8 @@ def crack_rows(*, quick: bool) -> tuple[list[Row], dict[tuple[str, int, str], Cr
         solid = cell in ("hex", "tet")
         mesh = {"cell": cell, "order": order, "size": size}
         mesh["growth"] = 2.0 if solid and order == 2 else growth
-        for rule, ratio in product(CRACK_RULES[order], ratios):
+        rules = (*CRACK_RULES[order], *["auto"] * ((cell, order) == OWN_DEFAULT))
+        for rule, ratio in product(rules, ratios):
             stiffness = ratio * CRACK.young / size
             found = solve_crack(
                 CRACK, MPI.COMM_WORLD, quadrature=rule, normal_stiffness=stiffness, **mesh
@@ -87,7 +89,7 @@ def section_rows(*, quick: bool) -> list[Row]:
     eccentricities = [SECTION.height * share for share in shares]
     rows = []
     for cell, order in product(SECTION_RULES, (1, 2)):
-        for rule in SECTION_RULES[cell]:
+        for rule in (*SECTION_RULES[cell], *["auto"] * ((cell, order) == OWN_DEFAULT)):
             force = move_force(
                 SECTION,
                 MPI.COMM_WORLD,

@@ -74,8 +74,9 @@ class JointFunctions:
         """The same for ParaView, discontinuous Lagrange Functions by name (collective).
 
         They follow `update` from when they are first asked for. With a rule ``nodal`` or ``gauss``
-        they have the values of the points there; of another Gauss rule of triangles, with more
-        points than a polynomial has coefficients, they are the fit of least squares.
+        they have the values of the points there; of ``auto`` on 6-node triangles and of another
+        Gauss rule of triangles, with more points than a polynomial has coefficients, they are the
+        fit of least squares.
         """
         degree, _ = self._fit
         made = {

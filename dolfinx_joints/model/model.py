@@ -57,7 +57,7 @@ class Model:
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
         degree: Degree of the displacement, that of the mesh unless given.
         quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
-            rule is exact for.
+            rule is exact for; see `facet_rule`.
         plane: ``strain`` or ``stress`` in 2-D.
         extra_stiffness: Bilinear form (u, v) added to K, over joints too (`JointedMesh.dS`).
         extra_mass: Bilinear form (u, v) added to M.

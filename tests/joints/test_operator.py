@@ -56,7 +56,10 @@ LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_an
 ANGLE = 20.0
 
 # (cell, order of the mesh, quadrature)
-ALL = list(itertools.product(("hex", "tet", "tri", "quad"), (1, 2), ("nodal", "gauss")))
+ALL = [
+    *itertools.product(("hex", "tet", "tri", "quad"), (1, 2), ("nodal", "gauss")),
+    ("tet", 2, "auto"),
+]
 
 
 @pytest.fixture
@@ -265,6 +268,7 @@ def test_axes_of_joints(normals, along, up):
         (("tet", 1), "nodal", 9),
         # Order 2: on the edges only, of which 8 triangles have 16.
         (("tet", 2), "nodal", 16),
+        (("tet", 2), "auto", 33),  # 25 nodes and 8 centres
         # 3 edges: 4 nodes, 7 at order 2.
         (("quad", 1), "nodal", 4),
         (("tri", 2), "nodal", 7),
@@ -272,7 +276,7 @@ def test_axes_of_joints(normals, along, up):
     indirect=["jointed"],
     ids=str,
 )
-def test_nodal_rule_has_one_point_per_pair_of_nodes(jointed, rule, count):
+def test_points_at_nodes_are_one_per_pair(jointed, rule, count):
     assert held_at_base(jointed, rule).operator.num_points == count
 
 

@@ -60,12 +60,13 @@ def total(model, form):
     return model.jointed.mesh.comm.allreduce(value)
 
 
-@pytest.fixture(params=["hex", "tet2 gauss", "quad2", "tri gauss"])
+@pytest.fixture(params=["hex", "tet2 gauss", "tet2 auto", "quad2", "tri gauss"])
 def model(request, blocks_file, two_rectangles_file, read):
     """Two blocks of several cells, with rules at nodes and inside of facets."""
     file, kind, order, rule = {
         "hex": (blocks_file, "hex", 1, "nodal"),
         "tet2 gauss": (blocks_file, "tet", 2, "gauss"),
+        "tet2 auto": (blocks_file, "tet", 2, "auto"),
         "quad2": (two_rectangles_file, "quad", 2, "nodal"),
         "tri gauss": (two_rectangles_file, "tri", 1, "gauss"),
     }[request.param]
@@ -101,6 +102,8 @@ def test_forms_are_the_sums_over_points(model):
         assert total(model, form * dS) == pytest.approx(contact.integral(values), rel=1e-12)
     assert contact.integral(along) > 0.0
 
+    if model.operator.quadrature == "auto":
+        return  # seven points and six coefficients: the fit of least squares
     for name, field in fields.items():
         at_points = getattr(functions, name)
         left, whole = (

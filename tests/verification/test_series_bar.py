@@ -73,6 +73,7 @@ RULES = [
     ("hexahedron", 1, "gauss", "strain"),
     ("hexahedron", 2, "nodal", "strain"),
     ("tetrahedron", 1, "nodal", "strain"),
+    ("tetrahedron", 2, "auto", "strain"),
     ("tetrahedron", 2, "gauss", "strain"),
     *(
         (cell, degree, rule, plane)
@@ -259,6 +260,7 @@ def test_modulus(cell, degree, rule, plane, held):
     [
         ("hexahedron", 1, "nodal"),
         ("tetrahedron", 1, "gauss"),
+        ("tetrahedron", 2, "auto"),
         ("triangle", 2, "gauss"),
         ("quadrilateral", 1, "nodal"),
     ],
@@ -283,6 +285,7 @@ def test_any_joint_stiffness(cell, degree, rule, power):
     [
         ("hexahedron", "nodal"),
         ("hexahedron", "gauss"),
+        ("tetrahedron", "auto"),
         ("tetrahedron", "gauss"),
         ("triangle", "nodal"),
         ("quadrilateral", "nodal"),

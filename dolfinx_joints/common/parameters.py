@@ -24,8 +24,7 @@ _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 _LONGEST_NAME, _LONGEST_PATH = 255, 4095  # of a file or folder, of a whole path [bytes]
 
-_PLAIN_NAME = re.compile(r"(?!\.+$)[A-Za-z0-9_.+-]+")
-PLAIN_NAMES = "letters (A to z), digits and _ . + -, not dots alone"
+PLAIN_NAMES = "visible characters and spaces between them, without '/', not dots alone"
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
@@ -129,7 +128,9 @@ def check_function(name: str, value: Any, of: str = "time") -> None:
 
 def is_plain_name(text: str) -> bool:
     """Whether a name is one of the `PLAIN_NAMES`, which can be a part of a path in a file."""
-    return _PLAIN_NAME.fullmatch(text) is not None
+    if not text.strip(". ") or text != text.strip() or "/" in text:
+        return False
+    return not any(unicodedata.category(character) in _UNSEEN for character in text)
 
 
 def check_path(name: str, value: Any) -> None:

@@ -223,9 +223,9 @@ def test_names_times_and_summaries_are_checked(tmp_path: Path) -> None:
     row = {"u": np.zeros((2, 3)), "count": 0}
     with (
         ResultsWriter(tmp_path / "r.h5", {}) as writer,
-        pytest.raises(ResultsError, match="Names are letters"),
+        pytest.raises(ResultsError, match="Names are visible"),
     ):
-        writer.static("joint 1/points", [0.0], "m", "points")
+        writer.static("joint 1/../points", [0.0], "m", "points")
     with writer_of(tmp_path / "s.h5") as writer:
         writer.append("run", 1.0, row)
         for time in (1.0, 0.5, np.nan, np.inf):

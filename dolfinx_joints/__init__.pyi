@@ -35,7 +35,6 @@ from .loads.body_and_face_loads import Gravity as Gravity
 from .loads.body_and_face_loads import Pressure as Pressure
 from .loads.body_and_face_loads import Traction as Traction
 from .loads.free_field import FreeField as FreeField
-from .loads.free_field import SupportForces as SupportForces
 from .loads.free_field import incident_wave as incident_wave
 from .loads.ground_motion import BaseMotion as BaseMotion
 from .loads.temperature.fields import AnnualWave as AnnualWave

@@ -107,10 +107,11 @@ class Constraints:
     Args:
         jointed: The mesh with its facet groups.
         V: The displacement space.
-        supports: The supports; springs and viscous boundaries are ignored here.
+        supports: The supports; springs are ignored here.
 
     Attributes:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
+        static_dofs: Likewise in static stages, which hold viscous boundaries as well.
         groups: Names of the groups with constrained dofs.
 
     Raises:
@@ -123,6 +124,7 @@ class Constraints:
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
         owned = V.dofmap.index_map.size_local
         fixed: list[NDArray[np.int64]] = []
+        held: list[NDArray[np.int64]] = []
         self._prescribed: list[tuple[NDArray[np.int64], Prescribed]] = []
         for support in supports:
             if not isinstance(support, Support):
@@ -130,15 +132,12 @@ class Constraints:
                     f"{shown(support)} is no support; supports are Fixed, Prescribed, Spring and "
                     "ViscousBoundary."
                 )
-            if isinstance(support, Spring | ViscousBoundary):
+            if isinstance(support, Spring):
                 continue
-            named = (
-                support.component
-                if isinstance(support, Prescribed)
-                else "xyz"[:gdim]
-                if support.components is None
-                else support.components
-            )
+            if isinstance(support, Prescribed):
+                named = support.component
+            else:
+                named = getattr(support, "components", None) or "xyz"[:gdim]
             components = components_of(named, gdim)
             facets = jointed.facets(support.group)
             blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
@@ -146,23 +145,27 @@ class Constraints:
             dofs = (bs * blocks[:, None] + components).ravel()
             if isinstance(support, Prescribed):
                 self._prescribed.append((dofs, support))
+            elif isinstance(support, ViscousBoundary):
+                held += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
         clamped = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
         self.groups = tuple(dict.fromkeys(clamped))
-        every = fixed + [dofs for dofs, _ in self._prescribed]
-        self.dofs = np.unique(np.concatenate(every)) if every else np.empty(0, dtype=np.int64)
+        every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, _ in self._prescribed)]
+        self.dofs = np.unique(np.concatenate(every))
+        self.static_dofs = np.unique(np.concatenate([self.dofs, *held]))
 
     @property
     def moves(self) -> bool:
         """Whether any value is prescribed as a function of time."""
         return bool(self._prescribed)
 
-    def values(self, time: float) -> NDArray[np.float64]:
-        """Prescribed displacements of `dofs` at a time [s], shape (n,), [m]."""
-        values = np.zeros(len(self.dofs))
+    def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
+        """Displacements of `dofs`, or of `static_dofs`, at a time [s], shape (n,), [m]."""
+        all_dofs = self.static_dofs if static else self.dofs
+        values = np.zeros(len(all_dofs))
         for dofs, support in self._prescribed:
             name = f"The displacement {support.component} prescribed on {shown(support.group)}"
             value = number_at(name, support.value, time, unit="m")
-            values[np.searchsorted(self.dofs, dofs)] = value
+            values[np.searchsorted(all_dofs, dofs)] = value
         return values

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import ufl
@@ -23,13 +23,16 @@ class ViscousBoundary:
 
     Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping, with density and
     wave speeds of the cells behind each facet; massless cells give none. It takes waves that arrive
-    along the normal altogether, and carries nothing in statics. These cells must be isotropic.
+    along the normal altogether. These cells must be isotropic.
 
     Attributes:
         group: Name of the facet group.
+        in_statics: ``held``, fixed in static stages; the forces that hold it are kept as a load
+            in a dynamic stage. Or ``free``.
     """
 
     group: str
+    in_statics: Literal["held", "free"] = "held"
 
     def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
         """The bilinear form of the dashpots."""

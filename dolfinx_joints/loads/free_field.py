@@ -14,6 +14,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import components_of
@@ -141,30 +142,28 @@ class FreeField:
         return base
 
 
-@dataclass(frozen=True, kw_only=True)
 class SupportForces:
-    """Forces that supports had in another stage, kept where those are no more.
+    """Forces of supports that held the body in statics and are no more in a dynamic stage.
 
-    A block of rock that is clamped in statics and stands on dashpots in an earthquake needs them.
+    Rock that is held in statics and stands on dashpots in an earthquake needs them.
 
-    Attributes:
-        reaction: ``reaction`` of a static state, from a model on the same mesh [N].
+    Args:
+        model: The model of the dynamic stage.
     """
 
-    reaction: PETSc.Vec
+    def __init__(self, model: LoadedBody) -> None:
+        """No forces yet (collective)."""
+        self._force = model.mass.createVecRight()
+        self._force.set(0.0)
+
+    def take(self, reaction: PETSc.Vec, constrained: NDArray[np.int64]) -> None:
+        """Take the reaction of a static state [N], but at the dofs that are constrained now."""
+        reaction.copy(self._force)
+        self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """The forces, but at the dofs that this model constrains (collective)."""
-        force = model.mass.createVecRight()
-        fits = self.reaction.getLocalSize() == force.getLocalSize()
-        if not all(model.jointed.mesh.comm.allgather(fits)):
-            raise ValueError(
-                "SupportForces: reaction is not of a model on the same mesh with the same degree; "
-                "give that of a StaticState."
-            )
-        force.setArray(self.reaction.getArray(readonly=True).copy())
-        force.getArray()[model.constraints.dofs] = 0.0
-        return [(force, always)]
+        """The forces, with all that is taken later."""
+        return [(self._force, always)]
 
 
 def _rock(model: LoadedBody, groups: Sequence[str]) -> Floats:

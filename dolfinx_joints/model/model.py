@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -274,13 +275,18 @@ class Model:
         return force
 
     def system(
-        self, extra_loads: Sequence[Load] = (), *, only: Sequence[Load] | None = None
+        self,
+        extra_loads: Sequence[Load] = (),
+        *,
+        only: Sequence[Load] | None = None,
+        static: bool = False,
     ) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective).
 
         Args:
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
+            static: Hold viscous boundaries, as static stages do.
         """
         _check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
@@ -292,6 +298,7 @@ class Model:
         by_name = dict(zip(_names(loads), loads, strict=True))
         named = [(name, pattern) for name in by_name for pattern in by_name[name].patterns(self)]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
+        constraints = self.constraints
         return MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -301,8 +308,8 @@ class Model:
             bulk=self.bulk,
             patterns=[pattern for _, pattern in named],
             load_names=[name for name, _ in named],
-            constrained=self.constraints.dofs,
-            values=self.constraints.values if self.constraints.moves else None,
+            constrained=constraints.static_dofs if static else constraints.dofs,
+            values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
             water=JointWaters(self, following) if following else None,

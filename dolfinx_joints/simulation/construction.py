@@ -151,7 +151,7 @@ def _against_rigid_motions(
     size = np.sqrt(total((arms**2).sum(axis=1)) / numbers)
     motions = _rigid_motions(arms / size[block][:, None])
     fixed = np.zeros(len(block) * gdim)
-    fixed[model.constraints.dofs] = 1.0
+    fixed[model.constraints.static_dofs] = 1.0
     fixed = fixed.reshape(-1, gdim)
     diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
     moved, forces = model.stiffness.createVecRight(), []

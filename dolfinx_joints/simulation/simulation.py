@@ -24,6 +24,7 @@ from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
@@ -263,7 +264,8 @@ class Simulation:
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
-            system = self.model.system([*shaking, *loads])
+            kept = [SupportForces(self.model)] if self.model.absorbing else []
+            system = self.model.system([*shaking, *kept, *loads])
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
@@ -275,6 +277,8 @@ class Simulation:
             saved = keeper.load(self.monitors) if keeper and resume else None
             if saved is not None:
                 self.static = saved.static
+            if kept and self.static is not None:
+                kept[0].take(self.static.reaction, system.constrained)
             run = DynamicRun(
                 model=self.model,
                 monitors=self.monitors,

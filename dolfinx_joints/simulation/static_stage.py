@@ -50,7 +50,7 @@ def march(
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
     """
-    system = model.system(only=acting)
+    system = model.system(only=acting, static=True)
     internal_forces = system.internal_forces
     system = replace(system, contact=None) if inactive else system
     solver: StepSolver | JointWaterIteration

@@ -38,7 +38,7 @@ def run(system, dt, steps, *, kind="auto", u0=None, v0=None, scheme=None):
 
     scheme = scheme or Newmark()
     solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind, scheme.rule)
-    state = initial_state(solver, displacement=vector(u0), velocity=vector(v0))
+    state = initial_state(solver, dt=dt, displacement=vector(u0), velocity=vector(v0))
     ledger = EnergyLedger(system)
     rows, path = [ledger.start(state)], [state.displacement.getArray().copy()]
     for _ in range(steps):

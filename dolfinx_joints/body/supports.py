@@ -134,11 +134,12 @@ class Constraints:
                 )
             if isinstance(support, Spring):
                 continue
+            named: str | None = None
             if isinstance(support, Prescribed):
                 named = support.component
-            else:
-                named = getattr(support, "components", None) or "xyz"[:gdim]
-            components = components_of(named, gdim)
+            elif isinstance(support, Fixed):
+                named = support.components
+            components = components_of("xyz"[:gdim] if named is None else named, gdim)
             facets = jointed.facets(support.group)
             blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
             blocks = blocks[blocks < owned].astype(np.int64)

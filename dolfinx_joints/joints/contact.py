@@ -25,6 +25,7 @@ from dolfinx_joints.common.parameters import (
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
+from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     AnyLaw,
@@ -114,6 +115,24 @@ class Contact:
             raise JointsError("Interior-facet integrals need joints of a mesh.")
         other = copy(self)
         other.operator = FormOperator(self.operator)
+        return other
+
+    def without(self, idle: NDArray[np.bool_]) -> Contact | None:
+        """The same with nothing carried by some local points; None if no point acts (collective).
+
+        Laws without a point that acts are no longer there to choose a solver by.
+
+        Args:
+            idle: Which of the local points carry nothing, shape (n,).
+        """
+        acting = [part.among(~idle) for part in self._laws]
+        numbers = np.sum(self.operator.comm.allgather([len(p.points) for p in acting]), axis=0)
+        acting = [part for part, number in zip(acting, numbers, strict=True) if number]
+        if not acting:
+            return None
+        other = copy(self)
+        other.__dict__.pop("by_forms", None)
+        other._laws = [*acting, LawPoints(Inactive(), np.flatnonzero(idle))]
         return other
 
     def gap(self, u: Any) -> Floats:

@@ -28,19 +28,26 @@ class Gravity:
 
     Attributes:
         acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) unless given.
+        cells: Name of the cell group that weighs, the whole body unless given; mass that
+            ``redistribute_mass`` moves weighs where it was.
     """
 
     acceleration: Vector | None = None
+    cells: str | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """M g with the mass of the body; an extra mass form has no weight."""
+        """M g with the mass of the body or of its cells; an extra mass form has no weight."""
         gdim = model.gdim
         vector = np.zeros(gdim)
         if self.acceleration is None:
             vector[-1] = -STANDARD_GRAVITY
         else:
             vector[:] = check_vector("Gravity: acceleration", self.acceleration, (gdim,))
-        return [(model.inertia_pattern(vector, body_only=True), always)]
+        if self.cells is None:
+            return [(model.inertia_pattern(vector, body_only=True), always)]
+        g = fem.Constant(model.jointed.mesh, vector)
+        weight = model.body.density * ufl.inner(g, ufl.TestFunction(model.V))
+        return [(model.assemble(weight * model.jointed.dx(self.cells)), always)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,6 +35,13 @@ class FaceLoad(Load, Protocol):
 
 
 @runtime_checkable
+class CellLoad(Load, Protocol):
+    """A load with ``cells``, a cell group that is looked up when the model is made, or None."""
+
+    cells: str | None
+
+
+@runtime_checkable
 class JointLoad(Load, Protocol):
     """A load in a joint."""
 

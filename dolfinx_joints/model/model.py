@@ -29,7 +29,7 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
-from dolfinx_joints.loads.load import AddedMass, FaceLoad, FollowsJoints, JointLoad, Load
+from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
@@ -360,14 +360,17 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
         check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
         if isinstance(load, FaceLoad):
             jointed.facets(load.group)
+        if isinstance(load, CellLoad) and load.cells is not None:
+            jointed.cells(load.cells)
 
 
 def _names(loads: Sequence[Load]) -> list[str]:
-    """A name for each load: its kind and group, with a number where that is not enough."""
+    """A name for each load: its kind and group, joint or cells, with a number where that is not enough."""
     plain = []
     for load in loads:
         where = load.group if isinstance(load, FaceLoad) else ""
         where = load.joint if isinstance(load, JointLoad) else where
+        where = load.cells or "" if isinstance(load, CellLoad) else where
         plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
     names: list[str] = []
     for name in plain:

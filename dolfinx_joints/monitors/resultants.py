@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response, variables_of
-from dolfinx_joints.mesh.blocks import block_of_nodes
+from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import joint_facet_points
@@ -165,13 +165,12 @@ class Blocks:
     def __init__(self, model: Model, nodes: NodeNumbering) -> None:
         """Connect the cells (collective)."""
         assert model.operator is not None
-        comm, mesh = model.jointed.mesh.comm, model.jointed.mesh
+        comm = model.jointed.mesh.comm
         self._operator = model.operator
-        own_cells = mesh.topology.index_map(model.gdim).size_local
-        table = model.V.dofmap.list[:own_cells]
-        block = block_of_nodes(nodes)
-        of_cell = block[table[:, 0]]
-        self.sides_of_all = _sides(model, np.asarray(mesh.topology.original_cell_index), of_cell)
+        block, layout = block_of_nodes(nodes), model.operator.layout
+        of_facet = blocks_of_pairs(nodes, model.jointed.pairs, block)
+        self.sides_of_all: Ints = np.empty((len(layout.areas), 2), dtype=np.int64)
+        self.sides_of_all[layout.number] = of_facet[:, None, :]
         start = model.operator.matrix.getOwnershipRange()[0] // 3
         self.sides: Ints = self.sides_of_all[start : start + len(model.operator.areas)]
         own = block[: model.V.dofmap.index_map.size_local]
@@ -190,22 +189,6 @@ class Blocks:
             arms = self._operator.points - self.centre[number]
             np.add.at(sums, number, sign * np.hstack([force, np.cross(arms, force)]))
         return np.asarray(np.sum(self._operator.comm.allgather(sums), axis=0))
-
-
-def _sides(model: Model, original: Ints, of_cell: Ints) -> Ints:
-    """Blocks on the - and + side of all joint points, shape (points, 2) (collective)."""
-    assert model.operator is not None
-    pairs, layout = model.jointed.pairs, model.operator.layout
-    cells = np.stack([pairs.minus[:, 0], pairs.plus[:, 0]], axis=1)
-    mine = np.isin(original[: len(of_cell)], cells)
-    parts = model.jointed.mesh.comm.allgather((original[: len(of_cell)][mine], of_cell[mine]))
-    number = np.concatenate([part[0] for part in parts])
-    block = np.concatenate([part[1] for part in parts])
-    order = np.argsort(number)
-    of_facet = block[order][np.searchsorted(number[order], cells)]
-    sides = np.empty((len(layout.areas), 2), dtype=np.int64)
-    sides[layout.number] = of_facet[:, None, :]
-    return sides
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:

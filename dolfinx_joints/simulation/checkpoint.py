@@ -237,7 +237,7 @@ class CheckpointKeeper:
             joints=self._response(tree["joints"]),
             reaction=self._vector(tree["reaction"]),
             reports=reports,
-            joints_inactive=tree.get("joints_inactive", False),
+            inactive=tuple(tree.get("inactive", ())),
             missing=tuple(tree.get("missing", ())),
         )
 

@@ -26,7 +26,7 @@ class StaticState:
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: How the solves went, one per load step.
-        joints_inactive: Whether the joints carried nothing: blocks stood alone.
+        inactive: Names of the joints that carried nothing and have not been grouted since.
         missing: Loads of the model that did not act.
     """
 
@@ -34,7 +34,7 @@ class StaticState:
     joints: Response | None
     reaction: PETSc.Vec
     reports: list[SolveReport]
-    joints_inactive: bool = False
+    inactive: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
 
 

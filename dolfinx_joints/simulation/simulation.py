@@ -10,7 +10,8 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,16 +31,17 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
-from dolfinx_joints.simulation.construction import check_may_be_inactive, grouted
+from dolfinx_joints.simulation.construction import (
+    check_grouted,
+    check_may_be_inactive,
+    grouted,
+    inactive_joints,
+    points_of,
+)
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
-from dolfinx_joints.simulation.static_stage import (
-    check_acting,
-    check_complete,
-    check_grouted,
-    march,
-)
+from dolfinx_joints.simulation.static_stage import check_acting, check_complete, march
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -94,7 +96,7 @@ class Simulation:
         *,
         steps: Annotated[int, at.Ge(1)] = 1,
         loads: Sequence[Load] | None = None,
-        joints: Literal["active", "inactive"] = "active",
+        joints: Literal["active", "inactive"] | Sequence[str] = "active",
     ) -> StaticState:
         """Bring loads to their values at time zero in equal steps (collective).
 
@@ -105,8 +107,9 @@ class Simulation:
         Args:
             steps: Number of load steps.
             loads: Those of the model's loads that act at the end; all of them unless given.
-            joints: ``active``, or ``inactive``: blocks stand alone, joints carry nothing until
-                `grout`. Only the first stage may do so.
+            joints: Names of those that act, ``active`` for all or ``inactive`` for none. The
+                others carry nothing, in this stage and until `grout`, and the blocks between them
+                stand alone; none of them may carry anything yet.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
@@ -115,11 +118,11 @@ class Simulation:
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        inactive = joints == "inactive"
-        if inactive:
-            check_may_be_inactive(self.model, self.static, acting)
+        inactive = inactive_joints(self.model, joints)
+        if inactive or joints == "inactive":
+            check_may_be_inactive(self.model, self.static, acting, inactive)
         shares = np.arange(1, steps + 1) / steps
-        return self._statics([(None, float(share)) for share in shares], acting, inactive=inactive)
+        return self._statics([(None, float(share)) for share in shares], acting, inactive)
 
     @checked
     def grout(
@@ -127,22 +130,36 @@ class Simulation:
         joints: Sequence[str] | None = None,
         *,
         gap: Annotated[float, at.Ge(0), at.Unit("m")] = 0.0,
+        pressure: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0,
     ) -> StaticState:
-        """Close joints free of stress where they stand after a static stage (collective).
+        """Close joints where they stand after a static stage (collective).
 
         Where a joint carries nothing, inactive or open, its gap and slip count anew from here;
         points in contact stay as they are. Joints that were inactive and are not named stay open by
-        what their blocks have moved apart, and are active from now on as well.
+        what their blocks have moved apart, and act from now on unless the next stage leaves them
+        inactive.
+
+        Grout under pressure first pushes the faces of these points apart, loads and supports
+        staying as they are, then sets: the pressure remains as their traction.
 
         Args:
-            joints: Names of the joints to be grouted, all of them unless given.
+            joints: Names of the joints to be grouted; unless given those that are inactive, all of
+                them if none is.
             gap: Opening that the grout leaves [m].
+            pressure: Of the grout [Pa].
+
+        Raises:
+            JointsError: There is no static state yet, or a law bears no such pressure.
+            ConvergenceError: No equilibrium under the pressure was found.
         """
         if self.static is None:
             raise JointsError(
                 "There is nothing to grout yet: run statics(joints='inactive') before."
             )
-        self.static = grouted(self.model, self.static, joints, gap)
+        pressed = partial(self._march, self.static, [(None, 1.0)], ())
+        self.static = grouted(
+            self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
+        )
         return self.static
 
     @checked
@@ -163,24 +180,27 @@ class Simulation:
         self,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
-        *,
-        inactive: bool = False,
+        inactive: Sequence[str] = (),
     ) -> StaticState:
         """March from the last static state; see `march`."""
-        if not inactive:
-            check_grouted(self.static)
-        with self._phase("static"):
-            self.static = march(
-                self.model,
-                self.static,
-                path,
-                acting,
-                inactive=inactive,
-                options=self._options,
-                kind=self.solver,
-                watch=self._watch,
-            )
+        check_grouted(self.static, inactive)
+        contact = self.model.contact
+        idle = points_of(contact, inactive) if inactive and contact is not None else None
+        found = self._march(self.static, path, acting, idle=idle)
+        self.static = replace(found, inactive=tuple(inactive))
         return self.static
+
+    def _march(
+        self,
+        before: StaticState | None,
+        path: Sequence[tuple[float | None, float]],
+        acting: Sequence[Load],
+        **rows: Any,
+    ) -> StaticState:
+        """`march` with the simulation's solver (collective)."""
+        with self._phase("static"):
+            options = {"options": self._options, "kind": self.solver, "watch": self._watch}
+            return march(self.model, before, path, acting, **options, **rows)
 
     def save_static(self, path: str | Path) -> None:
         """Keep the end of the last static stage in a file, to go on from it later (collective).

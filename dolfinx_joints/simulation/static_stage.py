@@ -8,15 +8,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.loads.load import Load
+from dolfinx_joints.loads.load import Load, always
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.construction import inactive_response
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.simulation.construction import with_inactive
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
@@ -32,7 +35,8 @@ def march(
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
-    inactive: bool,
+    idle: NDArray[np.bool_] | None = None,
+    apart: NDArray[np.float64] | None = None,
     options: SolverOptions,
     kind: SolverKind,
     watch: SmallDisplacements,
@@ -45,14 +49,21 @@ def march(
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
-        inactive: Whether joints carry nothing.
+        idle: Which of the local joint points carry nothing, shape (n,); none unless given.
+        apart: Tractions, shape (n, 3), [Pa], on the faces of joints that are added to what
+            ``before`` carries, which then is all that acts.
         options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
     """
     system = model.system(only=acting, static=True)
-    internal_forces = system.internal_forces
-    system = replace(system, contact=None) if inactive else system
+    internal_forces, contact = system.internal_forces, model.contact
+    if idle is not None and contact is not None:
+        system = replace(system, contact=contact.without(idle))
+    if apart is not None and before is not None and contact is not None:
+        carried = _carried(internal_forces, before, system.stiffness * before.displacement)
+        push = contact.operator.force(apart, before.displacement.duplicate())
+        system = _held(system, before, carried - push)
     solver: StepSolver | JointWaterIteration
     solver = make_solver(system, options, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
@@ -92,8 +103,8 @@ def march(
             watch.see(joints.gap)
         reports.append(report)
     watch.warn("in a static stage")
-    if inactive and model.contact is not None:
-        response = inactive_response(model.contact, u)
+    if idle is not None and contact is not None:
+        response = with_inactive(contact, response, before, u, idle)
     absent = [one for one in model.loads if not any(one is other for other in acting)]
     free_petsc_garbage(model.jointed.mesh.comm)
     return StaticState(
@@ -101,9 +112,14 @@ def march(
         joints=response,
         reaction=products.reaction,
         reports=reports,
-        joints_inactive=inactive,
         missing=tuple(type(one).__name__ for one in absent),
     )
+
+
+def _held(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
+    """The system under a load that does not change, supports staying where they are."""
+    there = before.displacement.getArray()[system.constrained]
+    return replace(system, patterns=[(load, always)], load_names=(), values=lambda _: there)
 
 
 def _carried(
@@ -127,15 +143,6 @@ def check_acting(model: Model, loads: Any) -> None:
                 f"A {type(load).__name__} was given to a static stage that is not among the "
                 "model's loads; give it to Model(loads=...) as well."
             )
-
-
-def check_grouted(static: StaticState | None) -> None:
-    """Check that joints are active."""
-    if static is not None and static.joints_inactive:
-        raise JointsError(
-            "The joints are still inactive; call grout() to close them, grout([]) to leave all of "
-            "them open by what their blocks have moved apart."
-        )
 
 
 def check_complete(static: StaticState | None) -> None:

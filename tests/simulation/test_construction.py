@@ -86,7 +86,7 @@ def largest(comm, values):
 def test_blocks_carry_their_own_weight(comm, wall):
     model = wall([Gravity()])
     state = Simulation(model).statics(joints="inactive")
-    assert state.joints_inactive
+    assert state.inactive == ("joint_1", "joint_2")
     assert not state.joints.traction.any()
     # Nodes on a joint are double: those of a block are the nodes of its cells.
     cells = model.V.dofmap.list
@@ -297,7 +297,8 @@ def test_saved_and_taken_up_again(comm, wall, new_path):
     end = run.statics()
     other = Simulation(model)
     found = other.load_static(path)
-    assert (found.joints_inactive, found.missing) == (True, ("HydrostaticPressure",))
+    assert found.inactive == ("joint_1", "joint_2")
+    assert found.missing == ("HydrostaticPressure",)
     other.grout()
     resumed = other.statics()
     difference = resumed.displacement.copy()
@@ -383,14 +384,15 @@ def test_refusals(wall):
         lambda: run.quasi_statics([0.0]),
         lambda: run.dynamics(dt=1e-3, steps=1),
     ):
-        with pytest.raises(JointsError, match="The joints are still inactive; call grout"):
+        with pytest.raises(JointsError, match="still inactive: joint_1, joint_2; call grout"):
             stage()
     with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
     run.grout()
     with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)
-    with pytest.raises(JointsError, match="Joints cannot become inactive again"):
+    run.statics()
+    with pytest.raises(JointsError, match="The joint 'joint_1' cannot become inactive: the last"):
         run.statics(joints="inactive")
 
 

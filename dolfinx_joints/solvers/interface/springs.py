@@ -47,12 +47,14 @@ class JointSprings:
         elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
         joint = system.contact.closed_stiffness()
         joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
-        self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
+        with np.errstate(divide="ignore"):  # no springs where points carry nothing
+            self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
         rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()
         rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
         work.diagonalScale(L=rows)
         self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
-        self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness
+        with np.errstate(divide="ignore"):
+            self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness
 
     @staticmethod
     def _wide(values: Floats) -> Floats:

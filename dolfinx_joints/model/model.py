@@ -365,7 +365,7 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
 
 
 def _names(loads: Sequence[Load]) -> list[str]:
-    """A name for each load: its kind and group, joint or cells, with a number where that is not enough."""
+    """A name for each load: its kind and where it acts, with a number where that is not enough."""
     plain = []
     for load in loads:
         where = load.group if isinstance(load, FaceLoad) else ""

@@ -237,7 +237,8 @@ class CheckpointKeeper:
             joints=self._response(tree["joints"]),
             reaction=self._vector(tree["reaction"]),
             reports=reports,
-            inactive=tuple(tree.get("inactive", ())),
+            inactive=tuple(tree["inactive"]),
+            absent=tuple(tree["absent"]),
             missing=tuple(tree.get("missing", ())),
         )
 

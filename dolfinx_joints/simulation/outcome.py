@@ -27,6 +27,7 @@ class StaticState:
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: How the solves went, one per load step.
         inactive: Names of the joints that carried nothing and have not been grouted since.
+        absent: Cell groups of the blocks that were not there.
         missing: Loads of the model that did not act.
     """
 
@@ -35,6 +36,7 @@ class StaticState:
     reaction: PETSc.Vec
     reports: list[SolveReport]
     inactive: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -31,17 +31,18 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
-from dolfinx_joints.simulation.construction import (
-    check_grouted,
-    check_may_be_inactive,
-    grouted,
-    inactive_joints,
-    points_of,
-)
+from dolfinx_joints.simulation.construction import grouted
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.static_stage import check_acting, check_complete, march
+from dolfinx_joints.simulation.unfinished import (
+    Unfinished,
+    check_grouted,
+    check_may_begin,
+    inactive_joints,
+    unfinished,
+)
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -97,6 +98,7 @@ class Simulation:
         steps: Annotated[int, at.Ge(1)] = 1,
         loads: Sequence[Load] | None = None,
         joints: Literal["active", "inactive"] | Sequence[str] = "active",
+        absent: Sequence[str] = (),
     ) -> StaticState:
         """Bring loads to their values at time zero in equal steps (collective).
 
@@ -110,6 +112,9 @@ class Simulation:
             joints: Names of those that act, ``active`` for all or ``inactive`` for none. The
                 others carry nothing, in this stage and until `grout`, and the blocks between them
                 stand alone; none of them may carry anything yet.
+            absent: Cell groups of blocks that are not there yet. They have no weight and joints
+                beside them carry nothing; the stage that has them casts them, free of stress and
+                where the mesh has them, against what is there.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
@@ -119,10 +124,12 @@ class Simulation:
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
         inactive = inactive_joints(self.model, joints)
-        if inactive or joints == "inactive":
-            check_may_be_inactive(self.model, self.static, acting, inactive)
+        stage = None
+        if inactive or absent or joints == "inactive":
+            stage = unfinished(self.model, inactive, absent)
+            check_may_begin(self.model, self.static, acting, stage)
         shares = np.arange(1, steps + 1) / steps
-        return self._statics([(None, float(share)) for share in shares], acting, inactive)
+        return self._statics([(None, float(share)) for share in shares], acting, stage)
 
     @checked
     def grout(
@@ -180,14 +187,11 @@ class Simulation:
         self,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
-        inactive: Sequence[str] = (),
+        stage: Unfinished | None = None,
     ) -> StaticState:
         """March from the last static state; see `march`."""
-        check_grouted(self.static, inactive)
-        contact = self.model.contact
-        idle = points_of(contact, inactive) if inactive and contact is not None else None
-        found = self._march(self.static, path, acting, idle=idle)
-        self.static = replace(found, inactive=tuple(inactive))
+        check_grouted(self.static, stage.inactive if stage else ())
+        self.static = self._march(self.static, path, acting, stage=stage)
         return self.static
 
     def _march(
@@ -195,12 +199,12 @@ class Simulation:
         before: StaticState | None,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
-        **rows: Any,
+        **rest: Any,
     ) -> StaticState:
         """`march` with the simulation's solver (collective)."""
         with self._phase("static"):
-            options = {"options": self._options, "kind": self.solver, "watch": self._watch}
-            return march(self.model, before, path, acting, **options, **rows)
+            solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
+            return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
 
     def save_static(self, path: str | Path) -> None:
         """Keep the end of the last static stage in a file, to go on from it later (collective).

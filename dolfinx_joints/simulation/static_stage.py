@@ -16,12 +16,14 @@ from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.laws.law import Floats
 from dolfinx_joints.loads.load import Load, always
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.construction import with_inactive
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
@@ -35,8 +37,8 @@ def march(
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
-    idle: NDArray[np.bool_] | None = None,
-    apart: NDArray[np.float64] | None = None,
+    stage: Unfinished | None = None,
+    apart: Floats | None = None,
     options: SolverOptions,
     kind: SolverKind,
     watch: SmallDisplacements,
@@ -49,7 +51,7 @@ def march(
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
-        idle: Which of the local joint points carry nothing, shape (n,); none unless given.
+        stage: What does not act yet; everything acts unless given.
         apart: Tractions, shape (n, 3), [Pa], on the faces of joints that are added to what
             ``before`` carries, which then is all that acts.
         options: Tolerances and limits of Newton's method.
@@ -58,12 +60,14 @@ def march(
     """
     system = model.system(only=acting, static=True)
     internal_forces, contact = system.internal_forces, model.contact
-    if idle is not None and contact is not None:
-        system = replace(system, contact=contact.without(idle))
+    if stage is not None and contact is not None:
+        system = replace(system, contact=contact.without(stage.idle))
     if apart is not None and before is not None and contact is not None:
         carried = _carried(internal_forces, before, system.stiffness * before.displacement)
         push = contact.operator.force(apart, before.displacement.duplicate())
         system = _held(system, before, carried - push)
+    if stage is not None and stage.absent:
+        system = _holding(system, before, stage.dofs)
     solver: StepSolver | JointWaterIteration
     solver = make_solver(system, options, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
@@ -103,8 +107,10 @@ def march(
             watch.see(joints.gap)
         reports.append(report)
     watch.warn("in a static stage")
-    if idle is not None and contact is not None:
-        response = with_inactive(contact, response, before, u, idle)
+    if stage is not None and contact is not None:
+        response = with_inactive(contact, response, before, u, stage)
+    if stage is not None:
+        products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported
     absent = [one for one in model.loads if not any(one is other for other in acting)]
     free_petsc_garbage(model.jointed.mesh.comm)
     return StaticState(
@@ -112,6 +118,8 @@ def march(
         joints=response,
         reaction=products.reaction,
         reports=reports,
+        inactive=stage.inactive if stage else (),
+        absent=stage.absent if stage else (),
         missing=tuple(type(one).__name__ for one in absent),
     )
 
@@ -120,6 +128,22 @@ def _held(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixS
     """The system under a load that does not change, supports staying where they are."""
     there = before.displacement.getArray()[system.constrained]
     return replace(system, patterns=[(load, always)], load_names=(), values=lambda _: there)
+
+
+def _holding(
+    system: MatrixSystem, before: StaticState | None, dofs: NDArray[np.int64]
+) -> MatrixSystem:
+    """The system with further dofs held where they are."""
+    every = np.union1d(system.constrained, dofs)
+    there = before.displacement.getArray()[every] if before else np.zeros(len(every))
+    supported, held = np.searchsorted(every, system.constrained), np.isin(every, dofs)
+
+    def values(time: float) -> Floats:
+        found = there.copy()
+        found[supported] = system.prescribed(time)
+        return np.where(held, there, found)
+
+    return replace(system, constrained=every, values=values)
 
 
 def _carried(
@@ -146,7 +170,12 @@ def check_acting(model: Model, loads: Any) -> None:
 
 
 def check_complete(static: StaticState | None) -> None:
-    """Check that no load is missing in a static state, nor its water from before the grout."""
+    """Check that nothing is missing in a static state, nor its water from before the grout."""
+    if static is not None and static.absent:
+        raise JointsError(
+            f"{', '.join(static.absent)} is absent in the static state, which would act at once; "
+            "run statics() with all blocks before."
+        )
     if static is not None and static.missing:
         raise JointsError(
             f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "

@@ -15,6 +15,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import ufl
+
 from dolfinx_joints import (
     CheckpointError,
     Elastic,
@@ -28,11 +30,14 @@ from dolfinx_joints import (
     MeshError,
     Model,
     MohrCoulombJoint,
+    PotentialJoint,
     RigidJoint,
     Simulation,
     Spring,
     Temperature,
     Traction,
+    ViscousJoint,
+    synthetic_motion,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -270,6 +275,104 @@ def test_grouted_gaps_that_opened_in_the_cold(comm, wall):
     assert there.norm() < 1e-9 * again.displacement.norm()
 
 
+@pytest.fixture
+def bars(comm, wall_file, read):
+    """``bars(law, loads)``: two bars of 6 m between walls, without Poisson's ratio, one joint."""
+    path = wall_file(length=12.0, thickness=2.0, height=2.0, divisions=(4, 1, 1), joints=1)
+
+    def make(law, loads=()):
+        return Model(
+            read(path),
+            material=Elastic(young=YOUNG, poisson=0.0, density=2400.0),
+            joints=law,
+            supports=[Fixed(group="x_min"), Fixed(group="x_max")],
+            loads=list(loads),
+        )
+
+    return make
+
+
+YOUNG, BAR, GROUT = 25e9, 6.0, 1e6
+LAWS = [
+    LAW,
+    RigidJoint(friction_angle_deg=35.0),
+    KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
+    ViscousJoint(law=LAW, normal_viscosity=1e6),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_grout_under_pressure(comm, bars, law):
+    """The bars give way by p L / E each; p stays, less what their shrinking takes off.
+
+    Bars that would shrink by d in all let the traction fall by d / (2 L / E + 1 / k), until it is
+    none; from there on the joint opens by the rest.
+    """
+    shrink = GROUT * BAR / YOUNG  # of both bars by each of two loads
+    cold = [
+        Temperature(value=0.0, reference=shrink / (2 * BAR * 1e-5) * part, expansion=1e-5)
+        for part in (1.0, 4.0)
+    ]
+    run = Simulation(bars(law, cold))
+    run.statics(joints="inactive", loads=[])
+    state = run.grout(pressure=GROUT)
+    side = np.sign(bar_displacements(run.model, state)) * GROUT * BAR / YOUNG
+    np.testing.assert_allclose(bar_displacements(run.model, state), side, rtol=1e-9)
+    np.testing.assert_allclose(state.joints.traction[:, 0], -GROUT, rtol=1e-9)
+    np.testing.assert_allclose(state.joints.traction[:, 1:], 0.0, atol=1e-9 * GROUT)
+    soft = 2 * BAR / YOUNG + (0.0 if isinstance(law, RigidJoint) else 1e-11)
+    less = run.statics(loads=cold[:1]).joints
+    np.testing.assert_allclose(less.traction[:, 0], shrink / soft - GROUT, rtol=1e-8)
+    np.testing.assert_allclose(
+        run.statics().joints.state.gap[:, 0], 5.0 * shrink - GROUT * soft, rtol=1e-6
+    )
+    if isinstance(law, KeyedJoint):
+        return  # keys hold the open joint sideways by rounding, so that it is not idle
+    # Filled again as it stands open: the faces part by the same as the first time.
+    before = bar_displacements(run.model, run.static)
+    again = run.grout(["joint_1"], pressure=GROUT)
+    np.testing.assert_allclose(again.joints.traction[:, 0], -GROUT, rtol=1e-9)
+    np.testing.assert_allclose(bar_displacements(run.model, again) - before, side, rtol=1e-8)
+
+
+def test_a_law_that_stiffens_bears_the_grout(bars):
+    """t = -k m (1 + m / d) at an overlap m: k m = p (sqrt 5 - 1) / 2 where d = p / k."""
+
+    def energy(gap):
+        m = ufl.max_value(-gap[0], 0.0)
+        return 1e11 * (m**2 / 2.0 + m**3 / (3.0 * GROUT / 1e11))
+
+    law = PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=0.0)
+    run = Simulation(bars(law))
+    run.statics(joints="inactive")
+    state = run.grout(pressure=GROUT).joints
+    np.testing.assert_allclose(state.traction[:, 0], -GROUT, rtol=1e-9)
+    np.testing.assert_allclose(state.state.gap[:, 0], -0.5e-5 * (np.sqrt(5.0) - 1.0), rtol=1e-9)
+
+
+def bar_displacements(model, state):
+    """Displacements along the bars of the joint's nodes on this rank [m]."""
+    values = state.displacement.getArray(readonly=True).reshape(-1, 3)[:, 0]
+    return np.concatenate([values[model.nodes(side)] for side in ("joint_1-", "joint_1+")])
+
+
+@pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: type(law).__name__)
+def test_pressed_joints_stay_at_rest_and_balance(wall, law):
+    """The pressure remains as an initial stress: no motion without a cause, energies close."""
+    run = Simulation(wall([Gravity()], law=law))
+    run.statics(joints="inactive")
+    start = run.grout(pressure=5e4).displacement
+    pressed = run.model.contact.integrals(-run.static.joints.traction[:, 0])
+    np.testing.assert_allclose(pressed, 5e4 * THICKNESS * HEIGHT, rtol=1e-9)
+    outcome = run.dynamics(dt=1e-3, steps=5)
+    moved = outcome.state.displacement.copy()
+    moved.axpy(-1.0, start)
+    assert moved.norm() < 1e-11 * start.norm()
+    motion = synthetic_motion()
+    outcome = run.dynamics(dt=2e-3, steps=20, motion=lambda t: 5.0 * motion(t + 2.0))
+    assert outcome.imbalance < 1e-11
+
+
 def test_loads_come_and_go(wall):
     """Weight, then weight and water, then weight: where the body is linear, back again."""
     weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
@@ -388,6 +491,8 @@ def test_refusals(wall):
             stage()
     with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
+    with pytest.raises(ValueError, match="gap is 0.001 m and pressure 1000 Pa; grout under"):
+        run.grout(gap=1e-3, pressure=1e3)
     run.grout()
     with pytest.raises(JointsError, match="lacks HydrostaticPressure as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)

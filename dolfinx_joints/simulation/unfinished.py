@@ -1,0 +1,263 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What does not act yet in a static stage, joints and blocks, and whether the rest stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.joints.contact import no_such_joint
+from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.loads.load import JointLoad, Load
+from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs, connected
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.outcome import StaticState
+
+Rows = NDArray[np.bool_]
+
+# Stiffness against a rigid motion, relative to the sum of the block's own, taken for none.
+LOOSE = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unfinished:
+    """What does not act yet in a static stage.
+
+    Attributes:
+        inactive: Names of the joints that carry nothing.
+        absent: Cell groups of the blocks that are not there.
+        idle: Which of the local joint points carry nothing, shape (n,).
+        uncast: Those of them beside an absent block, shape (n,).
+        dofs: Owned dofs of absent blocks, local numbers.
+    """
+
+    inactive: tuple[str, ...]
+    absent: tuple[str, ...]
+    idle: Rows
+    uncast: Rows
+    dofs: NDArray[np.int64]
+
+
+def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
+    """Points and dofs of joints that carry nothing and of blocks that are absent (collective).
+
+    Raises:
+        MeshError: There is no such cell group, or it holds a part of a block.
+    """
+    operator, owned = model.operator, model.V.dofmap.index_map.size_local
+    of_joint = points_of(model, inactive)
+    uncast = np.zeros_like(of_joint)
+    dofs: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+    if absent:
+        blocks = _Blocks(model, absent)
+        dofs = np.flatnonzero(np.repeat(blocks.absent[blocks.of_node[:owned]], model.gdim))
+        if operator is not None:
+            beside = np.zeros(len(operator.layout.areas), dtype=bool)
+            beside[operator.layout.number] = blocks.beside_absent[:, None]
+            first = operator.matrix.getOwnershipRange()[0] // 3
+            uncast = beside[first : first + len(uncast)]
+    return Unfinished(
+        inactive=tuple(inactive),
+        absent=tuple(absent),
+        idle=of_joint | uncast,
+        uncast=uncast,
+        dofs=dofs,
+    )
+
+
+class _Blocks:
+    """Blocks of a model, some of them absent (collective).
+
+    Attributes:
+        of_node: Block of each local node.
+        of_pair: Blocks on the - and + side of each facet pair of the joints, shape (pairs, 2).
+        absent: Whether each block is absent.
+        beside_absent: Whether a pair has an absent block on a side.
+    """
+
+    def __init__(self, model: Model, absent: Sequence[str]) -> None:
+        comm, nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
+        self.of_node = block_of_nodes(nodes)
+        self.of_pair = blocks_of_pairs(nodes, model.jointed.pairs, self.of_node)
+        of_cell = self.of_node[model.V.dofmap.list[:, 0]]
+        count = comm.allreduce(int(self.of_node.max(initial=-1)), MPI.MAX) + 1
+        self.absent: Rows = np.zeros(count, dtype=bool)
+        for name in absent:
+            cells = model.jointed.cells(name)
+            touched, left = np.zeros((2, count), dtype=bool)
+            touched[of_cell[cells]] = True
+            left[np.delete(of_cell, cells)] = True
+            touched, left = np.sum(comm.allgather((touched, left)), axis=0, dtype=bool)
+            if (touched & left).any():
+                raise MeshError(
+                    f"The cell group {name!r} holds a part of a block only: blocks are absent as "
+                    "a whole, cut off by joints."
+                )
+            self.absent |= touched
+        self.beside_absent: Rows = self.absent[self.of_pair].any(axis=1)
+
+
+def inactive_joints(model: Model, joints: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of the joints that do not act, of those that do: ``active``, ``inactive``, or names.
+
+    Raises:
+        MeshError: There is no such joint.
+    """
+    known = model.jointed.joint_names
+    acting = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
+    assert acting is not None
+    check_joints(model, acting)
+    return tuple(name for name in known if name not in acting)
+
+
+def check_joints(model: Model, names: Sequence[str]) -> None:
+    """Check that there are joints of these names."""
+    known = model.jointed.joint_names
+    for name in names:
+        if name not in known:
+            raise MeshError(no_such_joint(name, known))
+
+
+def points_of(model: Model, names: Sequence[str]) -> Rows:
+    """Which of the local joint points belong to some joints, shape (n,)."""
+    operator = model.operator
+    if operator is None:
+        return np.zeros(0, dtype=bool)
+    return np.isin(operator.joint, [operator.names.index(name) for name in names])
+
+
+def idle_points(response: Response) -> Rows:
+    """Which of the local points carry nothing."""
+    return np.all(response.traction == 0.0, axis=1)
+
+
+def check_may_begin(
+    model: Model, before: StaticState | None, acting: Sequence[Load], stage: Unfinished
+) -> None:
+    """Check that joints are idle that are to be inactive, and that blocks stand (collective)."""
+    check_elastic(model)
+    gone = sorted(set(stage.absent) - set(before.absent)) if before is not None else []
+    if gone:
+        raise JointsError(
+            f"The block {gone[0]!r} cannot be absent: it was there in the last stage."
+        )
+    for load in acting:
+        if isinstance(load, JointLoad) and load.joint in stage.inactive:
+            raise JointsError(
+                f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
+                "it out of statics(loads=...) until the joint is grouted."
+            )
+    if model.contact is not None and before is not None and before.joints is not None:
+        carrying = model.contact.integrals((~idle_points(before.joints)).astype(np.float64))
+        for name, area in zip(model.jointed.joint_names, carrying, strict=True):
+            if name in stage.inactive and area > 0.0:
+                raise JointsError(
+                    f"The joint {name!r} cannot become inactive: the last static stage left "
+                    "tractions in it."
+                )
+    check_blocks_stand(model, stage)
+
+
+def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> None:
+    """Check that joints act that are not to be inactive any more."""
+    waking = [n for n in (static.inactive if static else ()) if n not in inactive]
+    if waking:
+        raise JointsError(
+            f"The joints are still inactive: {', '.join(waking)}; call grout() to close them, "
+            "grout([]) to leave all of them open by what their blocks have moved apart."
+        )
+
+
+def check_elastic(model: Model) -> None:
+    """Check for plastic cells, whose state the joints' responses would have to hold."""
+    if model.bulk is not None:
+        raise JointsError("Joints of a body with plastic cells cannot be inactive, nor grouted.")
+
+
+def check_blocks_stand(model: Model, stage: Unfinished) -> None:
+    """Check that no block would move if some joints carried nothing (collective).
+
+    Joints that act are taken to hold what they join.
+    """
+    blocks, names = _Blocks(model, stage.absent), model.jointed.joint_names
+    acting = [i for i, name in enumerate(names) if name not in stage.inactive]
+    acts = np.isin(model.jointed.pairs.joint, acting) & ~blocks.beside_absent
+    held = blocks.of_pair[acts]
+    part = connected(held[:, 0], held[:, 1], len(blocks.absent))
+    owned = model.V.dofmap.index_map.size_local
+    stiffness, centres = _against_rigid_motions(
+        model, part[blocks.of_node[:owned]], stage.dofs, int(part.max()) + 1
+    )
+    by = "supports and the joints that act" if acts.any() else "supports alone"
+    motions = stiffness.shape[1]
+    for i, centre in enumerate(centres.tolist()):
+        supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
+        if supported < motions:
+            place = ", ".join(f"{c:.4g}" for c in centre)
+            raise JointsError(
+                f"The block around ({place}) m is restrained by its {by} against "
+                f"{supported} of {motions} rigid motions; while joints are inactive each block "
+                "must stand by itself: give it a support, let a joint act that it rests on, or "
+                "leave it out by absent=."
+            )
+
+
+def _against_rigid_motions(
+    model: Model, part: NDArray[np.int64], held: NDArray[np.int64], count: int
+) -> tuple[Floats, Floats]:
+    """Stiffness of springs and supports against rigid motions of parts, and centres (collective).
+
+    Args:
+        model: The model.
+        part: Part of each owned node.
+        held: Owned dofs that are held besides those of supports.
+        count: Number of parts.
+
+    Returns:
+        Matrices over the rigid motions, shape (parts, motions, motions), relative to the
+        stiffness of the part; centres, shape (parts, gdim), [m].
+    """
+    comm, gdim = model.jointed.mesh.comm, model.gdim
+
+    def total(values: Floats) -> Floats:
+        """Sum of values of the owned nodes over each part."""
+        sums = np.zeros((count, *values.shape[1:]))
+        np.add.at(sums, part, values)
+        return np.asarray(np.sum(comm.allgather(sums), axis=0))
+
+    points = model.V.tabulate_dof_coordinates()[: len(part), :gdim]
+    numbers = total(np.ones(len(part)))
+    centres = total(points) / numbers[:, None]
+    arms = points - centres[part]
+    size = np.sqrt(total((arms**2).sum(axis=1)) / numbers)
+    motions = _rigid_motions(arms / size[part][:, None])
+    fixed = np.zeros(len(part) * gdim)
+    fixed[model.constraints.static_dofs] = fixed[held] = 1.0
+    fixed = fixed.reshape(-1, gdim)
+    diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
+    moved, forces = model.stiffness.createVecRight(), []
+    for motion in motions:
+        moved.setArray(motion.ravel())
+        forces.append((model.stiffness * moved).getArray().reshape(-1, gdim).copy())
+    springs = np.einsum("anc,bnc->nab", motions, forces)
+    supports = np.einsum("anc,bnc,nc->nab", motions, motions, fixed)
+    weight = total(diagonal.sum(axis=1))[:, None, None]
+    return total(springs) / weight + total(supports) / numbers[:, None, None], centres
+
+
+def _rigid_motions(arms: Floats) -> Floats:
+    """Displacements of translations and rotations, shape (motions, n, gdim)."""
+    count, gdim = arms.shape
+    motions = [np.tile(np.eye(gdim)[axis], (count, 1)) for axis in range(gdim)]
+    for a, b in ((0, 1), (1, 2), (0, 2))[: 1 if gdim == 2 else 3]:
+        turned = np.zeros((count, gdim))
+        turned[:, a], turned[:, b] = -arms[:, b], arms[:, a]
+        motions.append(turned)
+    return np.stack(motions)

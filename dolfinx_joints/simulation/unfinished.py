@@ -91,17 +91,18 @@ class _Blocks:
         self.absent: Rows = np.zeros(count, dtype=bool)
         for name in absent:
             cells = model.jointed.cells(name)
-            touched, left = np.zeros((2, count), dtype=bool)
-            touched[of_cell[cells]] = True
-            left[np.delete(of_cell, cells)] = True
-            touched, left = np.sum(comm.allgather((touched, left)), axis=0, dtype=bool)
-            if (touched & left).any():
+            inside, outside = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+            inside[of_cell[cells]] = 1
+            outside[np.delete(of_cell, cells)] = 1
+            inside, outside = (sum(comm.allgather(each)) for each in (inside, outside))
+            if (inside * outside).any():
                 raise MeshError(
                     f"The cell group {name!r} holds a part of a block only: blocks are absent as "
                     "a whole, cut off by joints."
                 )
-            self.absent |= touched
-        self.beside_absent: Rows = self.absent[self.of_pair].any(axis=1)
+            self.absent[np.flatnonzero(inside)] = True
+        minus, plus = self.of_pair.T
+        self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 
 
 def inactive_joints(model: Model, joints: str | Sequence[str]) -> tuple[str, ...]:
@@ -178,7 +179,10 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
 def check_elastic(model: Model) -> None:
     """Check for plastic cells, whose state the joints' responses would have to hold."""
     if model.bulk is not None:
-        raise JointsError("Joints of a body with plastic cells cannot be inactive, nor grouted.")
+        raise JointsError(
+            "Joints of a body with plastic cells cannot be inactive, nor grouted; nor can its "
+            "blocks be absent."
+        )
 
 
 def check_blocks_stand(model: Model, stage: Unfinished) -> None:
@@ -197,10 +201,10 @@ def check_blocks_stand(model: Model, stage: Unfinished) -> None:
     )
     by = "supports and the joints that act" if acts.any() else "supports alone"
     motions = stiffness.shape[1]
-    for i, centre in enumerate(centres.tolist()):
+    for i in range(len(centres)):
         supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
         if supported < motions:
-            place = ", ".join(f"{c:.4g}" for c in centre)
+            place = ", ".join(f"{c:.4g}" for c in centres[i])
             raise JointsError(
                 f"The block around ({place}) m is restrained by its {by} against "
                 f"{supported} of {motions} rigid motions; while joints are inactive each block "

@@ -134,9 +134,7 @@ def declare_envelopes(
 
     Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
     """
-    writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
-    writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
-    writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
+    declare_directions(writer, nodes, arch, cantilever)
     shape = np.asarray(nodes).shape
     for name in ENVELOPE_NAMES:
         quantity, end = name.split("_")
@@ -144,6 +142,15 @@ def declare_envelopes(
         what = "principal stress" if quantity == "principal" else along
         text = f"{'largest' if end == 'max' else 'smallest'} {what} over the run"
         writer.series("envelopes", name, shape, "Pa", text)
+
+
+def declare_directions(
+    writer: ResultsWriter, nodes: ArrayLike, arch: ArrayLike, cantilever: ArrayLike
+) -> None:
+    """Write nodes and directions; arguments as in `declare_envelopes`."""
+    writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
+    writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
+    writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
 
 
 def declare_stage_stresses(writer: ResultsWriter, nodes: ArrayLike) -> None:

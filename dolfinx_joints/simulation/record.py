@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.laws.law import Response
+from dolfinx_joints.simulation.stage_record import StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 
@@ -22,7 +23,7 @@ class Record:
     """Step as a monitor sees it.
 
     Attributes:
-        stage: ``dynamic``; static stages are not monitored.
+        stage: ``dynamic``; of static stages monitors see a `StageRecord`.
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
         displacement: u [m].
@@ -37,6 +38,7 @@ class Record:
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
         settings: How the stage is run, by name; of the record that monitors start with.
+        stages: Static stages before; likewise.
     """
 
     stage: str
@@ -53,6 +55,7 @@ class Record:
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    stages: Sequence[StageRecord] = ()
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

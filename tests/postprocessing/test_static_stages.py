@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import csv
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from written_runs import JOINT, NODES, POINTS, SURFACE
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.csv_tables import write_csv
 from dolfinx_joints.results.layout import (
     declare_body,
     declare_points,
@@ -84,6 +87,27 @@ def test_stages_hold_what_was_written(tmp_path: Path) -> None:
     assert after.pressure_max == 2e6
     # Water pushes the + side along the normal: 2 m^2 of 0.1 MPa.
     assert (before.water_force, after.water_force) == (0.0, pytest.approx(2e5))
+
+
+def test_tables_of_a_file_of_stages_alone(tmp_path: Path) -> None:
+    """Read back, every cell is what `static_stages` gives, in the unit of its header."""
+    with Results(write_stages(tmp_path / "stages.h5")) as results:
+        stages = measures.static_stages(results)
+        paths = write_csv(results, tmp_path / "tables")
+    assert [path.name for path in paths] == ["stages.csv", "stage_joints.csv"]
+    rows, joints = (list(csv.DictReader(path.open(encoding="utf-8"))) for path in paths)
+    for stage, row, of_joint in zip(stages, rows, joints, strict=True):
+        assert row.pop("stage") == of_joint.pop("stage") == stage.name
+        wanted = {"load time [s]": stage.load_time}
+        for i, axis in enumerate("xyz"):
+            wanted[f"displacement of crest {axis} [m]"] = stage.displacement["crest"][i]
+            wanted[f"reaction of base {axis} [N]"] = stage.reaction["base"][i]
+        assert {name: float(value) for name, value in row.items()} == wanted
+        assert of_joint.pop("joint") == "joint_1"
+        found = {name.split(" [")[0]: float(value) for name, value in of_joint.items()}
+        assert found == asdict(stage.joints["joint_1"])
+    assert "normal_force [N]" in joints[0]
+    assert "opening_max [m]" in joints[0]
 
 
 def test_a_file_without_stages_has_none(tmp_path: Path) -> None:

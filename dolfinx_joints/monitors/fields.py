@@ -66,6 +66,7 @@ class Fields:
         for name, (points, _) in joint_facet_points(self._operator).items():
             for what, values in every.items():
                 if name in self._extras.joints.get(what, (name,)):
+                    assert values is not None  # as the gap, on the rank that writes
                     found[f"joints/{name}/{what}"] = values[points]
         return found
 

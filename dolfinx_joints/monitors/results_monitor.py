@@ -95,7 +95,7 @@ class ResultsMonitor(Monitor):
         self._path, self._points = Path(self.path), checked_points(self.points)
         self._aside = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
-        self._model: Model | None = None
+        self._found: Model | None = None
         self._shown: StageRecord | None = None
         self._stages, self._ran = 0, False
 
@@ -189,7 +189,7 @@ class ResultsMonitor(Monitor):
 
     def _find_body(self, model: Model) -> None:
         """Nodes, points, supports and joints of the model, once (collective)."""
-        if self._model is model:
+        if self._found is model:
             return
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
@@ -200,7 +200,7 @@ class ResultsMonitor(Monitor):
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._surface, self._joints = boundary_facets(model, self._nodes), joint_statics(model)
         self._stage_fields = StageFields(model, self._nodes, self._probe, self._envelopes)
-        self._model = model
+        self._found = self._model = model
 
     def _find(self, model: Model, first: Record) -> None:
         """Model, and what depends on the loads of the dynamic stage (collective)."""

@@ -93,7 +93,7 @@ def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
     """A joint at the end of each of the stages."""
     forces = stage_resultants(results, joint)
     normal, shear, safety = forces.normal_force, forces.shear_force, forces.sliding_safety
-    water = np.zeros(count)
+    water: Floats = np.zeros(count)
     if forces.water_force is not None:
         water = forces.water_force @ forces.geometry.normal
     found = []

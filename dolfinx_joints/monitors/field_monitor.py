@@ -20,8 +20,7 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.simulation.stage_record import StageRecord
+from dolfinx_joints.simulation.record import Record, StageRecord
 
 
 @dataclass(eq=False)

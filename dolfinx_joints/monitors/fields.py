@@ -21,7 +21,7 @@ from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
 from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.simulation.stage_record import StageRecord
+from dolfinx_joints.simulation.record import StageRecord
 
 Floats = NDArray[np.float64]
 

@@ -44,8 +44,7 @@ from dolfinx_joints.results.layout import (
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.simulation.stage_record import StageRecord
+from dolfinx_joints.simulation.record import Record, StageRecord
 
 Floats = NDArray[np.floating[Any]]
 

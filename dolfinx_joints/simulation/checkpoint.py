@@ -33,7 +33,7 @@ from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, wri
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.stage_record import StageRecord
+from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 

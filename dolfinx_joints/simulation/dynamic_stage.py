@@ -23,8 +23,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
-from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.simulation.stage_record import StageRecord
+from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
-    from dolfinx_joints.simulation.record import Record
-    from dolfinx_joints.simulation.stage_record import StageRecord
+    from dolfinx_joints.simulation.record import Record, StageRecord
 
 
 class Monitor:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,7 +33,7 @@ from dolfinx_joints.simulation.construction import check_may_be_inactive, groute
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
-from dolfinx_joints.simulation.stage_record import StageRecord, stage_name, stage_record
+from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.static_stage import (
     check_acting,
     check_complete,
@@ -157,11 +157,7 @@ class Simulation:
             )
         name = stage_name(name, "grouting", self.stages)
         self.static = grouted(self.model, self.static, joints, gap)
-        # Loads are those of the stage before, and water stays until a static stage looks again.
-        before = self.stages[-1:] or [
-            stage_record(self.model, name, 0.0, self.static, self.model.loads)
-        ]
-        self._ended(replace(before[0], name=name, state=self.static))
+        self._ended(grout_record(self.model, name, self.static, self.stages))
         return self.static
 
     @checked

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
+from dolfinx_joints.results.layout import (
+    declare_body,
+    declare_energy,
+    declare_histories,
+    declare_points,
+    declare_states,
+    declare_static_stages,
+    stage_bytes,
+)
 from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -32,6 +40,8 @@ JOINT = {
     "areas": np.ones(4),
     "facet": np.zeros(4, dtype=int),
 }
+
+WEIGHT = "Gewicht, größte Höhe"
 
 
 def write_run(
@@ -116,5 +126,41 @@ def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
         writer.start()
         writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
         writer.append("envelopes", 0.0, dict.fromkeys(ENVELOPE_NAMES, missing[:, 0]) | known)
+        writer.finish("complete", {})
+    return path
+
+
+def write_stages(path: Path) -> Path:
+    """A file of two static stages: the joint, 4 m^2 in the plane y = 0, pressed, then half open.
+
+    At first all four points of 1 m^2 bear 2 MPa and 0.5 MPa along x, then the lower two do and the
+    upper two are open by 3 mm and hold water of 0.1 MPa. The cube on the + side moves by 1 mm along
+    the normal in each stage.
+    """
+    law = {"kind": "Friction", "friction_angle_deg": 45.0, "cohesion": 0.0}
+    facts = {"point_names": ["crest"], "laws": {"joint_1": law}}
+    upper = POINTS[:, 2] > 1.0
+    with ResultsWriter(path, facts) as writer:
+        declare_points(writer, [[1.0, 0.0, 2.0]])
+        declare_body(writer, NODES, SURFACE, {"joint_1": JOINT})
+        declare_static_stages(writer, [[1.0, 0.0, 2.0]], NODES, {"joint_1": JOINT})
+        writer.series("statics", "reaction/base", (3,), "N", "force")
+        writer.series("statics", "joints/joint_1/pressure", (4,), "Pa", "water")
+        writer.start()
+        for number, (name, open_points) in enumerate(((WEIGHT, 0 * upper), ("winter", upper)), 1):
+            is_open = open_points.astype(bool)
+            traction = np.where(is_open[:, None], 0.0, [-2e6, -0.5e6, 0.0])
+            row: dict[str, Any] = {
+                "name": stage_bytes(name),
+                "load_time": 0.0,
+                "point_displacement": [[0.0, 0.0, -1e-3 * number]],
+                "displacement": 1e-3 * number * (np.arange(16)[:, None] >= 8) * [0.0, 1.0, 0.0],
+                "reaction/base": [0.0, 0.0, 9e6],
+                "joints/joint_1/gap": np.where(is_open[:, None], [3e-3, 0, 0], [-1e-6, 4e-6, 3e-6]),
+                "joints/joint_1/traction": traction,
+                "joints/joint_1/status": np.where(is_open, 0, 1),
+                "joints/joint_1/pressure": np.where(is_open, 1e5, 0.0),
+            }
+            writer.append("statics", number, row)
         writer.finish("complete", {})
     return path

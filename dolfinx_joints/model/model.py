@@ -31,8 +31,7 @@ from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.loads.water.joint_water import Uplift
-from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
+from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
@@ -313,7 +312,7 @@ class Model:
             symmetric=self._symmetric,
             components=self.gdim,
             water=JointWaters(self, following) if following else None,
-            in_joints=[load for load in loads if isinstance(load, Uplift | FollowsJoints)],
+            in_joints=water_in_joints(loads),
         )
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:

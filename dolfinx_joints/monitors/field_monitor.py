@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
 import annotated_types as at
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
@@ -18,13 +20,16 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.simulation.record import Record, StageRecord
 
 
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
     """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
+
+    Each static stage has a folder of its own, ``NAME_NUMBER_STAGE.bp`` beside that of the dynamic
+    one, such as ``run_2_grouting_1.bp``, with the stage's number as its time.
 
     A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
     folders cannot be opened again; the times of the first after that step are there twice.
@@ -43,13 +48,22 @@ class FieldMonitor(Monitor):
         self._path = Path(self.path)
         self._lock: FileLock | None = None
 
+    def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
+        """Write a folder of the stage (collective)."""
+        plain = re.sub(r"[^\w.+-]", "_", stages[-1].name)
+        name = f"{self._path.stem}_{len(stages)}_{plain}{self._path.suffix}"
+        self._open(self._path.with_name(name), model, stages[-1].state.displacement)
+        with released(self._lock, at_end=True):
+            self._writer.write(len(stages))
+            self._writer.close()
+
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the folder and write the first time (collective)."""
-        self._open(self._path, model, first)
+        self._open(self._path, model, first.displacement)
         with released(self._lock, at_end=False):
             self.record(first)
 
-    def _open(self, path: Path, model: Model, first: Record) -> None:
+    def _open(self, path: Path, model: Model, displacement: PETSc.Vec) -> None:
         """Create a folder that no other run writes (collective)."""
         from dolfinx.io import VTXWriter
 
@@ -63,7 +77,7 @@ class FieldMonitor(Monitor):
 
         on_root(model.jointed.mesh.comm, take)
         with released(self._lock, at_end=False):
-            self._u = model.function(first.displacement)
+            self._u = model.function(displacement)
             self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
 
     def resume(
@@ -71,7 +85,7 @@ class FieldMonitor(Monitor):
     ) -> None:
         """Create a folder for the times after ``last`` (collective)."""
         name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"
-        self._open(self._path.with_name(name), model, last)
+        self._open(self._path.with_name(name), model, last.displacement)
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""

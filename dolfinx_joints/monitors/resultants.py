@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -290,18 +290,18 @@ class PointExtras:
 
     Args:
         contact: The joints.
-        record: A record of the run.
+        wet: Names of the joints with water.
 
     Attributes:
         joints: Names of the joints concerned, by kind of value.
     """
 
-    def __init__(self, contact: Contact, record: Record) -> None:
+    def __init__(self, contact: Contact, wet: Sequence[str]) -> None:
         """Find the joints concerned."""
         self._contact = contact
-        self.joints = {"pressure": record.wet_joints, "broken": broken_joints(contact)}
+        self.joints = {"pressure": wet, "broken": broken_joints(contact)}
 
-    def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
+    def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
         """Declare the series, from the arrays of `joint_statics`; on the rank that writes."""
         kinds: dict[str, tuple[str, str, Any]] = {
             "pressure": ("Pa", "pressure of the water, positive where it opens", np.float64),
@@ -311,13 +311,22 @@ class PointExtras:
             unit, text, dtype = kinds[what]
             for name in names:
                 shape, where = joints[name]["areas"].shape, f"joints/{name}/{what}"
-                writer.series("states", where, shape, unit, text, dtype=dtype)
+                writer.series(stream, where, shape, unit, text, dtype=dtype)
 
-    def values(self, record: Record) -> dict[str, NDArray[Any]]:
-        """Values of all points of all ranks, on rank 0, by kind; only those needed (collective)."""
+    def values(
+        self, joints: Response, pressure: Callable[[], Floats] | None
+    ) -> dict[str, NDArray[Any]]:
+        """Values of all points of all ranks, on rank 0, by kind; only those needed (collective).
+
+        Args:
+            joints: Response of the joints.
+            pressure: Gives that of the water at the local points, (n,), [Pa]; None where all is
+                dry.
+        """
         found, gather = {}, self._contact.operator.gather
-        if self.joints["pressure"] and record.pressure is not None:
-            found["pressure"] = gather(record.pressure())
-        if self.joints["broken"] and record.joints is not None:
-            found["broken"] = gather(broken(self._contact, record.joints))
+        if self.joints["pressure"]:
+            dry = np.zeros(len(joints.traction))
+            found["pressure"] = gather(dry if pressure is None else pressure())
+        if self.joints["broken"]:
+            found["broken"] = gather(broken(self._contact, joints))
         return {what: values for what, values in found.items() if values is not None}

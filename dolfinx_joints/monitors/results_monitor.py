@@ -19,22 +19,32 @@ from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.fields import Fields, StageFields
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
     boundary_facets,
     checked_points,
-    joint_facet_points,
     joint_statics,
 )
-from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, strengths
+from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.postprocessing.envelopes import (
+    ENVELOPE_NAMES,
+    declare_directions,
+    declare_envelopes,
+)
+from dolfinx_joints.results.layout import (
+    declare_body,
+    declare_energy,
+    declare_histories,
+    declare_points,
+    declare_states,
+)
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.simulation.record import Record, StageRecord
 
 Floats = NDArray[np.floating[Any]]
 
@@ -42,7 +52,13 @@ Floats = NDArray[np.floating[Any]]
 @dataclass(eq=False)
 @checked
 class ResultsMonitor(Monitor):
-    """Writes histories, energies and states to an HDF5 file as the run goes.
+    """Writes static stages, histories, energies and states to an HDF5 file as the run goes.
+
+    After each static stage: the displacements, reactions and joints at its end, and the stresses at
+    the boundary with ``envelopes``. A file of static stages alone is whole after each. A dynamic
+    stage makes the file anew, with all static stages before it. If the first static stage replaces
+    another file, such as that of a dynamic run that is to be continued, it becomes ``NAME.before``
+    until a dynamic stage begins anew, or goes on with it.
 
     Every step: displacement and acceleration of the monitor points, acceleration of the ground,
     shares of open, sticking and sliding joint points, iterations, support reactions by group,
@@ -76,29 +92,59 @@ class ResultsMonitor(Monitor):
         """Check what is no plain parameter; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
         self._path, self._points = Path(self.path), checked_points(self.points)
+        self._aside = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
+        self._found: Model | None = None
+        self._shown: StageRecord | None = None
+        self._stages, self._ran = 0, False
+
+    def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
+        """Add the stages that the file does not hold, unless it holds a dynamic one (collective).
+
+        The next dynamic stage brings those into its own file.
+        """
+        if self._ran:
+            return
+        self._find_body(model)
+        first = next((i for i, s in enumerate(stages, 1) if s is self._shown), 0)
+        rows = [self._stage_fields.values(stage) for stage in stages[first:]]
+
+        def write() -> None:
+            with self._static_writer(model) as writer:
+                for number, row in enumerate(rows, start=self._stages + 1):
+                    writer.append("statics", number, row)
+                writer.finish("complete", {})
+
+        on_root(self._comm, write)
+        self._shown, self._stages = stages[-1], self._stages + len(rows)
+
+    def _static_writer(self, model: Model) -> ResultsWriter:
+        """Writer of a file of static stages alone, on rank 0."""
+        if self._stages:
+            return ResultsWriter.resume(self._path, {"statics": self._stages})
+        made_by = manifest(model, {}, self._nodes.positions, self._surface)
+        facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
+        aside = None if _holds_statics_alone(self._path) else self._aside
+        writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
+        declare_points(writer, self._probe.positions)
+        declare_body(writer, self._nodes.positions, self._surface, self._joints)
+        self._stage_fields.declare(writer, self._joints)
+        if self._envelopes is not None:
+            declare_directions(writer, *self._envelopes.directions)
+        writer.start()
+        return writer
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
-        surface = boundary_facets(model, self._nodes)
-        joints = joint_statics(model)
-        metadata = {
-            "stage": stage,
-            "steps": steps,
-            "point_names": list(self._points),
-            "dofs": model.num_dofs,
-            "joint_points": model.operator.num_points if model.operator else 0,
-            "ranks": self._comm.size,
-            "units": "SI: m, s, N, Pa, J",
-            "laws": strengths(model.contact) if model.contact else {},
-            **(self.metadata or {}),
-        }
+        surface, joints = self._surface, self._joints
+        overwrite = self.overwrite or self._stages > 0  # a file of its own stages
 
         def create() -> None:
             made_by = manifest(model, first.settings, self._nodes.positions, surface)
-            facts = {"manifest": made_by, **metadata}
-            self._writer = writer = ResultsWriter(self._path, facts, overwrite=self.overwrite)
+            facts = {"manifest": made_by, "stage": stage, "steps": steps, **self._facts(model)}
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=overwrite)
+            self._aside.unlink(missing_ok=True)
             declare_histories(writer, self._probe.positions, accelerations=True)
             for group in self._supports:
                 text = f"force of the support {group} on the body"
@@ -108,17 +154,19 @@ class ResultsMonitor(Monitor):
             if model.bulk is not None:
                 writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
-            if self._extras is not None:
-                self._extras.declare(writer, joints)
+            self._fields.declare(writer, "states", joints)
+            if first.stages:
+                self._stage_fields.declare(writer, joints)
             if self._resultants is not None:
                 self._resultants.declare(writer)
             if self._envelopes is not None:
-                found = self._envelopes
-                declare_envelopes(writer, found.nodes, found.arch, found.cantilever)
+                declare_envelopes(writer, *self._envelopes.directions)
             writer.start()
 
         try:
             on_root(self._comm, create)
+            for number, one in enumerate(first.stages, start=1):
+                self._append("statics", number, self._stage_fields.values(one))
             self.record(first)
         except BaseException as error:
             if self._writer is not None:
@@ -126,17 +174,40 @@ class ResultsMonitor(Monitor):
                 self._writer = None
             raise
 
-    def _find(self, model: Model, first: Record) -> None:
-        """Nodes, points, supports and joints of the model (collective)."""
-        self._model, self._comm = model, model.jointed.mesh.comm
-        self._nodes = NodeNumbering(model.V)
+    def _facts(self, model: Model) -> dict[str, Any]:
+        """Facts of the model, and those of the caller."""
+        return {
+            "point_names": list(self._points),
+            "dofs": model.num_dofs,
+            "joint_points": model.operator.num_points if model.operator else 0,
+            "ranks": self._comm.size,
+            "units": "SI: m, s, N, Pa, J",
+            "laws": strengths(model.contact) if model.contact else {},
+            **(self.metadata or {}),
+        }
+
+    def _find_body(self, model: Model) -> None:
+        """Nodes, points, supports and joints of the model, once (collective)."""
+        if self._found is model:
+            return
+        self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         self._supports = model.constraints.groups
         self._envelopes = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
-        self._extras = PointExtras(model.contact, first) if model.contact else None
+        self._surface, self._joints = boundary_facets(model, self._nodes), joint_statics(model)
+        self._stage_fields = StageFields(model, self._nodes, self._probe, self._envelopes)
+        self._found = self._model = model
+
+    def _find(self, model: Model, first: Record) -> None:
+        """Model, and what depends on the loads of the dynamic stage (collective)."""
+        self._find_body(model)
+        self._ran = True
+        if self._envelopes is not None:
+            self._envelopes.begin()
+        self._fields = Fields(model, self._nodes, first.wet_joints)
         self._resultants: ResultantsStream | None = None
         if self.resultants:
             if model.contact is None:
@@ -188,6 +259,8 @@ class ResultsMonitor(Monitor):
             self._envelopes.load_state_dict(state_dict["envelopes"])
         with raised_together(self._comm):
             if self._comm.rank == 0:
+                if self._aside.exists():
+                    self._aside.replace(self._path)
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
 
     def record(self, record: Record) -> None:
@@ -220,7 +293,8 @@ class ResultsMonitor(Monitor):
         if self._resultants is not None:
             self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self.every == 0:
-            self._append_state(record)
+            values = self._fields.values(record.displacement, record.joints, record.pressure)
+            self._append("states", record.time, values)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
@@ -249,25 +323,6 @@ class ResultsMonitor(Monitor):
             if self._writer is not None:
                 self._writer.append(stream, time, values)
 
-    def _append_state(self, record: Record) -> None:
-        values = {"displacement": self._nodes.gather(record.displacement)}
-        operator = self._model.operator
-        if operator is not None and record.joints is not None:
-            gap = operator.gather(record.joints.state.gap)
-            traction = operator.gather(record.joints.traction)
-            status = operator.gather(record.joints.status)
-            assert self._extras is not None
-            extras = self._extras.values(record)
-            if gap is not None and traction is not None and status is not None:
-                for name, (points, _) in joint_facet_points(operator).items():
-                    values[f"joints/{name}/gap"] = gap[points]
-                    values[f"joints/{name}/traction"] = traction[points]
-                    values[f"joints/{name}/status"] = status[points]
-                    for what, every in extras.items():
-                        if name in self._extras.joints[what]:
-                            values[f"joints/{name}/{what}"] = every[points]
-        self._append("states", record.time, values)
-
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and close the file (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
@@ -279,3 +334,12 @@ class ResultsMonitor(Monitor):
                         values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]
+
+
+def _holds_statics_alone(path: Path) -> bool:
+    """Whether there is a file of static stages alone."""
+    try:
+        with Results(path) as results:
+            return list(results.streams) == ["statics"]
+    except ResultsError:
+        return False

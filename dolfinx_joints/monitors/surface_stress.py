@@ -21,7 +21,7 @@ from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
-from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions
+from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, stage_stresses
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
@@ -73,8 +73,11 @@ class SurfaceStress:
         count = np.sum(self._comm.allgather(count), axis=0)
         place = np.where(met, place, -1)
         self._matrix = self._assemble(model, place, count)
-        warm = [load for load in model.loads if isinstance(load, Temperature)]
-        self._thermal = [(self._blocked(model, load, place, count), load.factor) for load in warm]
+        self._thermal = [
+            (i, self._blocked(model, load, place, count), load.factor)
+            for i, load in enumerate(model.loads)
+            if isinstance(load, Temperature)
+        ]
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
@@ -131,17 +134,22 @@ class SurfaceStress:
         total: Floats = np.sum(self._comm.allgather(summed), axis=0) / count
         return total[self.own]
 
-    def __call__(self, u: PETSc.Vec, time: float) -> Floats:
+    def __call__(self, u: PETSc.Vec, time: float, loads: Sequence[int] | None = None) -> Floats:
         """Stresses (xx, yy, zz, xy, yz, xz) at the own vertices, shape (own, 6), [Pa] (collective).
 
         Args:
             u: Displacement [m].
             time: Time of the temperatures [s].
+            loads: Places in ``Model.loads`` of those that act; all unless given.
         """
         self._matrix.mult(u, self._stress)
         stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
         if self._thermal:
-            blocked_now = sum(factor(time) * blocked for blocked, factor in self._thermal)
+            blocked_now = sum(
+                factor(time) * blocked
+                for i, blocked, factor in self._thermal
+                if loads is None or i in loads
+            )
             stress = stress - np.outer(blocked_now, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return stress
 
@@ -196,12 +204,27 @@ class StressEnvelopes:
         self.arch, self.cantilever = on_root(
             comm, lambda: [d[self.nodes] for d in face_directions(nodes.positions, free)]
         )
+        self.begin()
+
+    @property
+    def directions(self) -> tuple[Ints, Floats, Floats]:
+        """``nodes``, ``arch`` and ``cantilever``."""
+        return self.nodes, self.arch, self.cantilever
+
+    def begin(self) -> None:
+        """Begin anew, before the first stresses of a run."""
         own = self._stress.own
         self._seen = Envelopes(self.arch[own], self.cantilever[own])
 
     def see(self, u: PETSc.Vec, time: float) -> None:
         """Take in the stresses of a displacement [m] at a time [s] (collective)."""
         self._seen.see(self._stress(u, time))
+
+    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int]) -> Floats | None:
+        """Stresses of a static stage on rank 0, columns as in `stage_stresses` (collective)."""
+        own = self._stress.own
+        stress = self._stress(u, time, loads)
+        return self._stress.gather(stage_stresses(stress, self.arch[own], self.cantilever[own]))
 
     def gather(self) -> Floats | None:
         """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""

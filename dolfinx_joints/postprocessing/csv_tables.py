@@ -29,6 +29,7 @@ from dolfinx_joints.postprocessing.resultants import (
     joint_resultants,
     resultant_measures,
 )
+from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.reader import Results, listing
 
@@ -47,6 +48,9 @@ class Table:
 def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
     """Write what a results file holds as CSV files.
 
+    - ``stages.csv``: a row per static stage, displacements of the points from the unloaded body,
+      reactions, and extremes of the stresses where they were recorded;
+    - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`;
     - ``histories.csv``: every step, displacements and accelerations of the points, the ground's,
       shares of joint points, reactions;
     - ``energy.csv``: every step, the lines of the ledger;
@@ -91,6 +95,10 @@ def tables_of(results: Results) -> dict[str, Table]:
     streams = {name for name in results.streams if results.rows(name)}
     found = {}
     with damage_reported(results.path, ResultsError, OTHER):
+        if "statics" in streams:
+            found["stages"] = _stages(results)
+            if results.joints:
+                found["stage_joints"] = _stage_joints(results)
         if "histories" in streams:
             found["histories"] = _histories(results)
         if "energy" in streams:
@@ -146,6 +154,37 @@ def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
             unit = results.unit(stream, name)
             columns += [(name, unit, values)] if values.ndim == 1 else _parts(name, unit, values)
     return _columns(columns)
+
+
+def _stages(results: Results) -> Table:
+    """Displacements, reactions and stresses by static stage."""
+    stages = static_stages(results)
+    columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
+    for point in results.point_names:
+        values = np.array([s.displacement[point] for s in stages])
+        columns += _parts(f"displacement of {point}", "m", values)
+    for group in stages[0].reaction:
+        values = np.array([s.reaction[group] for s in stages])
+        columns += _parts(f"reaction of {group}", "N", values)
+    for name in ENVELOPE_NAMES:
+        values = np.array([s.stresses[name] for s in stages])
+        if not np.isnan(values).all():
+            columns.append((name, "Pa", values))
+    rest = _columns(columns)
+    rows = [[stage.name, *row] for stage, row in zip(stages, rest.rows, strict=True)]
+    return Table(["stage", *rest.header], rows)
+
+
+def _stage_joints(results: Results) -> Table:
+    """Joints by static stage."""
+    units = {"normal_force": "N", "shear_force": "N", "sliding_safety": "-", "contact": "-"}
+    units |= {"opening_max": "m", "slip_max": "m", "pressure_max": "Pa", "water_force": "N"}
+    rows = [
+        [stage.name, name, *(getattr(joint, what) for what in units)]
+        for stage in static_stages(results)
+        for name, joint in stage.joints.items()
+    ]
+    return Table(["stage", "joint", *(f"{what} [{unit}]" for what, unit in units.items())], rows)
 
 
 def _histories(results: Results) -> Table:

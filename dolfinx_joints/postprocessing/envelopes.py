@@ -26,6 +26,16 @@ EnvelopeName = Literal[
 ]
 ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
+# Series of the stream ``statics`` in which the extremes of a static stage are found.
+STAGE_STRESSES = {
+    "principal_max": "stress/principal_max",
+    "principal_min": "stress/principal_min",
+    "arch_max": "stress/arch",
+    "arch_min": "stress/arch",
+    "cantilever_max": "stress/cantilever",
+    "cantilever_min": "stress/cantilever",
+}
+
 _STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction
 _SMOOTH = 0.8  # share of the mean normal: faces that meet at more than about 53 degrees are an edge
 
@@ -124,9 +134,7 @@ def declare_envelopes(
 
     Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
     """
-    writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
-    writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
-    writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
+    declare_directions(writer, nodes, arch, cantilever)
     shape = np.asarray(nodes).shape
     for name in ENVELOPE_NAMES:
         quantity, end = name.split("_")
@@ -134,3 +142,36 @@ def declare_envelopes(
         what = "principal stress" if quantity == "principal" else along
         text = f"{'largest' if end == 'max' else 'smallest'} {what} over the run"
         writer.series("envelopes", name, shape, "Pa", text)
+
+
+def declare_directions(
+    writer: ResultsWriter, nodes: ArrayLike, arch: ArrayLike, cantilever: ArrayLike
+) -> None:
+    """Write nodes and directions; arguments as in `declare_envelopes`."""
+    writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
+    writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
+    writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
+
+
+def declare_stage_stresses(writer: ResultsWriter, nodes: ArrayLike) -> None:
+    """Declare the stresses of the stream ``statics`` at the nodes of the envelopes, (n,)."""
+    for series in dict.fromkeys(STAGE_STRESSES.values()):
+        what = series.removeprefix("stress/")
+        along = f"stress along the {what} direction"
+        names = {"principal_max": "largest principal stress"}
+        names["principal_min"] = "smallest principal stress"
+        text = f"{names.get(what, along)} at the end of the stage"
+        writer.series("statics", series, np.asarray(nodes).shape, "Pa", text)
+
+
+def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
+    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa].
+
+    Args:
+        stress: Shape (n, 6), [Pa].
+        arch: Arch directions, shape (n, 3).
+        cantilever: Cantilever directions, shape (n, 3).
+    """
+    along = [stress_along(stress, direction) for direction in (arch, cantilever)]
+    columns: Floats = np.column_stack([*principal_extremes(stress), *along])
+    return columns

@@ -24,6 +24,9 @@ from dolfinx_joints.motions.spectra import (
     significant_duration,
 )
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
+from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
+from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
 from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,

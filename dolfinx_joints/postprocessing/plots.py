@@ -54,7 +54,7 @@ from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,
     check_results,
-    record_number,
+    chosen_state,
 )
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 
@@ -198,6 +198,7 @@ def joint_traction(
     *,
     time: float | None = None,
     index: int = -1,
+    stage: int | str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Map of the traction over a joint, one patch for each joint point, open ones black.
@@ -207,7 +208,7 @@ def joint_traction(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    number = record_number(results, time, index)
+    results, number, moment = chosen_state(results, time, index, stage)
     surface = JointSurface(results, joint)
     ax = ax or new_axes(width=4.6, height=5.6)
     traction, is_open = tractions(results, joint, number)
@@ -222,7 +223,7 @@ def joint_traction(
     ax.set_aspect("equal")
     ax.autoscale_view()
     decorate(ax, *surface.labels, grid=False)
-    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s")
+    ax.set_title(f"{joint} {moment}")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity])
     areas = results.static(f"joints/{joint}/areas")

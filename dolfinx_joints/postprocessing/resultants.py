@@ -207,8 +207,7 @@ def joint_resultants(
     """
     results.check_joint(joint)
     friction, cohesion = _strength(results, joint, friction_angle_deg)
-    arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
-    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    arrays, geometry = _geometry(results, joint)
     where = f"joints/{joint}"
     recorded = f"{where}/force" in results.streams.get("resultants", [])
     stream = "resultants" if recorded else "states"
@@ -218,7 +217,26 @@ def joint_resultants(
         names = ("force", "moment", "water_force", "water_moment", "contact", "bond")
         parts = _recorded(results, where, names, rows)
     else:
-        parts = _from_states(results, where, arrays, geometry, cohesion, rows)
+        parts = _from_fields(results, stream, where, arrays, geometry, cohesion, rows)
+    parts.setdefault("bond", np.zeros(len(time)))
+    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+
+
+def stage_resultants(results: Results, joint: str) -> JointResultants:
+    """Resultants of a joint at the end of each static stage, records as `Results.stage_names`.
+
+    ``time`` is that at which the loads of the stages are taken.
+
+    Raises:
+        ResultsError: There is no such joint, or no stage.
+    """
+    results.check_joint(joint)
+    friction, cohesion = _strength(results, joint, None)
+    arrays, geometry = _geometry(results, joint)
+    rows = slice(results.rows("statics"))
+    where = f"joints/{joint}"
+    parts = _from_fields(results, "statics", where, arrays, geometry, cohesion, rows)
+    time = results.series("statics", "load_time", rows)
     parts.setdefault("bond", np.zeros(len(time)))
     return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
 
@@ -281,6 +299,12 @@ class _Arrays(NamedTuple):
     areas: Floats
 
 
+def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
+    """Arrays of a joint, and its centroid, mean normal and area."""
+    arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
+    return arrays, JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+
+
 def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
     """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
     law = results.law(joint)
@@ -301,25 +325,26 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
     }
 
 
-def _from_states(
+def _from_fields(
     results: Results,
+    stream: str,
     where: str,
     arrays: _Arrays,
     geometry: JointGeometry,
     cohesion: float,
     rows: slice,
 ) -> dict[str, Any]:
-    """Resultants at the stored states."""
-    series = results.streams["states"]
-    traction = results.series("states", f"{where}/traction", rows)
+    """Resultants from the tractions that a stream holds."""
+    series = results.streams[stream]
+    traction = results.series(stream, f"{where}/traction", rows)
     parts = _moved(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / geometry.area
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)
-        pressed[..., 0] = -results.series("states", f"{where}/pressure", rows)
+        pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
         parts |= _moved(arrays, geometry, pressed, "water_")
     if f"{where}/broken" in series:
-        intact = results.series("states", f"{where}/broken", rows) == 0
+        intact = results.series(stream, f"{where}/broken", rows) == 0
         parts["bond"] = cohesion * (intact @ arrays.areas)
     return parts
 

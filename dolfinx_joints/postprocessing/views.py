@@ -6,7 +6,8 @@ Every function returns a figure of matplotlib, for ``plots.save``. Bodies are dr
 VTK without perspective; no screen is needed. The eye stands at an azimuth from downstream (x)
 towards y, one for each picture, and an elevation above the horizon. The arrows in a corner are the
 axes, to the scale of the picture. Of the states that is drawn which is nearest to ``time`` [s] or,
-without it, has the number ``index``. Tractions keep the sign of the files: compression is negative.
+without it, has the number ``index``, or the static ``stage`` of a name or number. Tractions keep
+the sign of the files: compression is negative.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from dolfinx_joints.postprocessing.rendering import (
     round_scale,
     write,
 )
-from dolfinx_joints.results.arguments import check_results, record_number
+from dolfinx_joints.results.arguments import check_results, chosen_state
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def deformed(
     *,
     time: float | None = None,
     index: int = -1,
+    stage: int | str | None = None,
     scale: float | None = None,
     azimuth_deg: float = _DOWNSTREAM,
     elevation_deg: Elevation = 24.0,
@@ -104,7 +106,7 @@ def deformed(
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
     by a round number by which the largest becomes about 6 % of the model's size.
     """
-    number = record_number(results, time, index)
+    results, number, moment = chosen_state(results, time, index, stage)
     camera = Camera(azimuth_deg, elevation_deg)
     nodes, surface = _boundary(results)
     displacement = results.series("states", "displacement", number)
@@ -122,8 +124,7 @@ def deformed(
     scene.edges(nodes, outer, **_OUTLINE)
     figure, axes = draw(scene, [camera])
     colour_bar(figure, axes, colours(), limits, "displacement [mm]")
-    moment = results.time("states")[number]
-    title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
+    title = f"deformed shape {moment}, displacements x {factor:g}"
     figure.suptitle(title + _widest(results, number), fontsize="medium")
     return figure
 
@@ -136,6 +137,7 @@ def joint_map(
     joint: str | None = None,
     time: float | None = None,
     index: int = -1,
+    stage: int | str | None = None,
     turned: bool = True,
     azimuth_deg: float = 0.0,
     elevation_deg: Elevation = 15.0,
@@ -148,7 +150,7 @@ def joint_map(
     ratio is -|t_s|/|t_n|, the slip the tangential gap.
     """
     camera = Camera(azimuth_deg, elevation_deg)
-    number = record_number(results, time, index)
+    results, number, moment = chosen_state(results, time, index, stage)
     nodes, surface = _boundary(results)
     joints = results.joints if joint is None else [joint]
     if not joints:
@@ -175,9 +177,8 @@ def joint_map(
         if quantity not in ("opening", "slip"):
             legend(axes[0], {"open": "black"})
         colour_bar(figure, axes, style["cmap"], limits, MAP_LABELS[quantity])
-    moment = results.time("states")[number]
     what = ("joints" if joint is None else joint) + (", turned to the eye," if turned else "")
-    figure.suptitle(f"{what} at t = {moment:.3f} s" + _widest(results, number), fontsize="medium")
+    figure.suptitle(f"{what} {moment}" + _widest(results, number), fontsize="medium")
     return figure
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
+from h5py import Group
+
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.results.reader import Results
 
@@ -33,3 +35,46 @@ def record_number(results: Results, time: float | None, index: int) -> int:
     if not -rows <= index < rows:
         raise ValueError(f"index must be that of one of {rows} recorded states, got {index}.")
     return index % rows
+
+
+class StageStates(Results):
+    """An open results file whose stream ``states`` is that of the static stages.
+
+    Args:
+        results: The file, which closes this one too.
+    """
+
+    def __init__(self, results: Results) -> None:
+        """Share the file."""
+        self.path, self._file = results.path, results._file
+
+    @property
+    def streams(self) -> dict[str, list[str]]:
+        """Names of the series of each stream."""
+        found = super().streams
+        return found | {"states": found.get("statics", [])}
+
+    def _stream(self, stream: str) -> Group:
+        return super()._stream("statics" if stream == "states" else stream)
+
+
+def chosen_state(
+    results: Results, time: float | None, index: int, stage: int | str | None
+) -> tuple[Results, int, str]:
+    """State to be drawn: where it is the record of ``states``, its number, and when it was.
+
+    Args:
+        results: the run.
+        time: the record nearest to it [s].
+        index: number of the record where no time is given, negative from the end; in a file of
+            static stages alone that of the stage.
+        stage: a static stage instead, by its name or number.
+    """
+    check_results(results)
+    if stage is None and time is None and "states" not in results.streams and results.stage_names:
+        stage = index
+    if stage is not None:
+        number = results.stage_index(stage)
+        return StageStates(results), number, f"after {results.stage_names[number]}"
+    number = record_number(results, time, index)
+    return results, number, f"at t = {results.time('states')[number]:.3f} s"

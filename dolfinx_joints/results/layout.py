@@ -8,9 +8,10 @@ Monitors declare others where they record them, such as reactions, resultants an
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS, STAGE_NAME_BYTES
 from dolfinx_joints.results.writer import ResultsWriter
 
 
@@ -26,8 +27,7 @@ def declare_histories(
         points: monitor points, shape (num_points, 3), [m].
         accelerations: Declare ``acceleration`` of the points and ``ground_acceleration`` as well.
     """
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    writer.static("histories/points", points, "m", "monitor points")
+    points = declare_points(writer, points)
     writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
     if accelerations:
         text = "acceleration of monitor points relative to the ground, mean of the step ending here"
@@ -39,6 +39,13 @@ def declare_histories(
         writer.series("histories", f"joint_{state}", (), "-", text)
     text = "iterations of the step's solve"
     writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
+
+
+def declare_points(writer: ResultsWriter, points: ArrayLike) -> NDArray[np.float64]:
+    """Write the monitor points, shape (num_points, 3), [m]."""
+    places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    writer.static("histories/points", places, "m", "monitor points")
+    return places
 
 
 def declare_energy(
@@ -78,20 +85,75 @@ def declare_states(
             s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
         status: Declare the ``status`` of the joint points as well.
     """
-    nodes = np.asarray(nodes, dtype=np.float64)
-    writer.static("mesh/nodes", nodes, "m", "nodes")
+    declare_body(writer, nodes, surface, joints)
+    _declare_fields(writer, "states", nodes, joints, status=status)
+
+
+def declare_body(
+    writer: ResultsWriter,
+    nodes: ArrayLike,
+    surface: ArrayLike,
+    joints: Mapping[str, Mapping[str, ArrayLike]],
+) -> None:
+    """Write mesh and joints; arguments as in `declare_states`."""
+    writer.static("mesh/nodes", np.asarray(nodes, dtype=np.float64), "m", "nodes")
     writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
-    writer.series("states", "displacement", nodes.shape, "m", "displacement of the nodes")
     for name, joint in joints.items():
         where = f"joints/{name}"
         writer.static(f"{where}/points", joint["points"], "m", "joint points")
         writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
         writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
         writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
+
+
+def declare_static_stages(
+    writer: ResultsWriter,
+    points: ArrayLike,
+    nodes: ArrayLike,
+    joints: Mapping[str, Mapping[str, ArrayLike]],
+) -> None:
+    """Declare the stream ``statics``, one record per static stage, its time the stage's number.
+
+    Displacements are counted from the unloaded body. Points, nodes and joints are those of
+    `declare_histories` and `declare_states`, which, or `declare_points` and `declare_body`, write
+    them.
+    """
+    text = "name of the stage, UTF-8 padded with zeros; see `stage_bytes`"
+    writer.series("statics", "name", (STAGE_NAME_BYTES,), "-", text, dtype=np.uint8)
+    writer.series("statics", "load_time", (), "s", "time at which the loads are taken")
+    shape = np.asarray(points).reshape(-1, 3).shape
+    writer.series("statics", "point_displacement", shape, "m", "displacement of monitor points")
+    _declare_fields(writer, "statics", nodes, joints, status=True)
+
+
+def stage_bytes(name: str) -> NDArray[np.uint8]:
+    """Name of a static stage as the stream ``statics`` holds it, shape (STAGE_NAME_BYTES,)."""
+    encoded = np.frombuffer(name.encode(), dtype=np.uint8)
+    if not 0 < encoded.size <= STAGE_NAME_BYTES:
+        raise ResultsError(
+            f"The name of a static stage takes 1 to {STAGE_NAME_BYTES} bytes as UTF-8, "
+            f"got {name!r}."
+        )
+    return np.pad(encoded, (0, STAGE_NAME_BYTES - encoded.size))
+
+
+def _declare_fields(
+    writer: ResultsWriter,
+    stream: str,
+    nodes: ArrayLike,
+    joints: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    status: bool,
+) -> None:
+    """Declare displacements of the nodes, gaps and tractions of the joints."""
+    text = "displacement of the nodes"
+    writer.series(stream, "displacement", np.asarray(nodes).shape, "m", text)
+    for name, joint in joints.items():
+        where = f"joints/{name}"
         shape = np.asarray(joint["points"]).shape
-        writer.series("states", f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
+        writer.series(stream, f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
         text = "traction (n, s1, s2), compression if n < 0"
-        writer.series("states", f"{where}/traction", shape, "Pa", text)
+        writer.series(stream, f"{where}/traction", shape, "Pa", text)
         if status:
             text = "0 open, 1 sticking, 2 sliding in the step ending here"
-            writer.series("states", f"{where}/status", shape[:1], "-", text, dtype=np.int8)
+            writer.series(stream, f"{where}/status", shape[:1], "-", text, dtype=np.int8)

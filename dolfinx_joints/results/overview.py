@@ -12,7 +12,7 @@ from typing import Any
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.reader import Results, listing
 
 _WIDTH = 100
 _LABEL = 12
@@ -84,6 +84,8 @@ def describe(path: str | Path) -> str:
 def _records(results: Results, stream: str) -> str:
     """Number and times of the records of a stream."""
     times = results.time(stream)
+    if stream == "statics":
+        return f"stream statics: {listing(results.stage_names)}"
     span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
     return f"stream {stream}: {times.size} record{'' if times.size == 1 else 's'}{span}"
 

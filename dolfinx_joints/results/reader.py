@@ -51,6 +51,8 @@ ENERGY_TERMS = (
 )
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
+STAGE_NAME_BYTES = 120  # of the name of a static stage
+
 _MOST_LISTED = 12  # names in a message
 
 Index = int | slice
@@ -162,6 +164,29 @@ class Results:
         if not isinstance(point, str) and 0 <= point < len(names):
             return point
         raise ResultsError(f"No monitor point {shown(point)}; the file has {listing(names)}.")
+
+    @property
+    def stage_names(self) -> list[str]:
+        """Names of the static stages, in order: the records of the stream ``statics``."""
+        if "statics" not in self.streams:
+            return []
+        with self._reading():
+            return [bytes(n).rstrip(b"\0").decode() for n in self.series("statics", "name")]
+
+    @checked
+    def stage_index(self, stage: int | str) -> int:
+        """Record in the stream ``statics`` of a static stage given by its name or number.
+
+        Of stages of the same name the last; a negative number counts from the end.
+        """
+        names = self.stage_names
+        if isinstance(stage, str) and stage in names:
+            return len(names) - 1 - names[::-1].index(stage)
+        if not isinstance(stage, str) and -len(names) <= stage < len(names):
+            return stage % len(names)
+        raise ResultsError(
+            f"No static stage {shown(stage)} in {self.path}; it has {listing(names)}."
+        )
 
     def static(self, name: str) -> NDArray[Any]:
         """Return an array written once."""

@@ -29,7 +29,12 @@ class Stream:
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
-        set_texts(self._time, unit="s", description="time of each record")
+        unit, text = (
+            ("-", "number of the stage, from 1")
+            if name == "statics"
+            else ("s", "time of each record")
+        )
+        set_texts(self._time, unit=unit, description=text)
 
     @property
     def full(self) -> bool:

@@ -40,6 +40,7 @@ class ResultsWriter:
         path: the file to write.
         metadata: facts of the run; anything JSON can hold, NumPy scalars and arrays included.
         overwrite: replace an existing file.
+        aside: where to put a file that is replaced; it is deleted unless given.
         flush_interval: longest time that appended rows stay in memory [s], counted when the
             next row comes.
     """
@@ -50,6 +51,7 @@ class ResultsWriter:
         metadata: Mapping[str, Any],
         *,
         overwrite: bool = False,
+        aside: Path | None = None,
         flush_interval: float = 2.0,
     ) -> None:
         """Create the file and write the metadata."""
@@ -57,7 +59,7 @@ class ResultsWriter:
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
         with released(self._lock, at_end=False):
-            self._create(overwrite)
+            self._create(overwrite, aside)
             try:
                 self._lay_out(encoded)
             except BaseException:
@@ -70,12 +72,14 @@ class ResultsWriter:
         self._flush_interval = flush_interval
         self._flushed_at = clock.monotonic()
 
-    def _create(self, overwrite: bool) -> None:
+    def _create(self, overwrite: bool, aside: Path | None) -> None:
         """Make an empty file."""
         if self.path.exists() and not overwrite:
             raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
         try:
-            if self.path.exists():
+            if self.path.exists() and aside is not None:
+                self.path.replace(aside)
+            elif self.path.exists():
                 self.path.unlink()  # not truncated: whoever reads the old file keeps it
             # Rows are written once: HDF5 would keep the last MB of each series in memory.
             self._file = h5py.File(self.path, "x", libver="latest", rdcc_nbytes=0)

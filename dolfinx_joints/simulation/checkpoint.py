@@ -33,6 +33,7 @@ from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, wri
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -140,9 +141,10 @@ class CheckpointKeeper:
         }
         on_root(self._comm, lambda: write_checkpoint(self._path, tree))
 
-    def save_static(self, static: StaticState) -> None:
-        """Write the end of a static stage alone (collective)."""
+    def save_static(self, static: StaticState, stages: Sequence[StageRecord]) -> None:
+        """Write a static state and the stages that led there alone (collective)."""
         tree = {"run": self._facts, "static": self._kept(static)}
+        tree["stages"] = {str(i): self._kept(stage) for i, stage in enumerate(stages)}
 
         def write() -> None:
             with FileLock(self._path, CheckpointError):
@@ -150,9 +152,11 @@ class CheckpointKeeper:
 
         on_root(self._comm, write)
 
-    def load_static(self) -> StaticState:
-        """State that `save_static` wrote (collective)."""
-        return self._static(self._read(("run", "static"))["static"])
+    def load_static(self) -> tuple[StaticState, list[StageRecord]]:
+        """State and stages that `save_static` wrote (collective)."""
+        tree = self._read(("run", "static"))
+        kept = tree.get("stages", {})  # none in files of earlier versions
+        return self._static(tree["static"]), [self._stage(kept[str(i)]) for i in range(len(kept))]
 
     def load(self, monitors: Sequence[Any]) -> _Saved:
         """Content of the last checkpoint (collective)."""
@@ -197,7 +201,7 @@ class CheckpointKeeper:
             assert self._model.operator is not None
             every = self._model.operator.gather(thing)
             return thing if every is None else every
-        if isinstance(thing, DynamicState | Response | JointState | StaticState):
+        if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
         if isinstance(thing, list):
             return {str(i): asdict(each) for i, each in enumerate(thing)}
@@ -240,6 +244,16 @@ class CheckpointKeeper:
             inactive=tuple(tree["inactive"]),
             absent=tuple(tree["absent"]),
             missing=tuple(tree.get("missing", ())),
+        )
+
+    def _stage(self, tree: Tree) -> StageRecord:
+        pressure = tree["pressure"]
+        return StageRecord(
+            name=tree["name"],
+            time=tree["time"],
+            state=self._static(tree["state"]),
+            loads=tuple(tree["loads"]),
+            pressure=None if pressure is None else pressure[self._mine()],
         )
 
     def _mine(self) -> slice:

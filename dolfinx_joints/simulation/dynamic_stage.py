@@ -23,7 +23,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
-from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
@@ -50,6 +50,7 @@ class DynamicRun:
         seconds: Wall time by phase [s], passed to the monitors at the end.
         state: The state to begin with.
         settings: How the stage is run, by name; passed to the monitors.
+        stages: Static stages before; likewise.
 
     Attributes:
         state: Where the run is.
@@ -71,6 +72,7 @@ class DynamicRun:
         steps: int,
         motion: Callable[[float], Any] | None,
         settings: Mapping[str, Any] | None = None,
+        stages: Sequence[StageRecord] = (),
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
@@ -88,10 +90,12 @@ class DynamicRun:
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
         self._settings, self._warnings = dict(settings or {}), list[str]()
+        self._stages = stages
 
     def start(self) -> None:
         """Start the monitors."""
-        first = replace(self._record(0, None, self._ledger.row, 0), settings=self._settings)
+        first = self._record(0, None, self._ledger.row, 0)
+        first = replace(first, settings=self._settings, stages=self._stages)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
-    from dolfinx_joints.simulation.record import Record
+    from dolfinx_joints.simulation.record import Record, StageRecord
 
 
 class Monitor:
@@ -20,14 +20,20 @@ class Monitor:
     checkpoint.
     """
 
+    def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
+        """Called after each static stage; ``stages`` are all so far, the last has just ended."""
+
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Called before the first step of a stage."""
+        """Called before the first step of a dynamic stage."""
 
     def record(self, record: Record) -> None:
         """Called after each step."""
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Called at the end of a stage; ``status`` is ``complete``, ``stopped`` or ``failed``."""
+        """Called at the end of a dynamic stage.
+
+        ``status`` is ``complete``, ``stopped`` or ``failed``.
+        """
 
     def state_dict(self) -> dict[str, Any]:
         """State to go on from, asked for at each checkpoint.

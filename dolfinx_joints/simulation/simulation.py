@@ -29,13 +29,18 @@ from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.construction import grouted
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
-from dolfinx_joints.simulation.static_stage import check_acting, check_complete, march
+from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
+from dolfinx_joints.simulation.static_stage import (
+    check_acting,
+    check_complete,
+    check_no_jump,
+    march,
+)
 from dolfinx_joints.simulation.unfinished import (
     Unfinished,
     check_grouted,
@@ -69,6 +74,8 @@ class Simulation:
     Attributes:
         model: The model.
         static: Result of the last static stage, None before it.
+        stages: Static stages so far. Dynamic stages show them to monitors and `save_static` writes
+            them; where they are too many to keep, such as small steps in time, clear the list.
         seconds: Wall time by phase [s].
     """
 
@@ -85,6 +92,7 @@ class Simulation:
         for monitor in self.monitors:
             check_kind_of("A monitor", monitor, isinstance(monitor, Monitor), "a Monitor")
         self.static: StaticState | None = None
+        self.stages: list[StageRecord] = []
         self.seconds: dict[str, float] = {}
         known = isinstance(self.options, SolverOptions | None)
         check_kind_of("options", self.options, known, "a SolverOptions")
@@ -99,6 +107,7 @@ class Simulation:
         loads: Sequence[Load] | None = None,
         joints: Literal["active", "inactive"] | Sequence[str] = "active",
         absent: Sequence[str] = (),
+        name: str | None = None,
     ) -> StaticState:
         """Bring loads to their values at time zero in equal steps (collective).
 
@@ -115,6 +124,8 @@ class Simulation:
             absent: Cell groups of blocks that are not there yet. They have no weight and joints
                 beside them carry nothing; the stage that has them casts them, free of stress and
                 where the mesh has them, against what is there.
+            name: Name of the stage in results, unlike those before; "statics 1" and so on unless
+                given.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
@@ -128,8 +139,11 @@ class Simulation:
         if inactive or absent or joints == "inactive":
             stage = unfinished(self.model, inactive, absent)
             check_may_begin(self.model, self.static, acting, stage)
+        name = stage_name(name, "statics", self.stages)
         shares = np.arange(1, steps + 1) / steps
-        return self._statics([(None, float(share)) for share in shares], acting, stage)
+        static = self._statics([(None, float(share)) for share in shares], acting, stage)
+        self._ended(stage_record(self.model, name, 0.0, static, acting))
+        return static
 
     @checked
     def grout(
@@ -138,6 +152,7 @@ class Simulation:
         *,
         gap: Annotated[float, at.Ge(0), at.Unit("m")] = 0.0,
         pressure: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0,
+        name: str | None = None,
     ) -> StaticState:
         """Close joints where they stand after a static stage (collective).
 
@@ -154,6 +169,7 @@ class Simulation:
                 them if none is.
             gap: Opening that the grout leaves [m].
             pressure: Of the grout [Pa].
+            name: Name of the stage in results, "grouting 1" and so on unless given.
 
         Raises:
             JointsError: There is no static state yet, or a law bears no such pressure.
@@ -163,15 +179,20 @@ class Simulation:
             raise JointsError(
                 "There is nothing to grout yet: run statics(joints='inactive') before."
             )
+        name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, self.static, [(None, 1.0)], ())
         self.static = grouted(
             self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
         )
+        self._ended(grout_record(self.model, name, self.static, self.stages))
         return self.static
 
     @checked
     def quasi_statics(
-        self, times: Annotated[Sequence[float], at.MinLen(1), at.Unit("s")]
+        self,
+        times: Annotated[Sequence[float], at.MinLen(1), at.Unit("s")],
+        *,
+        name: str | None = None,
     ) -> StaticState:
         """Equilibrium at each of a sequence of times, in order (collective).
 
@@ -180,18 +201,34 @@ class Simulation:
 
         Args:
             times: Times [s] of the load steps.
+            name: Name in results, "quasi-statics 1" and so on unless given. Of several times each
+                is a stage of its own: "NAME, t = 2 s".
         """
-        return self._statics([(float(t), 1.0) for t in times], self.model.loads)
+        name = stage_name(name, "quasi-statics", self.stages)
+
+        def reached(time: float, state: StaticState) -> None:
+            one = name if len(times) == 1 else f"{name}, t = {time:g} s"
+            self._ended(stage_record(self.model, one, time, state, self.model.loads))
+
+        path = [(float(t), 1.0) for t in times]
+        return self._statics(path, self.model.loads, reached=reached)
+
+    def _ended(self, stage: StageRecord) -> None:
+        """Show a static stage to the monitors (collective)."""
+        self.stages.append(stage)
+        for monitor in self.monitors:
+            monitor.static_stage(self.model, self.stages)
 
     def _statics(
         self,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
         stage: Unfinished | None = None,
+        reached: Callable[[float, StaticState], None] | None = None,
     ) -> StaticState:
         """March from the last static state; see `march`."""
         check_grouted(self.static, stage.inactive if stage else ())
-        self.static = self._march(self.static, path, acting, stage=stage)
+        self.static = self._march(self.static, path, acting, stage=stage, reached=reached)
         return self.static
 
     def _march(
@@ -207,7 +244,7 @@ class Simulation:
             return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
 
     def save_static(self, path: str | Path) -> None:
-        """Keep the end of the last static stage in a file, to go on from it later (collective).
+        """Keep the static stages so far in a file, to go on from the last later (collective).
 
         A file that is there already is replaced at once.
 
@@ -216,7 +253,7 @@ class Simulation:
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
-        static_keeper(path, self.model).save_static(self.static)
+        static_keeper(path, self.model).save_static(self.static, self.stages)
 
     def load_static(self, path: str | Path) -> StaticState:
         """Go on from a static state of the same model that was saved (collective).
@@ -224,7 +261,7 @@ class Simulation:
         Args:
             path: The file that `save_static` wrote, on any number of ranks.
         """
-        self.static = static_keeper(path, self.model).load_static()
+        self.static, self.stages = static_keeper(path, self.model).load_static()
         return self.static
 
     @checked
@@ -315,6 +352,7 @@ class Simulation:
                 steps=steps,
                 motion=motion,
                 settings=facts,
+                stages=tuple(self.stages),
             )
         with released(checkpoint, at_end=True), run.watched():
             if saved is None:
@@ -360,7 +398,7 @@ class Simulation:
         if origin is None:
             return initial_state(solver, dt=dt, velocity=velocity)
         if start is None:
-            self._check_prescribed(solver.system, origin.displacement)
+            check_no_jump(solver.system, origin.displacement)
         # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
         # and asked again, round-off would decide.
         return initial_state(
@@ -372,17 +410,6 @@ class Simulation:
             joints=origin.joints,
             water=start.water if start else None,
         )
-
-    def _check_prescribed(self, system: MatrixSystem, u: PETSc.Vec) -> None:
-        """Check that prescribed displacements do not jump from the static state to time zero."""
-        at_zero = system.prescribed(0.0)
-        there = u.getArray(readonly=True)[system.constrained]
-        jump = float(np.abs(at_zero - there).max(initial=0.0))
-        if max(self.model.jointed.mesh.comm.allgather(jump)) > 1e-9 * u.norm():
-            raise ValueError(
-                "The displacements prescribed at t = 0 differ from those of the static state that "
-                "the dynamic stage starts from; let their functions agree there."
-            )
 
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""

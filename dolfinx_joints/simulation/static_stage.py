@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,6 +42,7 @@ def march(
     options: SolverOptions,
     kind: SolverKind,
     watch: SmallDisplacements,
+    reached: Callable[[float, StaticState], None] | None = None,
 ) -> StaticState:
     """Equilibrium at each step of a path (collective).
 
@@ -57,6 +58,7 @@ def march(
         options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
+        reached: Called with time [s] and state after each step.
     """
     system = model.system(only=acting, static=True)
     internal_forces, contact = system.internal_forces, model.contact
@@ -82,6 +84,19 @@ def march(
         solver = JointWaterIteration(system.water, solver)
     fixed = system.constrained
     reports: list[SolveReport] = []
+    absent = [one for one in model.loads if not any(one is other for other in acting)]
+
+    def state() -> StaticState:
+        return StaticState(
+            displacement=u.copy(),
+            joints=response,
+            reaction=products.reaction,
+            reports=list(reports),
+            inactive=stage.inactive if stage else (),
+            absent=stage.absent if stage else (),
+            missing=tuple(type(one).__name__ for one in absent),
+        )
+
     elastic_force, load, b, x = (u.duplicate() for _ in range(4))
     system.stiffness.mult(u, elastic_force)
     carried, fixed_before = _carried(internal_forces, before, elastic_force), u.getArray()[fixed]
@@ -106,22 +121,15 @@ def march(
             joints = response.state
             watch.see(joints.gap)
         reports.append(report)
+        if reached is not None:
+            reached(time or 0.0, state())
     watch.warn("in a static stage")
     if stage is not None and contact is not None:
         response = with_inactive(contact, response, before, u, stage)
     if stage is not None:
         products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported
-    absent = [one for one in model.loads if not any(one is other for other in acting)]
     free_petsc_garbage(model.jointed.mesh.comm)
-    return StaticState(
-        displacement=u,
-        joints=response,
-        reaction=products.reaction,
-        reports=reports,
-        inactive=stage.inactive if stage else (),
-        absent=stage.absent if stage else (),
-        missing=tuple(type(one).__name__ for one in absent),
-    )
+    return state()
 
 
 def _held(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
@@ -180,4 +188,16 @@ def check_complete(static: StaticState | None) -> None:
         raise JointsError(
             f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
             "which would act at once; run statics() with all loads before."
+        )
+
+
+def check_no_jump(system: MatrixSystem, u: PETSc.Vec) -> None:
+    """Check that prescribed displacements do not jump from a static state to time zero."""
+    at_zero = system.prescribed(0.0)
+    there = u.getArray(readonly=True)[system.constrained]
+    jump = float(np.abs(at_zero - there).max(initial=0.0))
+    if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
+        raise ValueError(
+            "The displacements prescribed at t = 0 differ from those of the static state that "
+            "the dynamic stage starts from; let their functions agree there."
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from written_runs import WEIGHT, write_stages
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots, rendering, views
@@ -318,6 +319,25 @@ def test_states_are_those_of_the_file(results: Results, scenes) -> None:
     shares = [share(picture(figure), c) for c in ([0, 0, 0], [158, 202, 225], [230, 85, 13])]
     assert shares[1] > 1.5 * shares[0] > 0.0
     assert shares[2] > 0.5 * shares[0]
+
+
+def test_pictures_of_a_static_stage(tmp_path: Path, scenes) -> None:
+    """By its name, with its values: the pressed joint, the cube that moved, the joint half open."""
+    with Results(write_stages(tmp_path / "stages.h5")) as results:
+        figure = views.joint_map(results, "normal", stage=WEIGHT)
+        assert figure.get_suptitle() == f"joints, turned to the eye, after {WEIGHT}"
+        np.testing.assert_allclose(scenes[-1].layers[1][0].cell_data["value"], -2.0)  # MPa
+        figure = views.deformed(results, stage="winter", scale=100.0)
+        assert figure.get_suptitle().startswith("deformed shape after winter, displacements x 100")
+        body = scenes[-1].layers[0][0]
+        assert body.points[:, 1].max() == pytest.approx(2.0 + 100.0 * 2e-3)
+        np.testing.assert_allclose(np.unique(body.point_data["value"]), [0.0, 2.0])  # mm
+        views.joint_map(results, "opening")  # the last stage, as there are no other states
+        np.testing.assert_allclose(scenes[-1].layers[1][0].cell_data["value"], [0, 0, 3, 3])
+        ax = plots.joint_traction(results, "joint_1", stage=0)
+        assert ax.get_title() == f"joint_1 after {WEIGHT}"
+        with pytest.raises(ResultsError, match="No static stage 'summer'"):
+            views.deformed(results, stage="summer")
 
 
 def test_envelope_has_the_range_of_its_data(results: Results, scenes) -> None:

@@ -8,7 +8,7 @@ gives all pressures. Within a static solve and within a time step it is given.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.loads.load import Codes, FollowsJoints
+from dolfinx_joints.loads.load import Codes, FollowsJoints, Load
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.joint_water import Uplift, Wetness, label, opening_force
 from dolfinx_joints.mesh.cells import Floats
@@ -134,6 +134,11 @@ class JointWaters:
         return found
 
 
+def water_in_joints(loads: Iterable[Load]) -> list[Uplift | FollowsJoints]:
+    """Those of some loads that are pressures in joints."""
+    return [load for load in loads if isinstance(load, Uplift | FollowsJoints)]
+
+
 class WaterPressures:
     """All loads in the joints of a stage that are pressures."""
 
@@ -145,6 +150,11 @@ class WaterPressures:
         self._parts = [load.in_joint(label(load), model) for load in others]
         assert model.operator is not None
         self._size = len(model.operator.areas)
+
+    def by_opening(self, gap: Floats) -> Codes | None:
+        """Codes that a gap (n, 3) [m] leads to; None where no load asks for them (collective)."""
+        codes = [part.by_opening(gap) for part in self._parts]
+        return np.max(codes, axis=0) if codes else None
 
     def __call__(self, time: float, codes: Codes | None) -> Floats:
         """Pressure at the local joint points, (n,), [Pa]; ``codes`` are ``DynamicState.water``."""

@@ -1,0 +1,121 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Displacements and joints of a state, and static stages, as records of a results file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.probes import PointProbe, joint_facet_points
+from dolfinx_joints.monitors.resultants import PointExtras
+from dolfinx_joints.monitors.surface_stress import StressEnvelopes
+from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
+from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
+from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.record import StageRecord
+
+Floats = NDArray[np.float64]
+
+
+class Fields:
+    """Displacements of all nodes and values of all joint points.
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        wet: Names of the joints with water.
+    """
+
+    def __init__(self, model: Model, nodes: NodeNumbering, wet: Sequence[str]) -> None:
+        """Find the joints with water or a bond."""
+        self._operator, self._nodes = model.operator, nodes
+        self._extras = None if model.contact is None else PointExtras(model.contact, wet)
+
+    def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
+        """Declare what not every run has, from the arrays of `joint_statics`; on the writer."""
+        if self._extras is not None:
+            self._extras.declare(writer, stream, joints)
+
+    def values(
+        self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
+    ) -> dict[str, Any]:
+        """Values by name on rank 0 (collective).
+
+        Args:
+            u: Displacement [m].
+            joints: Response of the joints.
+            pressure: Gives that of the water at the local joint points, (n,), [Pa].
+        """
+        found: dict[str, Any] = {"displacement": self._nodes.gather(u)}
+        if self._operator is None or self._extras is None or joints is None:
+            return found
+        gather = self._operator.gather
+        every = {"gap": gather(joints.state.gap), "traction": gather(joints.traction)}
+        every |= {"status": gather(joints.status), **self._extras.values(joints, pressure)}
+        if every["gap"] is None:
+            return found
+        for name, (points, _) in joint_facet_points(self._operator).items():
+            for what, values in every.items():
+                if name in self._extras.joints.get(what, (name,)):
+                    assert values is not None  # as the gap, on the rank that writes
+                    found[f"joints/{name}/{what}"] = values[points]
+        return found
+
+
+class StageFields:
+    """Static stages as the stream ``statics`` of a results file.
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        probe: Reads the monitor points.
+        envelopes: Recovers stresses; None for none.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        nodes: NodeNumbering,
+        probe: PointProbe,
+        envelopes: StressEnvelopes | None,
+    ) -> None:
+        """Find the joints with water."""
+        self._model, self._nodes, self._probe, self._envelopes = model, nodes, probe, envelopes
+        wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
+        self._fields = Fields(model, nodes, wet)
+
+    def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
+        """Declare the stream, from the arrays of `joint_statics`; on the rank that writes."""
+        declare_static_stages(writer, self._probe.positions, self._nodes.positions, joints)
+        self._fields.declare(writer, "statics", joints)
+        for group in self._model.constraints.groups:
+            text = f"force of the support {group} on the body"
+            writer.series("statics", f"reaction/{group}", (self._model.gdim,), "N", text)
+        if self._envelopes is not None:
+            declare_stage_stresses(writer, self._envelopes.nodes)
+
+    def values(self, stage: StageRecord) -> dict[str, Any]:
+        """Record of a stage on rank 0 (collective)."""
+        state, pressure = stage.state, stage.pressure
+        found = self._fields.values(
+            state.displacement, state.joints, None if pressure is None else lambda: pressure
+        )
+        found |= {"name": stage_bytes(stage.name), "load_time": stage.time}
+        found["point_displacement"] = self._probe.read(state.displacement)
+        for group in self._model.constraints.groups:
+            found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
+        if self._envelopes is not None:
+            columns = self._envelopes.at(state.displacement, stage.time, stage.loads)
+            if columns is not None:
+                series = dict.fromkeys(STAGE_STRESSES.values())
+                found |= dict(zip(series, columns.T, strict=True))
+        return found

@@ -1,0 +1,133 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static stages of a run, from its results file: displacements, joints, stresses at their ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
+from dolfinx_joints.postprocessing.resultants import stage_resultants
+from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.reader import Results
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageJoint:
+    """A joint at the end of a static stage.
+
+    Attributes:
+        normal_force: Along the mean normal, positive where it presses, effective [N].
+        shear_force: Size of the rest [N].
+        sliding_safety: As in `JointResultants`, NaN where nothing is transmitted.
+        contact: Share of the area under pressure.
+        opening_max: Largest opening [m].
+        slip_max: Largest tangential gap, the elastic part included [m].
+        pressure_max: Largest pressure of the faces on each other [Pa].
+        water_force: Of the water in the joint along the mean normal, positive where it pushes the
+            faces apart; zero without water [N].
+    """
+
+    normal_force: float
+    shear_force: float
+    sliding_safety: float
+    contact: float
+    opening_max: float
+    slip_max: float
+    pressure_max: float
+    water_force: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticStage:
+    """End of a static stage.
+
+    Attributes:
+        name: Name of the stage.
+        load_time: Time at which its loads are taken [s]; zero but for `quasi_statics`.
+        displacement: By monitor point, from the unloaded body, shape (3,), [m].
+        reaction: By support, the force on the body, shape (gdim,), [N].
+        joints: By joint.
+        stresses: Extremes on the boundary by the names of the envelopes, tension positive [Pa];
+            NaN where the run recorded none.
+    """
+
+    name: str
+    load_time: float
+    displacement: dict[str, Floats]
+    reaction: dict[str, Floats]
+    joints: dict[str, StageJoint]
+    stresses: dict[str, float]
+
+
+def static_stages(results: Results) -> list[StaticStage]:
+    """Static stages that a run wrote, in order; none in files of earlier versions."""
+    check_results(results)
+    names = results.stage_names
+    if not names:
+        return []
+    joints = {joint: _of_joint(results, joint, len(names)) for joint in results.joints}
+    found = []
+    for i, name in enumerate(names):
+        moved = results.series("statics", "point_displacement", i)
+        found.append(
+            StaticStage(
+                name=name,
+                load_time=float(results.series("statics", "load_time", i)),
+                displacement=dict(zip(results.point_names, moved, strict=True)),
+                reaction=_reactions(results, i),
+                joints={joint: stages[i] for joint, stages in joints.items()},
+                stresses=_stresses(results, i),
+            )
+        )
+    return found
+
+
+def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
+    """A joint at the end of each of the stages."""
+    forces = stage_resultants(results, joint)
+    normal, shear, safety = forces.normal_force, forces.shear_force, forces.sliding_safety
+    water: Floats = np.zeros(count)
+    if forces.water_force is not None:
+        water = forces.water_force @ forces.geometry.normal
+    found = []
+    for i in range(count):
+        gap = results.series("statics", f"joints/{joint}/gap", i)
+        traction = results.series("statics", f"joints/{joint}/traction", i)
+        found.append(
+            StageJoint(
+                normal_force=float(normal[i]),
+                shear_force=float(shear[i]),
+                sliding_safety=float(safety[i]),
+                contact=float(forces.contact[i]),
+                opening_max=float(gap[:, 0].max(initial=0.0)),
+                slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
+                pressure_max=float((-traction[:, 0]).max(initial=0.0)),
+                water_force=float(water[i]),
+            )
+        )
+    return found
+
+
+def _reactions(results: Results, i: int) -> dict[str, Floats]:
+    names = [n for n in results.streams["statics"] if n.startswith("reaction/")]
+    return {n.removeprefix("reaction/"): results.series("statics", n, i) for n in names}
+
+
+def _stresses(results: Results, i: int) -> dict[str, float]:
+    """Extremes over the vertices that have a value."""
+    found: dict[str, float] = {}
+    for name, series in STAGE_STRESSES.items():
+        found[name] = np.nan
+        if series in results.streams["statics"]:
+            values = results.series("statics", series, i)
+            known = values[~np.isnan(values)]
+            if known.size:
+                found[name] = float(known.max() if name.endswith("max") else known.min())
+    return found

@@ -1,0 +1,241 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static stages in results files and for ParaView: a column with a level joint at half its height.
+
+Without lateral strain (Poisson's ratio 0, sides held) each quantity has a closed form, to which
+linear elements are exact at their nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    Checkpoints,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    JointsError,
+    Model,
+    Monitor,
+    Pressure,
+    Results,
+    ResultsError,
+    ResultsMonitor,
+    Simulation,
+    Temperature,
+    Uplift,
+    measures,
+)
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.monitors.field_monitor import FieldMonitor
+from dolfinx_joints.monitors.probes import joint_facet_points
+
+pytestmark = pytest.mark.mpi
+
+E, RHO, HEIGHT, SIZE, AREA = 20e9, 2400.0, 2.0, 0.5, 1.0
+STIFFNESS, EXPANSION, COLD, PORE, PRESS = 1e11, 1e-5, -10.0, 1e4, 3e4
+CONCRETE = Elastic(young=E, poisson=0.0, density=RHO)
+LAW = FrictionNoTension(
+    normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=45.0
+)
+GAMMA = RHO * STANDARD_GRAVITY
+ABOVE = GAMMA * AREA * HEIGHT / 2  # weight above the joint
+SETTLEMENT = GAMMA * HEIGHT**2 / (2 * E) + ABOVE / AREA / STIFFNESS
+POINTS = {"top": (0.5, 0.5, 2.0), "base": (0.5, 0.5, 0.0)}
+WEIGHT = Gravity()
+PORES = Uplift(joint="joint_1", pressure=PORE)
+WINTER = Temperature(value=COLD, reference=0.0, expansion=EXPANSION)
+ROOF = Pressure(group="top", value=PRESS, factor=lambda t: t)
+
+
+@pytest.fixture
+def column(blocks_file, read):
+    """The column; another on each call, on the same mesh."""
+    path = blocks_file(angle=0.0, size=SIZE)
+
+    def make():
+        held = [Fixed(group="base"), Fixed(group="sides", components="xy")]
+        loads = [WEIGHT, PORES, WINTER, ROOF]
+        return Model(read(path), material=CONCRETE, joints=LAW, supports=held, loads=loads)
+
+    return make
+
+
+def history(simulation):
+    """Weight, water in the joint, grout, winter, and a load on top that comes in time; states."""
+    return [
+        simulation.statics(loads=[WEIGHT], name="weight"),
+        simulation.statics(loads=[WEIGHT, PORES]),
+        simulation.grout(name="grout"),
+        simulation.statics(name="winter"),
+        simulation.quasi_statics([0.5, 1.0], name="roof"),
+        simulation.quasi_statics([0.0]),
+    ]
+
+
+NAMES = ["weight", "statics 1", "grout", "winter"]
+NAMES += ["roof, t = 0.5 s", "roof, t = 1 s", "quasi-statics 1"]
+
+
+def test_stages_of_a_column(comm, column, new_path):
+    """By hand, and against the states returned, in files with dynamics and without."""
+    path, model = new_path("column.h5"), column()
+    monitor = ResultsMonitor(path, points=POINTS, envelopes=["sides"], resultants=True)
+    simulation = Simulation(model, monitors=[monitor])
+    states = history(simulation)
+    comm.barrier()
+    with Results(path) as results:
+        assert (results.status, results.metadata["stage"]) == ("complete", "static")
+        alone = check(comm, model, results, states)
+    simulation.dynamics(dt=1e-3, steps=2)
+    with Results(path) as results:
+        assert results.rows("histories") == 3
+        both = check(comm, model, results, states)
+        # Dynamics start where the stages ended.
+        np.testing.assert_array_equal(
+            results.series("states", "displacement", 0),
+            results.series("statics", "displacement")[-1],
+        )
+    assert str(alone) == str(both)
+
+
+def check(comm, model, results, states):
+    """Compare the stages of a file; return them."""
+    assert results.stage_names == NAMES
+    stages = measures.static_stages(results)
+    weight, wet, grout, winter, half, full, last = stages
+    for stage, pores, cold, roof in (
+        (weight, 0.0, 0.0, 0.0),
+        (wet, PORE, 0.0, 0.0),
+        (grout, PORE, 0.0, 0.0),
+        (winter, PORE, COLD, 0.0),
+        (half, PORE, COLD, 0.5 * PRESS),
+        (full, PORE, COLD, PRESS),
+        (last, PORE, COLD, 0.0),
+    ):
+        joint = stage.joints["joint_1"]
+        # The joint bears all that is above it, the water's part with the rest.
+        assert joint.normal_force == pytest.approx(ABOVE + (roof - pores) * AREA)
+        assert joint.water_force == pytest.approx(pores * AREA)
+        assert joint.pressure_max == pytest.approx(ABOVE / AREA + roof - pores)
+        assert joint.contact == pytest.approx(1.0)
+        down = SETTLEMENT + roof * HEIGHT / E + (roof - pores) / STIFFNESS
+        down -= EXPANSION * cold * HEIGHT
+        np.testing.assert_allclose(stage.displacement["top"], [0.0, 0.0, -down], atol=1e-9 * down)
+        np.testing.assert_array_equal(stage.displacement["base"], 0.0)
+        lift = stage.reaction["base"][2]
+        assert lift == pytest.approx(GAMMA * AREA * HEIGHT + roof * AREA)
+        # Sides that cannot shrink are stretched; the lowest cell bears the mean weight on it.
+        clamped = -E * EXPANSION * cold
+        assert stage.stresses["principal_max"] == pytest.approx(clamped, abs=1e-6 * GAMMA)
+        pressed = -GAMMA * (HEIGHT - SIZE / 2) - roof
+        assert stage.stresses["principal_min"] == pytest.approx(pressed)
+        assert stage.stresses["cantilever_min"] == pytest.approx(pressed)
+    assert [s.load_time for s in stages] == [0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 0.0]
+    nodes = NodeNumbering(model.V)
+    points, _ = joint_facet_points(model.operator)["joint_1"]
+    for name, state in zip([*NAMES[:4], *NAMES[5:]], states, strict=True):
+        number = results.stage_index(name)
+        u = comm.bcast(nodes.gather(state.displacement))
+        np.testing.assert_array_equal(results.series("statics", "displacement", number), u)
+        response = state.joints
+        arrays = {"gap": response.state.gap, "traction": response.traction}
+        for what, local in (arrays | {"status": response.status}).items():
+            every = comm.bcast(model.operator.gather(local))
+            found = results.series("statics", f"joints/joint_1/{what}", number)
+            np.testing.assert_array_equal(found, every[points])
+    return stages
+
+
+def test_stages_saved_travel(comm, column, new_path):
+    """A run of another day begins with the stages of the first, and with monitors of its own."""
+    first = Simulation(column())
+    first.statics(loads=[WEIGHT, PORES], name="weight")
+    path, kept = new_path("next.h5"), new_path("kept.static")
+    first.save_static(kept)
+    second = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
+    second.load_static(kept)
+    with pytest.raises(JointsError, match="'weight' already; the stages so far are: weight"):
+        second.statics(name="weight")
+    second.statics(name="winter")
+    for _ in range(2):
+        comm.barrier()
+        with Results(path) as results:
+            weight, winter = measures.static_stages(results)
+        assert (weight.name, winter.name) == ("weight", "winter")
+        assert weight.joints["joint_1"].water_force == pytest.approx(PORE * AREA)
+        drop = winter.displacement["top"] - weight.displacement["top"]
+        assert drop[2] == pytest.approx(EXPANSION * COLD * HEIGHT)
+        second.dynamics(dt=1e-3, steps=1)
+        second.monitors.clear()
+
+
+class Stop(Monitor):
+    """Ends a run at a step."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def record(self, record):
+        if record.step == self.step:
+            raise KeyboardInterrupt
+
+
+def test_a_continued_run_keeps_its_stages(comm, column, new_path):
+    """Statics that are run again before a run is continued cost no record of it."""
+    path, kept = new_path("long.h5"), new_path("long.ckpt")
+
+    def run(last, **how):
+        writing = ResultsMonitor(path, points=POINTS, overwrite=True)
+        simulation = Simulation(column(), monitors=[writing, Stop(last)])
+        simulation.statics(name="all")
+        simulation.dynamics(dt=1e-3, steps=4, checkpoint=Checkpoints(kept, every=2), **how)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(3)
+    comm.barrier()
+    run(-1, resume=True)
+    with Results(path) as results:
+        assert results.status == "complete"
+        assert results.stage_names == ["all"]
+        np.testing.assert_allclose(results.time("histories"), 1e-3 * np.arange(5))
+        top = measures.static_stages(results)[0].displacement["top"]
+        np.testing.assert_allclose(results.series("histories", "displacement", 0)[0], top)
+    assert not path.with_name(f"{path.name}.before").exists()
+
+
+def test_files_of_others_are_kept(comm, column, new_path):
+    """A static stage replaces no file unasked, and puts aside what it was told to replace."""
+    path, text = new_path("mine.h5"), "something else"
+    if comm.rank == 0:
+        path.write_text(text)
+    comm.barrier()
+    simulation = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
+    with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
+        simulation.statics()
+    writing = ResultsMonitor(path, points=POINTS, overwrite=True)
+    Simulation(column(), monitors=[writing]).statics()
+    assert path.with_name(f"{path.name}.before").read_text() == text
+    with Results(path) as results:
+        assert results.stage_names == ["statics 1"]
+
+
+def test_paraview_sees_each_stage(comm, column, new_path):
+    """Each stage has a folder of its own, in which the displacement lies as the numbers it is."""
+    path, model = new_path("column.bp"), column()
+    simulation = Simulation(model, monitors=[FieldMonitor(path)])
+    states = [simulation.statics(loads=[WEIGHT], name="own weight")]
+    states.append(simulation.statics(name="winter/2"))
+    comm.barrier()
+    for state, name in zip(states, ("1_own_weight", "2_winter_2"), strict=True):
+        folder = path.with_name(f"{path.stem}_{name}.bp")
+        written = b"".join(part.read_bytes() for part in sorted(folder.glob("data.*")))
+        for one, is_there in zip(states, (one is state for one in states), strict=True):
+            mine = model.function(one.displacement).x.array.tobytes()
+            assert (mine in written) == is_there

@@ -31,7 +31,12 @@ from dolfinx_joints.monitors.resultants import PointExtras, ResultantsStream, st
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
+from dolfinx_joints.results.reader import (
+    ABSOLUTE,
+    ENERGY_TERMS,
+    JOINT_ENERGY_TERMS,
+    RELATIVE,
+)
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record
@@ -44,12 +49,12 @@ Floats = NDArray[np.floating[Any]]
 class ResultsMonitor(Monitor):
     """Writes histories, energies and states to an HDF5 file as the run goes.
 
-    Every step: displacement and acceleration of the monitor points, acceleration of the ground,
-    shares of open, sticking and sliding joint points, iterations, support reactions by group,
-    energies. Every ``every`` steps: nodal displacements, joint gaps, tractions and status, facet by
-    facet; the pressures of water in joints and broken bonds, where there are any. If asked for:
-    resultants of joints and blocks at every step, and at the end envelopes of the stresses at the
-    boundary over all steps.
+    Every step: displacement and acceleration of the monitor points, acceleration of the ground (of
+    waves that rise the velocity of the free surface), shares of open, sticking and sliding joint
+    points, iterations, support reactions by group, energies. Every ``every`` steps: nodal
+    displacements, joint gaps, tractions and status, facet by facet; the pressures of water in
+    joints and broken bonds, where there are any. If asked for: resultants of joints and blocks at
+    every step, and at the end envelopes of the stresses at the boundary over all steps.
 
     Args:
         path: The file.
@@ -93,13 +98,20 @@ class ResultsMonitor(Monitor):
             "units": "SI: m, s, N, Pa, J",
             "laws": strengths(model.contact) if model.contact else {},
             **(self.metadata or {}),
+            "displacements": RELATIVE if self._relative(first) else ABSOLUTE,
         }
 
         def create() -> None:
             made_by = manifest(model, first.settings, self._nodes.positions, surface)
             facts = {"manifest": made_by, **metadata}
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=self.overwrite)
-            declare_histories(writer, self._probe.positions, accelerations=True)
+            declare_histories(
+                writer,
+                self._probe.positions,
+                accelerations=True,
+                relative=self._relative(first),
+                free_surface=first.free_surface is not None,
+            )
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
@@ -107,6 +119,9 @@ class ResultsMonitor(Monitor):
             declare_energy(writer, names, first.energy.input_by_load)
             if model.bulk is not None:
                 writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
+            if model.absorbing:
+                text = "part of viscous energy that viscous boundaries took"
+                writer.series("energy", "absorbed", (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             if self._extras is not None:
                 self._extras.declare(writer, joints)
@@ -213,6 +228,8 @@ class ResultsMonitor(Monitor):
                 energies[f"joints/{name}/{term}"] = value
         if self._model.bulk is not None:
             energies["plastic"] = record.energy.plastic
+        if self._model.absorbing:
+            energies["absorbed"] = record.energy.absorbed
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
@@ -226,7 +243,7 @@ class ResultsMonitor(Monitor):
         self._time = record.time
 
     def _motion(self, record: Record) -> dict[str, Floats]:
-        """Displacement and acceleration of the points, acceleration of the ground.
+        """Displacement and acceleration of the points, motion of the ground.
 
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
@@ -237,11 +254,16 @@ class ResultsMonitor(Monitor):
             time, before = self._before
             acceleration = (velocity - before) / (record.time - time)
         self._before = record.time, velocity
-        return {
-            "displacement": self._probe.read(record.displacement),
-            "acceleration": acceleration,
-            "ground_acceleration": record.ground_acceleration,
-        }
+        ground = {"ground_acceleration": record.ground_acceleration}
+        if record.free_surface is not None:
+            ground = {"free_surface_velocity": record.free_surface(record.time)}
+        displacement = self._probe.read(record.displacement)
+        return {"displacement": displacement, "acceleration": acceleration, **ground}
+
+    def _relative(self, first: Record) -> bool:
+        """Whether displacements are relative to the ground: it is given, or nothing moves it."""
+        still = first.free_surface is None and not self._model.constraints.moves
+        return first.motion is not None or still
 
     def _append(self, stream: str, time: float, values: dict[str, Any]) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""

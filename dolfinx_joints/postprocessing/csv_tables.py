@@ -47,8 +47,9 @@ class Table:
 def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
     """Write what a results file holds as CSV files.
 
-    - ``histories.csv``: every step, displacements and accelerations of the points, the ground's,
-      shares of joint points, reactions;
+    - ``histories.csv``: every step, displacements and accelerations of the points, relative to the
+      ground unless they are called absolute, the ground's motion, shares of joint points,
+      reactions;
     - ``energy.csv``: every step, the lines of the ledger;
     - ``joints.csv``: one row per joint, `measures.joint_measures` and
       `resultants.resultant_measures`;
@@ -157,8 +158,9 @@ def _histories(results: Results) -> Table:
     for name in of_points:
         values = results.series("histories", name, slice(len(rest.rows)))
         unit = results.unit("histories", name)
+        motion = name if results.relative else f"absolute {name}"
         for i, point in enumerate(results.point_names):
-            columns += _parts(f"{name} of {point}", unit, values[:, i])
+            columns += _parts(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)
     header = [rest.header[0], *motions.header, *rest.header[1:]]
     both = zip(rest.rows, motions.rows, strict=True)

@@ -51,6 +51,8 @@ ENERGY_TERMS = (
 )
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
+RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
+
 _MOST_LISTED = 12  # names in a message
 
 Index = int | slice
@@ -85,6 +87,11 @@ class Results:
         """Facts of the run, from its writer."""
         with self._reading():
             return _decode_json(self._file["metadata"])
+
+    @property
+    def relative(self) -> bool:
+        """Whether displacements are relative to the ground, those of a `FreeField` are absolute."""
+        return self.metadata.get("displacements") != ABSOLUTE
 
     @property
     def summary(self) -> dict[str, Any]:

@@ -125,7 +125,7 @@ def deformed(
         scene.surface(moved, surface[sides], color=_JOINT, lighting=False)
     scene.edges(nodes, outer, **_OUTLINE)
     figure, axes = draw(scene, [camera])
-    colour_bar(figure, axes, colours(), limits, f"displacement [mm],\n{frame}")
+    colour_bar(figure, axes, colours(), limits, f"displacement [mm], {frame}")
     moment = results.time("states")[number]
     title = f"deformed shape at t = {moment:.3f} s, displacements x {factor:g}"
     figure.suptitle(title + _widest(results, number), fontsize="medium")

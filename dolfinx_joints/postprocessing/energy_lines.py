@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 
-Floats = NDArray[np.floating[Any]]
+Floats = NDArray[np.float64]
 
 WAVES = "waves"
 

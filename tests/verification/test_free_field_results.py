@@ -17,7 +17,16 @@ pytest.importorskip("matplotlib")
 
 from dolfinx.mesh import CellType
 
-from dolfinx_joints import FreeField, Model, Results, ResultsMonitor, Simulation, ViscousBoundary
+from dolfinx_joints import (
+    FreeField,
+    Model,
+    Results,
+    ResultsMonitor,
+    Simulation,
+    Spring,
+    ViscousBoundary,
+    stiffness_proportional,
+)
 from dolfinx_joints.motions.spectra import response_spectrum, significant_duration
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.csv_tables import tables_of
@@ -62,18 +71,21 @@ def acceleration(time):
     return 2.0 * np.diff(velocity(ends - TRAVEL), axis=0)[0] / DT
 
 
-def march(comm, path, **dynamics):
+def incident(time):
+    return np.array([velocity(time), 0.0])
+
+
+def march(comm, path, *, steps=540, supports=(), damping=None, **dynamics):
     jointed = ground(comm, CellType.quadrilateral, [WIDTH, HEIGHT], [1, 20])
-    supports = [ViscousBoundary(group="base"), *one_way(jointed, 0)]
-    model = Model(jointed, material=ROCK, supports=supports, degree=2)
+    supports = [ViscousBoundary(group="base"), *one_way(jointed, 0), *supports]
+    model = Model(jointed, material=ROCK, supports=supports, degree=2, damping=damping)
     monitor = ResultsMonitor(path, points=POINTS, every=100)
-    Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=540, **dynamics)
+    Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=steps, **dynamics)
 
 
 @pytest.fixture(scope="module")
 def path(comm, new_path):
     made = new_path("waves.h5")
-    incident = lambda t: np.array([velocity(t), 0.0])  # noqa: E731
     march(comm, made, loads=[FreeField(groups=["base"], incident=incident, surface=HEIGHT)])
     return made
 
@@ -143,6 +155,28 @@ def test_waves_are_apart_from_what_stays_in_the_body(results):
     assert labels[0] == f"waves, {brought / 1e3:.4g} kJ in less {taken / 1e3:.4g} kJ out"
     largest = max(np.abs(line.get_ydata()).max() for line in ax.get_lines())
     assert largest == pytest.approx(ENERGY / 1e3, rel=0.01)
+
+
+@pytest.mark.mpi
+def test_what_boundaries_absorb_is_that_of_their_dashpots_alone(comm, new_path):
+    """rho c v^2 of the base, step by step, beside Rayleigh damping and springs that do not damp."""
+    path = new_path("damped.h5")
+    march(
+        comm,
+        path,
+        steps=150,
+        supports=[Spring(group="top", normal_stiffness=0.0, tangential_stiffness=1e6)],
+        damping=stiffness_proportional(ratio=0.05, frequency=10.0),
+        loads=[FreeField(groups=["base"], incident=incident, surface=HEIGHT)],
+    )
+    if comm.rank:
+        return
+    with Results(path) as results:
+        moved = np.diff(results.series("histories", "displacement")[:, 0, 0])
+        expected = WIDTH * ROCK.density * SHEAR * np.cumsum(moved**2) / DT
+        found = results.series("energy", "absorbed")[1:]
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * expected[-1])
+        assert energy_lines(results)["viscous"][-1] > 0.01 * ENERGY
 
 
 @pytest.mark.mpi

@@ -9,6 +9,7 @@ would move it, such as an outcrop far from the dam.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,13 @@ def frame_name(results: Results, relative_to: str | None = None) -> str:
     if _is_ground(results, relative_to):
         return f"relative to the {ground_name(results)}"
     return f"relative to {relative_to}"
+
+
+def common_frame(frames: Mapping[str, str]) -> str:
+    """What the displacements of several runs are relative to, named by run where they differ."""
+    if len(set(frames.values())) == 1:
+        return next(iter(frames.values()))
+    return ", ".join(f"{frame} in {label}" for label, frame in frames.items())
 
 
 def ground_motion(results: Results) -> tuple[Floats, Floats]:

@@ -45,6 +45,7 @@ from dolfinx_joints.postprocessing.axes import (
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, through_boundaries
 from dolfinx_joints.postprocessing.frames import (
+    common_frame,
     frame_name,
     ground_motion,
     ground_name,
@@ -321,9 +322,7 @@ def runs(
 def _frames(drawn: list[tuple[Results, dict[str, Any]]], relative_to: str | None) -> str:
     """What the displacements drawn are relative to."""
     frames = {style["label"]: frame_name(run, relative_to) for run, style in reversed(drawn)}
-    if len(set(frames.values())) == 1:
-        return next(iter(frames.values()))
-    return "; ".join(f"{label} {frame}" for label, frame in frames.items())
+    return common_frame(frames)
 
 
 def point_name(results: Results, point: int | str) -> str:

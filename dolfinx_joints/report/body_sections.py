@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
-from dolfinx_joints.postprocessing.frames import nodal_displacement
+from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joint_surface import JointSurface
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
@@ -66,7 +66,7 @@ def space(content: Content) -> Section:
     recorded = ", ".join(
         f"{len(s['frames'])} of the {s['records']} recorded states of {s['label']}" for s in scenes
     )
-    frames = ", ".join(dict.fromkeys(nodal_displacement(run.results, 0)[1] for run in runs))
+    frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
     caption = (
         f"Boundary of the body, displacements enlarged by the factor above, coloured by their "
         f"size from the unloaded shape, {frames}. It shows {recorded}: at most {MOMENTS} at equal "

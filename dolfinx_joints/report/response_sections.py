@@ -18,6 +18,7 @@ from dolfinx_joints.motions.spectra import (
 )
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.frames import (
+    common_frame,
     frame_name,
     ground_motion,
     ground_name,
@@ -268,10 +269,7 @@ def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
 
 def _frames(runs: Sequence[Run]) -> str:
     """What the displacements of the runs are relative to."""
-    frames = {run.label: frame_name(run.results, run.relative_to) for run in runs}
-    if len(set(frames.values())) == 1:
-        return frames[runs[0].label]
-    return ", ".join(f"{frame} in {label}" for label, frame in frames.items())
+    return common_frame({run.label: frame_name(run.results, run.relative_to) for run in runs})
 
 
 def _curves(runs: Sequence[Run], name: str, of: Callable[..., Any]) -> list[list[Curve]]:

@@ -166,6 +166,13 @@ def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
     assert stored["viscous"][-1] == stored["input"][-1] == 0.0
 
 
+def test_runs_say_what_each_is_relative_to(tmp_path):
+    paths = [write_run(tmp_path / f"{n}.h5", waves=n == "waves") for n in ("waves", "motion")]
+    _, html = page_of(paths, tmp_path)
+    frames = "relative to the free surface in waves, relative to the ground in motion and counted"
+    assert f"Displacements are {frames}" in html
+
+
 def test_the_body_in_space_is_without_the_motion_of_its_base(tmp_path):
     pytest.importorskip("pyvista")
     path = write_run(tmp_path / "waves.h5", waves=True)

@@ -13,8 +13,6 @@ The table is replaced as a whole after each case. Killing the runner at any mome
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import multiprocessing as mp
 import os
@@ -26,32 +24,38 @@ import time as clock
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
 from multiprocessing.connection import Connection
 from numbers import Real
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.study_table import (
+    OWN_COLUMNS,
+    SUFFIX,
+    TABLE,
+    Row,
+    Table,
+    columns,
+    columns_of_values,
+    read_rows,
+    read_table,
+    reason_of,
+    replace,
+    write_csv,
+)
 
 __all__ = ["Study", "Table", "Tally", "read_table", "write_csv"]
 
 Function = Callable[..., Mapping[str, Any]]
-Row = dict[str, Any]
-Table = dict[str, NDArray[Any]]
-
-OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
-_TABLE = "table.json"
 _LONGEST_REASON = 2000  # characters
 
 
@@ -63,17 +67,21 @@ class Tally:
         done: Cases that ran to their end.
         failed: Cases that failed, with their reasons.
         skipped: Cases that had a row already and were left alone.
+        remarks: What of the values of finished cases is not in the table as the function
+            returned it, by case.
     """
 
     done: list[str]
     failed: dict[str, str]
     skipped: list[str]
+    remarks: dict[str, str]
 
     def __str__(self) -> str:
-        """A line, and one more per failure."""
+        """A line, and one more per failure and remark."""
         text = f"{len(self.done)} cases run, {len(self.skipped)} were there already, "
         text += f"{len(self.failed)} failed"
-        return "\n".join([text, *(f"  {name}: {why}" for name, why in self.failed.items())])
+        more = (*self.failed.items(), *self.remarks.items())
+        return "\n".join([text, *(f"  {name}: {why}" for name, why in more)])
 
 
 class Study:
@@ -81,7 +89,9 @@ class Study:
 
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
     a mapping of names to numbers or texts. Every case runs in a new interpreter that imports the
-    function from its module: cases share nothing, least of all MPI.
+    function from its module: cases share nothing, least of all MPI. A case that came to its end is
+    kept whatever it returned: a value with the name of a parameter or of another column stands in
+    the column "NAME (value)", one that is no number or text is left out, and the row says so.
 
     A case is known by its name and parameters; a change of the function goes unnoticed.
 
@@ -144,18 +154,21 @@ class Study:
             raise StudyError("A study starts processes of its own: run it without mpirun.")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.path / _TABLE, StudyError):
+            with FileLock(self.path / TABLE, StudyError):
                 rows = self._rows()
                 chosen = [name for name in self.cases if only is None or name in only]
                 waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
                 self._work(rows, waiting, workers, progress)
         except OSError as error:
             raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
-        failed = {n: rows[n]["reason"] for n in waiting if rows[n]["status"] == "failed"}
+        names = columns_of_values(list(rows.values()))
+        said = {name: why for name in waiting if (why := reason_of(rows[name], names))}
+        failed = {name for name in waiting if rows[name]["status"] == "failed"}
         return Tally(
             done=[name for name in waiting if name not in failed],
-            failed=failed,
+            failed={name: why for name, why in said.items() if name in failed},
             skipped=[name for name in chosen if name not in waiting],
+            remarks={name: why for name, why in said.items() if name not in failed},
         )
 
     def folder(self, name: str) -> Path:
@@ -165,11 +178,11 @@ class Study:
     def table(self) -> Table:
         """The rows that there are, in the order of the cases; see `read_table`."""
         rows = self._rows()
-        return _columns([rows[name] for name in self.cases if name in rows])
+        return columns([rows[name] for name in self.cases if name in rows])
 
     def _rows(self) -> dict[str, Row]:
-        path = self.path / _TABLE
-        return {row["case"]: row for row in _read_rows(path)} if path.exists() else {}
+        path = self.path / TABLE
+        return {row["case"]: row for row in read_rows(path)} if path.exists() else {}
 
     def _waiting(
         self, rows: Mapping[str, Row], chosen: list[str], retry: bool, rerun: bool
@@ -202,7 +215,7 @@ class Study:
                     row = future.result()
                     rows[row["case"]] = row
                     ordered = [rows[name] for name in self.cases if name in rows]
-                    _replace(self.path / _TABLE, json.dumps(ordered, indent=1))
+                    replace(self.path / TABLE, json.dumps(ordered, indent=1))
                     bar.update()
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
@@ -223,13 +236,14 @@ class Study:
         running.append(process)
         sender.close()
         try:
-            reason, values, peak = receiver.recv()
+            status, reason, values, peak = receiver.recv()
         except EOFError:
             process.join()
             code = process.exitcode or 0
             end = f"exit code {code}" if code >= 0 else f"signal {-code}"
             reason, values, peak = f"ended by {end}; see {folder / 'log.txt'}", {}, float("nan")
-        row = {"case": name, "status": "failed" if reason else "complete", "reason": reason}
+            status = "failed"
+        row = {"case": name, "status": status, "reason": reason}
         row |= {"wall_s": clock.perf_counter() - began, "peak_mb": peak}
         return row | {"parameters": self.cases[name], "values": values}
 
@@ -237,18 +251,22 @@ class Study:
 def _case(
     sender: Connection, function: Function, folder: Path, parameters: Mapping[str, Any]
 ) -> None:
-    """Run a case here, output to log.txt; send why it failed or "", its values, its peak memory."""
+    """Run a case here, output to log.txt; send status, reason or remarks, values, peak memory."""
     threading.Thread(target=_end_with_the_runner, daemon=True).start()
     with (folder / "log.txt").open("wb") as log:
         os.dup2(log.fileno(), 1)
         os.dup2(log.fileno(), 2)
     try:
-        values = _plain_values(function(folder, **parameters), parameters)
-        sender.send(("", values, peak_mb()))
+        values, remarks = _plain_values(function(folder, **parameters))
+        sender.send(("complete", _in_one_line(" ".join(remarks)), values, peak_mb()))
     except Exception as error:
         traceback.print_exc()
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON]
-        sender.send((reason, {}, peak_mb()))
+        reason = _in_one_line(f"{type(error).__name__}: {error}")
+        sender.send(("failed", reason, {}, peak_mb()))
+
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())[:_LONGEST_REASON]
 
 
 def _end_with_the_runner() -> None:
@@ -276,91 +294,32 @@ def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) 
     return kept
 
 
-def _plain_values(values: Any, parameters: Mapping[str, Any]) -> dict[str, float | str]:
-    """Values that a case returned as numbers and texts."""
+def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
+    """Values that a case returned as numbers and texts, and remarks on the others."""
     if not isinstance(values, Mapping):
         raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
-    if taken := values.keys() & {*OWN_COLUMNS, *parameters}:
-        raise StudyError(f"The value {min(taken)!r} has the name of a parameter or of the study.")
-    for name, value in values.items():
-        if not isinstance(value, Real | str | np.bool_):
-            raise StudyError(f"The value {name!r} must be a number or a text, not {value!r:.80}.")
-    return {str(n): v if isinstance(v, str) else float(v) for n, v in values.items()}
+    kept: dict[str, float | str] = {}
+    remarks = []
+    for given, value in values.items():
+        name, plain = str(given), _plain(value)
+        while name in kept:
+            name += SUFFIX
+        if plain is None:
+            print(f"{name!r}: {value!r}", flush=True)
+            remarks.append(
+                f"The value {name!r} must be a number or a text, not {value!r:.80}; it is in "
+                "log.txt alone."
+            )
+        else:
+            kept[name] = plain
+    return kept, remarks
 
 
-@checked
-def read_table(path: str | PathLike[str]) -> Table:
-    """The table of a study, one row per finished or failed case, in the order of the cases.
-
-    Args:
-        path: Folder of the study.
-
-    Returns:
-        Arrays of shape (rows,) by column: ``case``, ``status`` ("complete" or "failed"),
-        ``reason`` of a failure, ``wall_s`` [s], ``peak_mb`` [MiB], the parameters, the values.
-
-    Raises:
-        StudyError: There is no such table.
-    """
-    place = Path(path) / _TABLE
-    if not place.is_file():
-        raise StudyError(f"There is no table {place}; run the study first.")
-    return _columns(_read_rows(place))
-
-
-def _read_rows(path: Path) -> list[Row]:
+def _plain(value: Any) -> float | str | None:
+    """A value as a file holds it, None where it is neither number nor text."""
+    if isinstance(value, str):
+        return value
     try:
-        rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))
-        _columns(rows)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise StudyError(f"{path} is no table of a study, or a damaged one: {error!r}.") from None
-    return rows
-
-
-def _columns(rows: Sequence[Row]) -> Table:
-    """Columns of rows: own ones, parameters, values, in the order in which they first appear.
-
-    A column whose entries are all numbers is of floats, NaN where a row has none; any other is of
-    texts, empty where a row has none.
-    """
-    flat = [{k: row[k] for k in OWN_COLUMNS} | row["parameters"] | row["values"] for row in rows]
-    names = dict.fromkeys(OWN_COLUMNS)
-    for part in ("parameters", "values"):
-        for row in rows:
-            names |= dict.fromkeys(row[part])
-    return {name: _column([row.get(name) for row in flat]) for name in names}
-
-
-def _column(entries: list[Any]) -> NDArray[Any]:
-    given = [entry for entry in entries if entry is not None]
-    if given and all(isinstance(entry, Real) for entry in given):
-        return np.array([np.nan if entry is None else float(entry) for entry in entries])
-    texts = [e if isinstance(e, str) else "" if e is None else json.dumps(e) for e in entries]
-    return np.array(texts, dtype=object)
-
-
-@checked
-def write_csv(table: Table, path: str | PathLike[str]) -> Path:
-    """Write a table as CSV: a line of names, then a line per row, numbers in full.
-
-    Raises:
-        StudyError: It cannot be written.
-    """
-    place, text = Path(path), io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerow(table)
-    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-    _replace(place, text.getvalue())
-    return place
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file so that it is whole or as it was."""
-    part = path.with_name(f".{path.name}.partial")
-    try:
-        part.write_bytes(text.encode(errors="backslashreplace"))
-        part.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink()
-        raise StudyError(f"{path} cannot be written: {error.strerror}.") from error
+        return float(value) if isinstance(value, Real | np.bool_) else None
+    except OverflowError:
+        return None

@@ -19,7 +19,6 @@ import numpy as np
 
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report.page import Html, Section, bullets, paragraph, plain, table
-from dolfinx_joints.report.response_sections import strong_until
 from dolfinx_joints.report.runs import Addition, Run
 
 CASE = "ambiesta"
@@ -327,7 +326,8 @@ def _fourier(run: Run, component: str) -> measures.FourierPeaks:
 
 
 def _peak(run: Run, component: str, phase: str) -> float:
-    return measures.peaks(run.results, POINT, strong_until=strong_until(run))[component][phase]
+    until = measures.strong_phase_end(run.results)
+    return measures.peaks(run.results, POINT, strong_until=until)[component][phase]
 
 
 def _ratio(measure: Callable[[Run], float]) -> Callable[[Pair], float]:

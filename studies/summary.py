@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.frames import usual_reference
 
 
 def summary_row(results: Results, *, strong_until: float | None = None) -> dict[str, float]:
@@ -15,7 +16,8 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
 
     - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration`` (largest
       absolute one) [m/s^2], ``POINT/C/frequency`` [Hz] and ``POINT/C/amplitude`` [m s] of the
-      Fourier peak, for each point and component C;
+      Fourier peak, for each point and component C; displacements are relative to the ground, under
+      waves that rise to the free surface, absolute only where supports move (`frames`);
     - ``joints/NAME`` of `all_joints`;
     - ``stress/NAME`` of `measures.stress_extremes`;
     - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN where the
@@ -23,15 +25,17 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
 
     Args:
         results: The run.
-        strong_until: End of the strong motion [s]; from the file's ground motion unless given.
+        strong_until: End of the strong motion [s]; from the file's ground motion unless given, and
+            the end of the run where the ground rests.
     """
-    until = measures.strong_motion_end(results) if strong_until is None else strong_until
+    until = measures.strong_phase_end(results) if strong_until is None else strong_until
+    base = usual_reference(results)
     row = {"strong_until": until}
     for point in results.point_names:
-        largest = measures.peaks(results, point, strong_until=until)
+        largest = measures.peaks(results, point, strong_until=until, relative_to=base)
         for component in measures.COMPONENTS:
             where = f"{point}/{component}"
-            spectrum = measures.fourier_peaks(results, point, component)
+            spectrum = measures.fourier_peaks(results, point, component, relative_to=base)
             row[f"{where}/peak_strong"] = largest[component]["strong"]
             row[f"{where}/peak_later"] = largest[component]["later"]
             acceleration = measures.acceleration_history(results, point, component)[1]

@@ -33,7 +33,7 @@ def square(folder, *, x, wait=0.0, label="none"):
 
 
 def picky(folder, *, x):
-    """Fails at 2, dies at 3, ends at 4, returns what no row can hold at 5."""
+    """Fails at 2, dies at 3, ends at 4, returns no row at 5."""
     if x == 2:
         raise ValueError("two is\nnot allowed.")
     if x == 3:
@@ -42,12 +42,14 @@ def picky(folder, *, x):
         return {"y": 10.0 * x}
     if x == 4:
         sys.exit("no more")
-    return {"y": np.zeros(3) if x == 5 else float(x)}
+    return [1.0] if x == 5 else {"y": float(x)}
 
 
-def other(folder, *, kind):
-    """Values that are no row."""
-    return {"list": [1.0], "taken": {"kind": 1.0}, "own": {"wall_s": 1.0}}[kind]
+def clashing(folder, *, height, base=0.0):
+    """Values with names of parameters, of the table, of another case's parameter, and odd ones."""
+    odd = {"vector": np.zeros(3), "huge": 10**400, 1: 1.0, "1": 2.0, "a\nb,\udcff": 3.0}
+    values = {"crest": 5.0, "height": 2.0 * height, "status": "own", "status (value)": 4.0}
+    return values | odd if height == 1.0 else {"base": 7.0}
 
 
 def without_times(table):
@@ -176,7 +178,7 @@ def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
         "x=2": "ValueError: two is not allowed.",
         "x=3": f"ended by signal 9; see {str(log).format(3)}",
         "x=4": f"ended by exit code 1; see {str(log).format(4)}",
-        "x=5": "StudyError: The value 'y' must be a number or a text, not array([0., 0., 0.]).",
+        "x=5": "StudyError: The function must return a mapping of values, not [1.0].",
     }
     assert "2 cases run, 0 were there already, 4 failed\n  x=2: ValueError: two" in str(tally)
     table = read_table(tmp_path / "s")
@@ -192,12 +194,28 @@ def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
     np.testing.assert_array_equal(cases.table()["y"], [1.0, np.nan, np.nan, 40.0, 50.0, 6.0])
 
 
-def test_values_that_are_no_row(tmp_path):
-    cases = {kind: {"kind": kind} for kind in ("list", "taken", "own")}
-    failed = Study(tmp_path / "s", other, cases).run(workers=2, progress=False).failed
-    assert "must return a mapping of values, not [1.0]" in failed["list"]
-    assert "The value 'kind' has the name of a parameter" in failed["taken"]
-    assert "The value 'wall_s' has the name of a parameter or of the study" in failed["own"]
+def test_a_finished_case_is_kept_whatever_its_values_are_called(tmp_path):
+    cases = {"low": {"height": 1.0, "base": 3.0}, "high": {"height": 2.0}}
+    tally = Study(tmp_path / "s", clashing, cases).run(progress=False)
+    assert (tally.done, tally.failed) == (["low", "high"], {})
+    table = read_table(tmp_path / "s")
+    assert table["status"].tolist() == ["complete", "complete"]
+    assert table["height"].tolist() == [1.0, 2.0]
+    low = {name: column[0] for name, column in table.items()}
+    assert (low["crest"], low["height (value)"], low["base"]) == (5.0, 2.0, 3.0)
+    assert {low["status (value)"], low["status (value) (value)"]} == {"own", 4.0}
+    assert (low["1"], low["1 (value)"], low["a\nb,\udcff"]) == (1.0, 2.0, 3.0)
+    # Of the other case ``base`` is a value, and no parameter.
+    np.testing.assert_array_equal(table["base"], [3.0, np.nan])
+    np.testing.assert_array_equal(table["base (value)"], [np.nan, 7.0])
+    for text in (tally.remarks["low"], low["reason"], str(tally)):
+        assert "'height' has the name of a parameter or of the study; it is in the column" in text
+        assert "'vector' must be a number or a text, not array([0., 0., 0.])" in text
+        assert "'huge' must be a number" in text
+    assert tally.remarks["high"].endswith("it is in the column 'base (value)'.")
+    log = (tmp_path / "s" / "cases" / "low" / "log.txt").read_text()
+    assert "'vector': array([0., 0., 0.])" in log
+    write_csv(table, tmp_path / "t.csv")
 
 
 def test_changed_parameters_are_run_again_only_if_asked(tmp_path):

@@ -24,6 +24,7 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 STEP = 0.01
 AMPLITUDE = {"linear": (1.0, 1.0, 1.0), "joints": (1.3, 0.4, 1.3)}  # as the paper's largest peaks
+SURFACE_ACCELERATION = 0.5  # m/s^2
 
 # Two cubes of 2 m with a joint between them in the plane y = 0.
 CUBE = np.array([[x, y, z] for z in (0.0, 2.0) for y in (0.0, 2.0) for x in (0.0, 2.0)])
@@ -52,17 +53,25 @@ def write_run(
     facts: dict[str, Any] | None = None,
     summary: dict[str, Any] | None = None,
     status: str = "complete",
+    waves: bool = False,
 ) -> Path:
     """Write a run whose point mid-crest moves in sines of 5.22, 5.0 and 5.22 Hz.
 
-    The joint opens by 3 mm at its two upper points at the end.
+    The joint opens by 3 mm at its two upper points at the end. With ``waves`` everything moves with
+    the free surface as well, by ``SURFACE_ACCELERATION`` along x from rest, and waves bring 69 GJ
+    of which all but the kinetic energy leaves.
     """
     rows = round(seconds / STEP) + 1
     metadata = {"point_names": ["mid-crest"], "run": name, "dofs": 48, "steps": rows - 1}
+    metadata |= {"displacements": "absolute"} if waves else {}
+    along = np.array([SURFACE_ACCELERATION if waves else 0.0, 0.0, 0.0])
     closing = {"steps": rows - 1, "energy_error": 1.25e-14, "seconds": {"time steps": 2.5}}
     with ResultsWriter(path, metadata | (facts or {})) as writer:
-        declare_histories(writer, [[1.0, 0.0, 2.0]], accelerations=True)
-        declare_energy(writer)
+        frame = {"relative": not waves, "free_surface": waves}
+        declare_histories(writer, [[1.0, 0.0, 2.0]], accelerations=True, **frame)
+        declare_energy(writer, (), ["FreeField"] if waves else [])
+        if waves:
+            writer.series("energy", "absorbed", (), "J", "part that viscous boundaries took")
         declare_states(writer, NODES, SURFACE, {"joint_1": JOINT} if name == "joints" else {})
         writer.start()
         for row in range(rows):
@@ -70,15 +79,21 @@ def write_run(
             wave = 1e-3 * np.sin(2 * np.pi * np.array([5.22, 5.0, 5.22]) * time)
             ground = np.array([np.sin(9.0 * time), 0.0, 0.0]) * (time < 0.6 * seconds)
             shares = {"joint_open": 0.5, "joint_stick": 0.5, "joint_slip": 0.0, "iterations": 2}
+            motion = {"free_surface_velocity": along * time} if waves else {}
             record = {
-                "displacement": [wave * AMPLITUDE[name]],
-                "acceleration": [-1e3 * wave],
-                "ground_acceleration": ground,
+                "displacement": [wave * AMPLITUDE[name] + along * time**2 / 2],
+                "acceleration": [-1e3 * wave + along],
+                **(motion or {"ground_acceleration": ground}),
             }
             writer.append("histories", time, record | shares)
-            writer.append("energy", time, dict.fromkeys(ENERGY_TERMS, 1e3 * time))
+            energy = dict.fromkeys(ENERGY_TERMS, 1e3 * time)
+            if waves:
+                energy |= {"input": 69e9 * time, "loads/FreeField": 69e9 * time}
+                energy["viscous"] = energy["absorbed"] = 69e9 * time - energy["kinetic"]
+            writer.append("energy", time, energy)
         for share in (0.0, 0.5, 1.0):
             moved = np.where(NODES[:, 2:] > 0.0, share * 2e-3, 0.0) * [1.0, 0.0, 0.0]
+            moved = moved + along * (share * seconds) ** 2 / 2
             state: dict[str, Any] = {"displacement": moved}
             if name == "joints":
                 gap = np.where(POINTS[:, 2:] > 1.0, 3e-3 * share, -1e-6) * [1.0, 0.0, 0.0]

@@ -103,16 +103,9 @@ class FreeField:
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Tractions by level, those of the rising and of the falling wave (collective)."""
-        gdim = model.gdim
-        base = self._base(model)
-        lame, shear, density = _rock(model, self.groups)
-        letters = "xyz"[:gdim] if self.components is None else self.components
-        velocity = lru_cache(maxsize=512)(in_axes(self.incident, gdim, "FreeField: incident"))
-        velocity(0.0)
+        base, velocity = self._base(model), self._velocity(model)
         found: list[tuple[PETSc.Vec, TimeFactor]] = []
-        for axis in components_of(letters, gdim):
-            modulus = lame + 2.0 * shear if axis == gdim - 1 else shear
-            speed = float(np.sqrt(modulus / density))
+        for axis, speed in self._speeds(model).items():
             spacing = speed / (LEVELS * self.highest_frequency)
             for way in (1, -1):
                 start = 0.0 if way > 0 else 2.0 * (self.surface - base) / speed
@@ -121,6 +114,38 @@ class FreeField:
                     found.append((force, _delayed(velocity, axis, delay)))
         largest = max((force.norm() for force, _ in found), default=0.0)
         return [(f, factor) for f, factor in found if f.norm() > ROUNDING * largest]
+
+    def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
+        """Velocity of the level surface that nothing stands on, (3,) at a time [s] (collective).
+
+        Twice the rising wave's a travel time before [m/s].
+        """
+        height, velocity = self.surface - self._base(model), self._velocity(model)
+        speeds = self._speeds(model)
+
+        def surface(time: float) -> Floats:
+            found = np.zeros(3)
+            for axis, speed in speeds.items():
+                found[axis] = 2.0 * velocity(time - height / speed)[axis]
+            return found
+
+        return surface
+
+    def _velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
+        """Velocity of the rising wave in the axes of the model."""
+        velocity = lru_cache(maxsize=512)(in_axes(self.incident, model.gdim, "FreeField: incident"))
+        velocity(0.0)
+        return velocity
+
+    def _speeds(self, model: LoadedBody) -> dict[int, float]:
+        """Speed of the wave that moves along each axis, by its number [m/s] (collective)."""
+        lame, shear, density = _rock(model, self.groups)
+        up = model.gdim - 1
+        letters = "xyz"[: model.gdim] if self.components is None else self.components
+        return {
+            int(axis): float(np.sqrt((lame + 2.0 * shear if axis == up else shear) / density))
+            for axis in components_of(letters, model.gdim)
+        }
 
     def _base(self, model: LoadedBody) -> float:
         """Height of the base, once groups and heights are checked (collective)."""

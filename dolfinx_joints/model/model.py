@@ -81,6 +81,7 @@ class Model:
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         rayleigh: Factors of M and K in C.
         dashpots: The rest of C, None for nothing [N s/m].
+        absorption: The part of it that viscous boundaries are, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
         loads: The loads.
 
@@ -138,7 +139,7 @@ class Model:
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
             self._redistribute(self.operator, extra_stiffness)
-        self.rayleigh, self.dashpots = self._damping(
+        self.rayleigh, self.absorption, self.dashpots = self._damping(
             damping or Rayleigh(), extra_stiffness, extra_damping
         )
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
@@ -189,18 +190,23 @@ class Model:
         rayleigh: Rayleigh,
         extra_stiffness: BilinearForm | None,
         extra_damping: BilinearForm | None,
-    ) -> tuple[Rayleigh, PETSc.Mat | None]:
-        """Factors of M and K in C, and the rest of C, None for nothing."""
+    ) -> tuple[Rayleigh, PETSc.Mat | None, PETSc.Mat | None]:
+        """Factors of M and K in C, viscous boundaries, and with them the rest of C."""
         u, v = self._arguments
         boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
-        forms = [s.form(self.jointed, self.body, u, v) for s in boundaries]
-        forms += self._extra(extra_damping)
+        absorbing = [s.form(self.jointed, self.body, u, v) for s in boundaries]
+        forms = self._extra(extra_damping)
         undamped = extra_stiffness is not None or any(isinstance(s, Spring) for s in self.supports)
         if rayleigh.stiffness_factor and undamped:
             # Springs and extra forms are part of K but do not damp.
             forms.insert(0, rayleigh.stiffness_factor * self.body.stiffness_form(u, v))
             rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
-        return rayleigh, blocked(self._matrix(*forms)) if forms else None
+        rest = self._matrix(*forms) if forms else None
+        absorption = self._matrix(*absorbing) if absorbing else None
+        if rest is not None and absorption is not None:
+            rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        dashpots = absorption if rest is None else rest
+        return rayleigh, absorption, None if dashpots is None else blocked(dashpots)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
@@ -303,6 +309,7 @@ class Model:
             stiffness=self.stiffness,
             rayleigh=self.rayleigh,
             dashpots=self.dashpots,
+            absorption=self.absorption,
             contact=self.contact,
             bulk=self.bulk,
             patterns=[pattern for _, pattern in named],

@@ -39,6 +39,7 @@ class MatrixSystem:
         stiffness: K of the bulk and its springs [N/m].
         rayleigh: Factors of M and K in C.
         dashpots: The rest of C, None for nothing [N s/m].
+        absorption: The part of it that takes waves out, None for nothing [N s/m].
         contact: The joints, or None.
         bulk: Cells with plastic materials, whose elastic part K holds, or None.
         patterns: Nodal forces [N] with their factors of time [s].
@@ -55,6 +56,7 @@ class MatrixSystem:
     stiffness: PETSc.Mat
     rayleigh: Rayleigh = field(default_factory=Rayleigh)
     dashpots: PETSc.Mat | None = None
+    absorption: PETSc.Mat | None = None
     contact: Contact | None = None
     bulk: PlasticBulk | None = None
     patterns: Sequence[Pattern] = ()

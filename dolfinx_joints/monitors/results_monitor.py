@@ -41,7 +41,13 @@ from dolfinx_joints.results.layout import (
     declare_points,
     declare_states,
 )
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS, Results
+from dolfinx_joints.results.reader import (
+    ABSOLUTE,
+    ENERGY_TERMS,
+    JOINT_ENERGY_TERMS,
+    RELATIVE,
+    Results,
+)
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
@@ -60,12 +66,12 @@ class ResultsMonitor(Monitor):
     another file, such as that of a dynamic run that is to be continued, it becomes ``NAME.before``
     until a dynamic stage begins anew, or goes on with it.
 
-    Every step: displacement and acceleration of the monitor points, acceleration of the ground,
-    shares of open, sticking and sliding joint points, iterations, support reactions by group,
-    energies. Every ``every`` steps: nodal displacements, joint gaps, tractions and status, facet by
-    facet; the pressures of water in joints and broken bonds, where there are any. If asked for:
-    resultants of joints and blocks at every step, and at the end envelopes of the stresses at the
-    boundary over all steps.
+    Every step: displacement and acceleration of the monitor points, acceleration of the ground (of
+    waves that rise the velocity of the free surface), shares of open, sticking and sliding joint
+    points, iterations, support reactions by group, energies. Every ``every`` steps: nodal
+    displacements, joint gaps, tractions and status, facet by facet; the pressures of water in
+    joints and broken bonds, where there are any. If asked for: resultants of joints and blocks at
+    every step, and at the end envelopes of the stresses at the boundary over all steps.
 
     Args:
         path: The file.
@@ -139,13 +145,22 @@ class ResultsMonitor(Monitor):
         self._find(model, first)
         surface, joints = self._surface, self._joints
         overwrite = self.overwrite or self._stages > 0  # a file of its own stages
+        relative = self._relative(first)
+        facts = {"stage": stage, "steps": steps, **self._facts(model)}
+        facts["displacements"] = RELATIVE if relative else ABSOLUTE
 
         def create() -> None:
             made_by = manifest(model, first.settings, self._nodes.positions, surface)
-            facts = {"manifest": made_by, "stage": stage, "steps": steps, **self._facts(model)}
+            facts["manifest"] = made_by
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=overwrite)
             self._aside.unlink(missing_ok=True)
-            declare_histories(writer, self._probe.positions, accelerations=True)
+            declare_histories(
+                writer,
+                self._probe.positions,
+                accelerations=True,
+                relative=relative,
+                free_surface=first.free_surface is not None,
+            )
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
@@ -153,6 +168,9 @@ class ResultsMonitor(Monitor):
             declare_energy(writer, names, first.energy.input_by_load)
             if model.bulk is not None:
                 writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
+            if model.absorbing:
+                text = "part of viscous energy that viscous boundaries took"
+                writer.series("energy", "absorbed", (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             self._fields.declare(writer, "states", joints)
             if first.stages:
@@ -286,6 +304,8 @@ class ResultsMonitor(Monitor):
                 energies[f"joints/{name}/{term}"] = value
         if self._model.bulk is not None:
             energies["plastic"] = record.energy.plastic
+        if self._model.absorbing:
+            energies["absorbed"] = record.energy.absorbed
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
@@ -300,7 +320,7 @@ class ResultsMonitor(Monitor):
         self._time = record.time
 
     def _motion(self, record: Record) -> dict[str, Floats]:
-        """Displacement and acceleration of the points, acceleration of the ground.
+        """Displacement and acceleration of the points, motion of the ground.
 
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
@@ -311,11 +331,16 @@ class ResultsMonitor(Monitor):
             time, before = self._before
             acceleration = (velocity - before) / (record.time - time)
         self._before = record.time, velocity
-        return {
-            "displacement": self._probe.read(record.displacement),
-            "acceleration": acceleration,
-            "ground_acceleration": record.ground_acceleration,
-        }
+        ground = {"ground_acceleration": record.ground_acceleration}
+        if record.free_surface is not None:
+            ground = {"free_surface_velocity": record.free_surface(record.time)}
+        displacement = self._probe.read(record.displacement)
+        return {"displacement": displacement, "acceleration": acceleration, **ground}
+
+    def _relative(self, first: Record) -> bool:
+        """Whether displacements are relative to the ground: it is given, or nothing moves it."""
+        still = first.free_surface is None and not self._model.constraints.moves
+        return first.motion is not None or still
 
     def _append(self, stream: str, time: float, values: dict[str, Any]) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements are counted from the static state, the first record of a file. Points are given by
-name or number, components are x (stream), y (cross-valley) and z (up). :class:`ResultsError` names
-what a file does not hold.
+Displacements are counted from the static state, the first record of a file. They are relative to
+the ground or, where the ground moves within the model, absolute (``results.relative``), and
+``relative_to`` takes off those of a monitor point, given by its name, or of the ``"ground"``
+(`frames`). Points are given by name or number, components are x (stream), y (cross-valley) and z
+(up). :class:`ResultsError` names what a file does not hold.
 """
 
 from __future__ import annotations
@@ -24,6 +26,12 @@ from dolfinx_joints.motions.spectra import (
     significant_duration,
 )
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.postprocessing.frames import (
+    ground_in_steps,
+    ground_motion,
+    has_ground_motion,
+    reference_displacement,
+)
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
@@ -77,9 +85,9 @@ class FourierPeaks(NamedTuple):
 
 @checked
 def displacement_history(
-    results: Results, point: int | str, component: Component
+    results: Results, point: int | str, component: Component, relative_to: str | None = None
 ) -> tuple[Floats, Floats]:
-    """Displacement of a point from the static state, relative to the ground.
+    """Displacement of a point from the static state, as the file holds it unless ``relative_to``.
 
     Returns:
         Times [s] and displacements [m], both of shape (records,).
@@ -87,6 +95,7 @@ def displacement_history(
     check_results(results)
     column = COMPONENTS.index(component)
     u = results.series("histories", "displacement")[:, results.point_index(point), column]
+    u = u - reference_displacement(results, relative_to)[:, column]
     return results.time("histories"), u - u[:1]
 
 
@@ -96,7 +105,8 @@ def acceleration_history(
 ) -> tuple[Floats, Floats]:
     """Acceleration of a point, the mean of each step, at the middle of the step.
 
-    The absolute one includes that of the ground, the mean of the ends of the step.
+    The other one is relative to the ground. Of the two a file holds that of its displacements; the
+    mean acceleration of the ground in the step (`frames.ground_motion`) leads to the other.
 
     Returns:
         Times [s] and accelerations [m/s^2], both of shape (records - 1,).
@@ -105,24 +115,25 @@ def acceleration_history(
     column, time = COMPONENTS.index(component), results.time("histories")
     index = results.point_index(point)
     a = results.series("histories", "acceleration", slice(1, None))[:, index, column]
-    if absolute:
-        ground = results.series("histories", "ground_acceleration")[:, column]
-        a = a + 0.5 * (ground[1:] + ground[:-1])
+    if absolute and results.relative:
+        a = a + ground_in_steps(results)[:, column]
+    elif not absolute and not results.relative:
+        a = a - ground_in_steps(results)[:, column]
     return 0.5 * (time[1:] + time[:-1]), a
 
 
 @checked
 def peaks(
-    results: Results, point: int | str, *, strong_until: float
+    results: Results, point: int | str, *, strong_until: float, relative_to: str | None = None
 ) -> dict[str, dict[str, float]]:
-    """Largest absolute displacement of a point from the static state, relative to the ground [m].
+    """Largest size of the displacement of a point from the static state [m].
 
     Returns:
         By component, ``"strong"``, up to ``strong_until`` [s], and ``"later"``; NaN without any.
     """
     found: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
-        time, u = displacement_history(results, point, component)
+        time, u = displacement_history(results, point, component, relative_to)
         strong = time <= strong_until
         found[component] = {"strong": _largest(u[strong]), "later": _largest(u[~strong])}
     return found
@@ -132,28 +143,38 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
     """Time at which the Arias intensity of all components together reaches a share [s].
 
     Args:
-        source: A ground motion, or a run whose file holds that of the ground.
+        source: A ground motion, or a run whose file holds that of the ground (`ground_motion`).
         share: Of the intensity at the end, above 0 and at most 1.
     """
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
-    values = source.series("histories", "ground_acceleration")
-    time = source.time("histories")
+    time, values = ground_motion(source)
     dt, ground = equally_spaced(time, values)
     return float(time[0]) + significant_duration(ground, dt, lower=0.0, upper=share)[1]
 
 
+def strong_phase_end(results: Results) -> float:
+    """`strong_motion_end`, or the end of a run that knows of no motion of the ground [s]."""
+    if has_ground_motion(results):
+        return strong_motion_end(results)
+    return float(results.time("histories")[-1])
+
+
 @checked
 def fourier_peaks(
-    results: Results, point: int | str, component: Component, *, below: Hertz | None = None
+    results: Results,
+    point: int | str,
+    component: Component,
+    *,
+    below: Hertz | None = None,
+    relative_to: str | None = None,
 ) -> FourierPeaks:
     """Highest peak of the Fourier amplitude of a point's displacement.
 
     The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
     to which a residual displacement adds, is none. A second one is sought ``below`` a frequency.
     """
-    time, u = displacement_history(results, point, component)
-    dt, values = equally_spaced(time, u)
+    dt, values = equally_spaced(*displacement_history(results, point, component, relative_to))
     frequency, amplitude = fourier_amplitude(values, dt)
     highest = highest_peak(frequency, amplitude)
     second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)

@@ -7,6 +7,9 @@ matplotlib's global state. ``point`` is the name or number of a monitor point, `
 (stream), y (cross-valley) or z (up), ``reference`` another run to draw behind, ``labels`` are the
 names of both. Of the states that is drawn which is nearest to ``time`` [s] or, without it, has the
 number ``index``. Tractions keep the sign of the files: compression is negative.
+
+Displacements are as the file holds them, relative to the ground or absolute, or ``relative_to``
+another monitor point or the ``"ground"`` (`frames`); titles say which.
 """
 
 from __future__ import annotations
@@ -40,6 +43,15 @@ from dolfinx_joints.postprocessing.axes import (
     new_axes,
     plain_periods,
 )
+from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, through_boundaries
+from dolfinx_joints.postprocessing.frames import (
+    common_frame,
+    frame_name,
+    ground_motion,
+    ground_name,
+    has_ground_motion,
+    reference_displacement,
+)
 from dolfinx_joints.postprocessing.joint_surface import (
     LABELS,
     JointSurface,
@@ -56,13 +68,26 @@ from dolfinx_joints.results.arguments import (
     check_results,
     chosen_state,
 )
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 Floats = NDArray[np.floating[Any]]
+
+_ENERGY_STYLES = {
+    "kinetic": ("-", "#4292c6"),
+    "strain": ("-", BLUE),
+    "joint": ("-", "#41ab5d"),
+    "input": ("-", "black"),
+    WAVES: ("-", "#a65628"),
+    "viscous": ("--", "#fd8d3c"),
+    "friction": ("--", RED),
+    "plastic": ("--", "#a50f15"),
+    "numerical": ("-.", "#807dba"),
+    "error": (":", GREY),
+}
 
 
 @checked
@@ -96,17 +121,21 @@ def history(
     point: int | str,
     component: Component,
     *,
+    relative_to: str | None = None,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
 ) -> Axes:
-    """Displacement of a monitor point against time [1e-3 m]."""
+    """Displacement of a monitor point against time, that of the static state included [1e-3 m]."""
     ax, column = ax or new_axes(), COMPONENTS.index(component)
-    for run, style in runs(results, reference, labels):
+    drawn = runs(results, reference, labels)
+    for run, style in drawn:
         displacement = run.series("histories", "displacement")[:, run.point_index(point), column]
+        displacement = displacement - reference_displacement(run, relative_to)[:, column]
         ax.plot(run.time("histories"), 1e3 * displacement, **style)
     decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
-    ax.set_title(f"{point_name(results, point)}: displacement {component}", loc="left")
+    title = f"{point_name(results, point)}: displacement {component}"
+    ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
         legend(ax, "above")
@@ -119,6 +148,7 @@ def fourier(
     point: int | str,
     component: Component,
     *,
+    relative_to: str | None = None,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
@@ -131,8 +161,9 @@ def fourier(
     the highest peak.
     """
     ax = ax or new_axes()
-    for run, style in runs(results, reference, labels):
-        dt, values = equally_spaced(*displacement_history(run, point, component))
+    drawn = runs(results, reference, labels)
+    for run, style in drawn:
+        dt, values = equally_spaced(*displacement_history(run, point, component, relative_to))
         frequency, amplitude = fourier_amplitude(values, dt)
         shown = frequency <= max_frequency
         frequency, amplitude = frequency[shown], amplitude[shown]
@@ -141,8 +172,8 @@ def fourier(
             style["label"] = f"{style['label']}, peak at {peak:.2f} Hz"
         ax.plot(frequency, 1e3 * amplitude, **style)
     decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
-    name = point_name(results, point)
-    ax.set_title(f"{name}: Fourier amplitude of displacement {component}", loc="left")
+    title = f"{point_name(results, point)}: Fourier amplitude of displacement {component}"
+    ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
     ax.set_xlim(0.0, max_frequency)
     ax.set_ylim(bottom=0.0)
     legend(ax)
@@ -163,7 +194,8 @@ def response_spectra(
 ) -> Axes:
     """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
 
-    That of the point is its absolute acceleration. Periods are 0.03 to 3 s unless given.
+    That of the point is its absolute acceleration; the ground of a free field is the free surface
+    under its waves alone. Periods are 0.03 to 3 s unless given.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -175,9 +207,11 @@ def response_spectra(
 
     for run, style in runs(results, reference, labels):
         draw(*acceleration_history(run, point, component), style)
-    ground = results.series("histories", "ground_acceleration")[:, COMPONENTS.index(component)]
-    dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--", "label": "ground"}
-    draw(results.time("histories"), ground, dashes)
+    if has_ground_motion(results):
+        time, ground = ground_motion(results)
+        dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--"}
+        dashes["label"] = ground_name(results)
+        draw(time, ground[:, COMPONENTS.index(component)], dashes)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
     ax.set_title(
@@ -232,19 +266,23 @@ def joint_traction(
 
 
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
-    """Energies of the ledger against time, with the largest error as a share in the legend."""
-    check_results(results)
+    """Energies of the ledger against time (`energy_lines`).
+
+    The legend has the largest error as a share of the largest energy, and what waves brought and
+    took through viscous boundaries in all; their difference is drawn.
+    """
+    terms = energy_lines(results)
     time = results.time("energy")
     ax = ax or new_axes(height=3.6)
-    terms = {term: results.series("energy", term) for term in ENERGY_TERMS}
-    largest = max(
-        (float(np.abs(values).max(initial=0.0)) for values in terms.values()), default=0.0
-    )
-    factor, unit = next(((f, u) for f, u in ((1e6, "MJ"), (1e3, "kJ")) if largest >= f), (1.0, "J"))
-    styles = ("-", "-", "-", "-", "--", "--", "-.", ":")
-    hues = ("#4292c6", BLUE, "#41ab5d", "black", "#fd8d3c", RED, "#807dba", GREY)
-    for (term, values), style, colour in zip(terms.items(), styles, hues, strict=True):
-        label = term
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in terms.values())
+    units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
+    factor, unit = next(((f, u) for f, u in units if largest >= f), (1.0, "J"))
+    for term, values in terms.items():
+        style, colour = _ENERGY_STYLES[term]
+        label, through = term, through_boundaries(results)
+        if term == WAVES and through is not None and len(time):
+            brought, taken = (each[-1] / factor for each in through)
+            label = f"waves, {brought:.4g} {unit} in less {taken:.4g} {unit} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
@@ -280,6 +318,12 @@ def runs(
     if reference is None:
         return [own]
     return [(reference, {"color": "#f4a261", "linewidth": 1.3, "label": labels[1]}), own]
+
+
+def _frames(drawn: list[tuple[Results, dict[str, Any]]], relative_to: str | None) -> str:
+    """What the displacements drawn are relative to."""
+    frames = {style["label"]: frame_name(run, relative_to) for run, style in reversed(drawn)}
+    return common_frame(frames)
 
 
 def point_name(results: Results, point: int | str) -> str:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joint_surface import (
     MAP_LABELS,
     JointSurface,
@@ -98,18 +99,21 @@ def deformed(
     index: int = -1,
     stage: int | str | None = None,
     scale: float | None = None,
+    relative_to: str | None = None,
     azimuth_deg: float = _DOWNSTREAM,
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Deformed surface coloured by the size of its displacement, faces of open joints red.
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
-    by a round number by which the largest becomes about 6 % of the model's size.
+    by a round number by which the largest becomes about 6 % of the model's size. They are those
+    that the file holds, of absolute ones what is left without the mean of the lowest nodes, or
+    ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour bar says which.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     camera = Camera(azimuth_deg, elevation_deg)
     nodes, surface = _boundary(results)
-    displacement = results.series("states", "displacement", number)
+    displacement, frame = nodal_displacement(results, number, relative_to)
     size = 1e3 * np.linalg.norm(displacement, axis=1)
     factor = round_scale(nodes, 1e-3 * float(size.max(initial=0.0))) if scale is None else scale
     moved = nodes + factor * displacement
@@ -123,7 +127,7 @@ def deformed(
         scene.surface(moved, surface[sides], color=_JOINT, lighting=False)
     scene.edges(nodes, outer, **_OUTLINE)
     figure, axes = draw(scene, [camera])
-    colour_bar(figure, axes, colours(), limits, "displacement [mm]")
+    colour_bar(figure, axes, colours(), limits, f"displacement [mm], {frame}")
     title = f"deformed shape {moment}, displacements x {factor:g}"
     figure.suptitle(title + _widest(results, number), fontsize="medium")
     return figure

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joint_surface import JointSurface
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
@@ -65,10 +66,11 @@ def space(content: Content) -> Section:
     recorded = ", ".join(
         f"{len(s['frames'])} of the {s['records']} recorded states of {s['label']}" for s in scenes
     )
+    frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
     caption = (
         f"Boundary of the body, displacements enlarged by the factor above, coloured by their "
-        f"size from the unloaded shape. It shows {recorded}: at most {MOMENTS} at equal distances, "
-        "and those of the largest displacement and opening; it starts at the largest "
+        f"size from the unloaded shape, {frames}. It shows {recorded}: at most {MOMENTS} at equal "
+        "distances, and those of the largest displacement and opening; it starts at the largest "
         "displacement. Seen through, the joints are coloured by their opening."
     )
     view = Html(
@@ -163,7 +165,7 @@ def scene(run: Run) -> dict[str, Any]:
 
 def _frame(results: Results, used: Integers, number: int) -> dict[str, Any]:
     """Displacements of the boundary's vertices [m] and openings of the joint facets [mm]."""
-    displacement = results.series("states", "displacement", number)[used]
+    displacement = nodal_displacement(results, number)[0][used]
     openings = [_opening(results, joint, number) for joint in results.joints]
     return {
         "time": float(results.time("states")[number]),
@@ -177,7 +179,7 @@ def _extremes(results: Results, used: Integers) -> tuple[Floats, Floats]:
     rows = results.rows("states")
     sizes, openings = np.zeros(rows), np.zeros(rows)
     for number in range(rows):
-        displacement = results.series("states", "displacement", number)[used]
+        displacement = nodal_displacement(results, number)[0][used]
         sizes[number] = np.linalg.norm(displacement, axis=1).max(initial=0.0)
         openings[number] = max(
             (_opening(results, joint, number).max(initial=0.0) for joint in results.joints),

@@ -17,6 +17,14 @@ from dolfinx_joints.motions.spectra import (
     response_spectrum,
 )
 from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing.frames import (
+    common_frame,
+    frame_name,
+    ground_motion,
+    ground_name,
+    has_ground_motion,
+    reference_displacement,
+)
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -44,7 +52,7 @@ def displacements(content: Content) -> Section:
         return nothing("displacements", "Displacements", "histories of two records or more")
     pieces = [
         paragraph(
-            "Displacements are relative to the ground and counted from the static state, the "
+            f"Displacements are {_frames(runs)} and counted from the static state, the "
             "first record. Click a name in a legend to show or hide a run; runs after the second "
             "start hidden.",
             "note",
@@ -82,20 +90,21 @@ def displacements(content: Content) -> Section:
 
 def response_spectra(content: Content) -> Section:
     """Absolute accelerations and response spectra of points and ground."""
-    needed = ("acceleration", "ground_acceleration")
-    runs = [run for run in content.runs if run.has("histories", *needed)]
+    runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
     title = "Accelerations and response spectra"
     if not runs:
         return nothing("accelerations", title, "accelerations")
     rows: list[list[Any]] = []
     pieces: list[Html] = []
-    ground = _spectrum(runs[0], None)
+    ground = {}
+    if has_ground_motion(runs[0].results):
+        ground = {ground_name(runs[0].results): _spectrum(runs[0], None)}
     for number, name in enumerate(_points(runs)):
         having = _having(runs, name)
         rows += [_acceleration_row(run, name) for run in having]
         spectra = {run.label: _spectrum(run, name) for run in having}
-        spectra["ground"] = ground
+        spectra |= ground
         names = components(having)
         curves = [
             [(label, PERIODS, v[:, column]) for label, v in spectra.items() if column < v.shape[1]]
@@ -105,8 +114,11 @@ def response_spectra(content: Content) -> Section:
         spec = panels(curves, titles, "period [s]", logarithmic=True)
         caption = (
             f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
-            f"{name}, and on the ground of {runs[0].label} (hidden at first)."
+            f"{name}"
         )
+        for what in ground:
+            caption += f", and on the {what} of {runs[0].label} (hidden at first)"
+        caption += "."
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
@@ -191,7 +203,7 @@ def largest_moment(run: Run) -> float:
     moments = run.results.time("states")
     if not run.has("histories", "displacement"):
         return float(moments[-1])
-    u = run.results.series("histories", "displacement")[:, 0]
+    u = _moved(run)[:, 0]
     largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
     time = float(run.results.time("histories")[largest])
     return float(moments[run.results.nearest("states", time)])
@@ -201,12 +213,20 @@ def largest_displacement(run: Run) -> str | None:
     """Text on the largest displacement of a monitor point."""
     if not run.has("histories", "displacement"):
         return None
-    u = run.results.series("histories", "displacement")
+    u = _moved(run)
     size = np.linalg.norm(u - u[:1], axis=2)
     row, point = np.unravel_index(int(np.argmax(size)), size.shape)
     time = float(run.results.time("histories")[row])
     name = run.results.point_names[int(point)]
-    return f"{plain(1e3 * float(size[row, point]))} mm at {name}, t = {plain(time)} s"
+    frame = "" if run.results.relative else f", {frame_name(run.results, run.relative_to)}"
+    return f"{plain(1e3 * float(size[row, point]))} mm at {name}, t = {plain(time)} s{frame}"
+
+
+def _moved(run: Run) -> Floats:
+    """Displacements of the monitor points as the report shows them, (records, points, 3), [m]."""
+    u = run.results.series("histories", "displacement")
+    moved: Floats = u - reference_displacement(run.results, run.relative_to)[:, None]
+    return moved
 
 
 def widest_opening(run: Run) -> str | None:
@@ -237,20 +257,19 @@ def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
     for component in components(runs):
         for run in _having(runs, name):
             if component in run.components:
-                until = strong_until(run)
-                peak = measures.peaks(run.results, name, strong_until=until)[component]
-                found = measures.fourier_peaks(run.results, name, component)
+                until, base = measures.strong_phase_end(run.results), run.relative_to
+                peaks = measures.peaks(run.results, name, strong_until=until, relative_to=base)
+                peak = peaks[component]
+                found = measures.fourier_peaks(run.results, name, component, relative_to=base)
                 largest = [until, 1e3 * peak["strong"], 1e3 * peak["later"]]
                 spectrum = [found.frequency, 0.5 * found.bin_width, 1e3 * found.amplitude]
                 rows.append([f"{name}, {component}, {run.label}", *largest, *spectrum])
     return rows
 
 
-def strong_until(run: Run) -> float:
-    """End of the strong motion [s], that of the run if the file has no ground motion."""
-    name = ("histories", "ground_acceleration")
-    moved = run.has(*name) and run.results.series(*name).any()
-    return measures.strong_motion_end(run.results) if moved else run.end
+def _frames(runs: Sequence[Run]) -> str:
+    """What the displacements of the runs are relative to."""
+    return common_frame({run.label: frame_name(run.results, run.relative_to) for run in runs})
 
 
 def _curves(runs: Sequence[Run], name: str, of: Callable[..., Any]) -> list[list[Curve]]:
@@ -263,7 +282,7 @@ def _curves(runs: Sequence[Run], name: str, of: Callable[..., Any]) -> list[list
 
 def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
     def history(run: Run, name: str, component: Component) -> tuple[Floats, Floats]:
-        time, u = measures.displacement_history(run.results, name, component)
+        time, u = measures.displacement_history(run.results, name, component, run.relative_to)
         return time, 1e3 * u
 
     titles = [f"{component} [mm]" for component in components(runs)]
@@ -273,7 +292,8 @@ def _histories(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
 
 def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
     def spectrum(run: Run, name: str, component: Component) -> tuple[Floats, Floats]:
-        dt, u = equally_spaced(*measures.displacement_history(run.results, name, component))
+        moved = measures.displacement_history(run.results, name, component, run.relative_to)
+        dt, u = equally_spaced(*moved)
         frequency, amplitude = fourier_amplitude(u, dt)
         shown = frequency <= FREQUENCIES
         return frequency[shown], 1e3 * amplitude[shown]
@@ -290,9 +310,9 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
     if not main.moves or name not in main.results.point_names:
         return []
     draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"relative_to": main.relative_to}
     if reference is not None and reference.moves and name in reference.results.point_names:
-        options = {"reference": reference.results, "labels": (main.label, reference.label)}
+        options |= {"reference": reference.results, "labels": (main.label, reference.label)}
     return [
         content.save(f"{kind}_{number + 1}_{c}", draw(main.results, name, c, **options))
         for c in main.components
@@ -313,8 +333,8 @@ def _spectrum(run: Run, name: str | None) -> Floats:
     Shape (periods, components), [m/s^2].
     """
     if name is None:
-        times: Floats = run.results.time("histories")
-        values = run.results.series("histories", "ground_acceleration")[:, : len(run.components)]
+        times, values = ground_motion(run.results)
+        values = values[:, : len(run.components)]
     else:
         each = [measures.acceleration_history(run.results, name, c) for c in run.components]
         times, values = each[0][0], np.stack([a for _, a in each], axis=1)

@@ -11,6 +11,7 @@ from typing import Any
 from dolfinx_joints import __version__
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing.energy_lines import energy_lines, through_boundaries
 from dolfinx_joints.report.page import Curve, Section, bullets, panels, paragraph, plain, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.reader import ENERGY_TERMS
@@ -27,6 +28,7 @@ _PARAMETERS = {
     "scale": "factor on the motion",
     "rotate": "turn of the horizontal axes [°]",
     "stage": "stage",
+    "displacements": "displacements in the file",
 }
 _MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
 _COUNTS = {
@@ -106,13 +108,19 @@ def energies(content: Content) -> Section:
         if not run.has("energy", *ENERGY_TERMS):
             pieces.append(paragraph(f"The file of {run.label} has no energies."))
             continue
-        time = run.results.time("energy")
-        values = {term: run.results.series("energy", term) for term in ENERGY_TERMS}
+        time, values = run.results.time("energy"), energy_lines(run.results)
         curves = [[(term, time, 1e-3 * v) for term, v in values.items() if term != "error"]]
         curves.append([("error", time, values["error"])])
-        spec = panels(curves, ["energy [kJ]", "error [J]"], "time [s]", shown=len(ENERGY_TERMS))
+        spec = panels(curves, ["energy [kJ]", "error [J]"], "time [s]", shown=len(values))
         picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
         caption = f"Energies of {run.label} over time, and their error."
+        through = through_boundaries(run.results)
+        if through is not None:
+            brought, taken = (plain(1e-9 * float(each[-1])) for each in through)
+            caption += (
+                f" Waves: what came in through viscous boundaries less what went out, {brought} "
+                f"less {taken} GJ at the end; input and viscous are those of all else."
+            )
         pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
     return Section("energies", "Energies", pieces)
 

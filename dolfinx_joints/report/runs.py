@@ -12,6 +12,7 @@ from typing import Any
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing.frames import usual_reference
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.arguments import Component
 from dolfinx_joints.results.reader import Results
@@ -47,6 +48,11 @@ class Run:
     def components(self) -> list[Component]:
         """Components of the displacement: z is left out of plane models."""
         return ["x", "y"] if self.plane else ["x", "y", "z"]
+
+    @property
+    def relative_to(self) -> str | None:
+        """What its displacements are shown relative to, None for as the file holds them."""
+        return usual_reference(self.results)
 
     @property
     def moves(self) -> bool:

@@ -49,6 +49,11 @@ class StageStates(Results):
         self.path, self._file = results.path, results._file
 
     @property
+    def relative(self) -> bool:
+        """Whether displacements are relative to the ground, which rests in static stages."""
+        return True
+
+    @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream."""
         found = super().streams

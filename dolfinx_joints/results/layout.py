@@ -11,27 +11,49 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS, STAGE_NAME_BYTES
+from dolfinx_joints.results.reader import (
+    ABSOLUTE,
+    ENERGY_TERMS,
+    JOINT_ENERGY_TERMS,
+    RELATIVE,
+    STAGE_NAME_BYTES,
+)
 from dolfinx_joints.results.writer import ResultsWriter
 
 
 def declare_histories(
-    writer: ResultsWriter, points: ArrayLike, *, accelerations: bool = False
+    writer: ResultsWriter,
+    points: ArrayLike,
+    *,
+    accelerations: bool = False,
+    relative: bool = True,
+    free_surface: bool = False,
 ) -> None:
     """Declare the stream ``histories``, one record per step.
 
-    The names of the points belong in the metadata as ``point_names``.
+    The names of the points belong in the metadata as ``point_names``, and so does whether
+    displacements are ``relative to the ground`` or ``absolute``, as ``displacements``.
 
     Args:
         writer: a writer not started yet.
         points: monitor points, shape (num_points, 3), [m].
-        accelerations: Declare ``acceleration`` of the points and ``ground_acceleration`` as well.
+        accelerations: Declare ``acceleration`` of the points as well, and ``ground_acceleration``
+            unless there is a free surface.
+        relative: Whether displacements and accelerations are relative to the ground.
+        free_surface: Declare ``free_surface_velocity``: that of the level surface under the
+            incident waves alone.
     """
     points = declare_points(writer, points)
-    writer.series("histories", "displacement", points.shape, "m", "displacement of monitor points")
+    frame = RELATIVE if relative else ABSOLUTE
+    text = f"displacement of monitor points, {frame}"
+    writer.series("histories", "displacement", points.shape, "m", text)
     if accelerations:
-        text = "acceleration of monitor points relative to the ground, mean of the step ending here"
+        text = f"acceleration of monitor points, {frame}, mean of the step ending here"
         writer.series("histories", "acceleration", points.shape, "m/s^2", text)
+    if free_surface:
+        text = "velocity of the level free surface under the incident waves alone"
+        writer.series("histories", "free_surface_velocity", (3,), "m/s", text)
+    elif accelerations:
         text = "acceleration of the ground at the time of the record"
         writer.series("histories", "ground_acceleration", (3,), "m/s^2", text)
     for state in ("open", "stick", "slip"):

@@ -21,6 +21,7 @@ _LABEL = 12
 _SHOWN = (
     "stage",
     "steps",
+    "displacements",
     "point_names",
     "dofs",
     "joint_points",
@@ -41,6 +42,7 @@ def overview(path: str | Path) -> str:
         facts, summary = results.metadata, results.summary
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _line("run", _facts(facts, ("stage", "steps", "dofs", "joint_points", "ranks")))
+        lines += _line("motions are", [str(facts[k]) for k in ("displacements",) if k in facts])
         lines += _line("solution", _facts(summary, _COSTS[1:-1]))
         seconds = summary.get("seconds", {})
         lines += _line("seconds", [f"{phase}={s:.3g}" for phase, s in seconds.items()])

@@ -52,6 +52,7 @@ ENERGY_TERMS = (
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
 STAGE_NAME_BYTES = 120  # of the name of a static stage
+RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
 
 _MOST_LISTED = 12  # names in a message
 
@@ -87,6 +88,11 @@ class Results:
         """Facts of the run, from its writer."""
         with self._reading():
             return _decode_json(self._file["metadata"])
+
+    @property
+    def relative(self) -> bool:
+        """Whether displacements are relative to the ground, those of a `FreeField` are absolute."""
+        return self.metadata.get("displacements") != ABSOLUTE
 
     @property
     def summary(self) -> dict[str, Any]:

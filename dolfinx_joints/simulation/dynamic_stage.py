@@ -11,6 +11,7 @@ from dataclasses import asdict, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
@@ -31,7 +32,6 @@ from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
@@ -71,12 +71,14 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         motion: Callable[[float], Any] | None,
+        free_surface: Callable[[float], NDArray[np.float64]] | None = None,
         settings: Mapping[str, Any] | None = None,
         stages: Sequence[StageRecord] = (),
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
+        self._free_surface = free_surface
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
         self._ledger = EnergyLedger(solver.system)
         self._ledger.start(state)
@@ -168,6 +170,7 @@ class DynamicRun:
             reaction=self.state.reaction,
             joints=self.state.joints,
             motion=self._motion,
+            free_surface=self._free_surface,
             solve=solve,
             energy=row,
             substeps=substeps,
@@ -254,6 +257,18 @@ def ground_motion(
             "motion is given beside a FreeField, which moves the ground already; give one."
         )
     return in_axes(motion, model.gdim)
+
+
+def free_surface(
+    model: Model, loads: Sequence[Load]
+) -> Callable[[float], NDArray[np.float64]] | None:
+    """Velocity of the level free surface under all waves that rise, None without (collective)."""
+    waves = [
+        load.surface_velocity(model)
+        for load in (*model.loads, *loads)
+        if isinstance(load, FreeField)
+    ]
+    return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
 
 
 @contextmanager

@@ -56,6 +56,8 @@ class Record:
         reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
         joints: Response of the joints, None without joints.
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
+        free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
+            (3,) at a time [s], [m/s]; None without any. Displacements are absolute then.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
@@ -77,6 +79,7 @@ class Record:
     solve: SolveReport | None
     energy: EnergyRow
     substeps: int
+    free_surface: Callable[[float], NDArray[np.float64]] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -31,7 +31,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.construction import grouted
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motion
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
@@ -351,6 +351,7 @@ class Simulation:
                 state=saved.state if saved else self._first_state(solver, dt, velocity, start),
                 steps=steps,
                 motion=motion,
+                free_surface=free_surface(self.model, loads),
                 settings=facts,
                 stages=tuple(self.stages),
             )

@@ -87,6 +87,7 @@ class _Midpoint:
             loads=system.work_of_loads(x, state.time, time),
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
+            absorbed=products.absorbed,
             joints=joint_work(system, state, joints, mean_traction=False),
         )
         change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()

@@ -104,6 +104,7 @@ class _Alpha:
             loads=system.work_of_loads(x, state.time, time),
             supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
             viscous=products.viscous / (of_damping * dt),
+            absorbed=products.absorbed / (of_damping * dt),
             joints=joint_work(system, state, joints, mean_traction=True),
         )
         change = combination((1.0, a_known), (-1.0, a)).norm()

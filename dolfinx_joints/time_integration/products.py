@@ -21,6 +21,7 @@ class Products:
         mass: M x.
         stiffness: K x.
         viscous: x.C x times the coefficient of C in the equation [J].
+        absorbed: The part of it of the dashpots that take waves out [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
         remainder: The same at the unconstrained dofs [N].
     """
@@ -49,6 +50,10 @@ class Products:
             system.dashpots.mult(x, self.reaction)
             residual.axpy(effective.damping, self.reaction)
             self.viscous += effective.damping * float(self.reaction.dot(x))
+        self.absorbed = 0.0
+        if system.absorption is not None:
+            system.absorption.mult(x, self.reaction)
+            self.absorbed = effective.damping * float(self.reaction.dot(x))
         if system.internal_forces is not None and joints is not None:
             residual.axpy(1.0, system.internal_forces.force(joints, self.reaction))
         norm = float(residual.norm())

@@ -22,6 +22,7 @@ class StepWork:
         loads: Of each load by name [J].
         supports: Of moving supports [J].
         viscous: Against the damping [J].
+        absorbed: The part of it of the dashpots that take waves out [J].
         joints: Of the body on each joint, shape (number of joints,), [J].
     """
 
@@ -29,6 +30,7 @@ class StepWork:
     supports: float
     viscous: float
     joints: Floats
+    absorbed: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

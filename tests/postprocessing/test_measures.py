@@ -82,6 +82,30 @@ def test_acceleration_lies_in_the_middle_of_the_steps(tmp_path: Path) -> None:
     np.testing.assert_allclose(a, 8.0 - 3.0 * time, rtol=1e-12, atol=1e-12)
 
 
+def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path: Path) -> None:
+    # As on supports that move: the base by 3 t, the tip by 5 t.
+    with ResultsWriter(tmp_path / "r.h5", {"displacements": "absolute"}) as writer:
+        declare_histories(writer, np.zeros((2, 3)), accelerations=True, relative=False)
+        writer.start()
+        for time in (0.0, 1.0, 2.0):
+            values = dict.fromkeys(("iterations", "joint_open", "joint_stick", "joint_slip"), 0)
+            values |= {"acceleration": np.ones((2, 3)), "ground_acceleration": np.zeros(3)}
+            moved = [[3.0 * time, 0.0, 0.0], [5.0 * time, 0.0, 0.0]]
+            writer.append("histories", time, values | {"displacement": moved})
+    results = Results(tmp_path / "r.h5")
+    assert not results.relative
+    _, u = measures.displacement_history(results, 1, "x", relative_to="point 0")
+    np.testing.assert_allclose(u, [0.0, 2.0, 4.0])
+    np.testing.assert_array_equal(measures.acceleration_history(results, 1, "x")[1], 1.0)
+    assert measures.strong_phase_end(results) == 2.0
+    for ask in (
+        lambda: measures.displacement_history(results, 1, "x", relative_to="ground"),
+        lambda: measures.acceleration_history(results, 1, "x", absolute=False),
+    ):
+        with pytest.raises(ResultsError, match="holds absolute motions, but none of the ground"):
+            ask()
+
+
 def test_peaks_before_and_after_a_time(tmp_path: Path) -> None:
     # 20 mm down to 4 s, 5 mm after it.
     def motion(time: np.ndarray) -> np.ndarray:

@@ -107,7 +107,7 @@ def test_history_is_in_millimetres_with_its_reference(results: Results, tmp_path
     ax = plots.history(results, "crest", "x", reference=reference)
     assert ax.get_xlabel() == "time [s]"
     assert ax.get_ylabel() == "displacement x [$10^{-3}$ m]"
-    assert ax.get_title(loc="left") == "crest: displacement x"
+    assert ax.get_title(loc="left") == "crest: displacement x, relative to the ground"
     behind, own = ax.get_lines()
     assert [line.get_label() for line in (behind, own)] == ["linear", "with joints"]
     assert np.max(own.get_ydata()) == pytest.approx(19.0)

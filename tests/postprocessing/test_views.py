@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from written_runs import WEIGHT, write_stages
+from written_runs import write_run as written_run
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots, rendering, views
@@ -227,6 +228,25 @@ def test_deformed_opens_the_joint(results: Results, scenes) -> None:
     np.testing.assert_allclose(y, [-5.5, -0.5, 0.5, 5.5])  # 250 x 2 mm
     assert share(picture(figure), RED) > 0.005
     np.testing.assert_allclose(outer.point_data["value"], 2.0)  # mm
+
+
+def test_absolute_displacements_are_drawn_without_those_of_the_base(tmp_path: Path, scenes) -> None:
+    """A quarter of a metre is common to all nodes of the file."""
+    with Results(written_run(tmp_path / "waves.h5", waves=True)) as waves:
+        figure = views.deformed(waves, time=1.0)
+        on_crest = views.deformed(waves, time=1.0, relative_to="mid-crest")
+    outer = scenes[0].layers[0][0]
+    np.testing.assert_allclose(np.unique(outer.point_data["value"]), [0.0, 2.0], atol=1e-9)
+    assert figure.axes[-1].get_ylabel() == "displacement [mm], relative to the mean of the base"
+    # 6 % of the diagonal of 4.9 m over 2 mm is 147, and 100 the round number below it.
+    assert "displacements x 100\n" in figure.get_suptitle()
+    # The crest is 1.3 mm x sin(2 pi 5.22) from the free surface at that time.
+    crest = 1.3 * np.sin(2 * np.pi * 5.22) * np.array([1.0, 0.0, 1.0])
+    crest[1:] = 0.4 * np.sin(2 * np.pi * 5.0), 1.3 * np.sin(2 * np.pi * 5.22)
+    sizes = [np.linalg.norm(np.array([up, 0, 0]) - crest) for up in (0.0, 2.0)]
+    found = np.unique(np.round(scenes[1].layers[0][0].point_data["value"], 6))
+    np.testing.assert_allclose(found, sorted(sizes), atol=1e-5)
+    assert on_crest.axes[-1].get_ylabel().endswith("relative to mid-crest")
 
 
 def test_deformed_chooses_a_round_scale(results: Results, scenes) -> None:

@@ -134,6 +134,56 @@ def test_packed_arrays_are_those_of_the_file(plain, folder):
     np.testing.assert_allclose(drawn, u - u[0], rtol=1e-6, atol=1e-6)
 
 
+def data_of(html: str) -> dict[str, Any]:
+    """What the scripts of a page draw."""
+    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', html)
+    assert text
+    found: dict[str, Any] = json.loads(text[1])
+    return found
+
+
+def unpacked(packed: dict[str, str]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed["f4"]), dtype="<f4")
+
+
+def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
+    """The file's displacements reach 250 mm; without the ground's they are those of ``plain``."""
+    page, html = page_of([write_run(tmp_path / "waves.h5", waves=True)], tmp_path)
+    assert "Displacements are relative to the free surface and counted" in html
+    assert "mm at mid-crest, t = 0.05 s, relative to the free surface" in html
+    plots = data_of(html)["plots"]
+    wave = 1.3 * np.sin(2 * np.pi * 5.22 * 0.01 * np.arange(101))
+    np.testing.assert_allclose(unpacked(plots["history-1"]["data"][0]["y"]), wave, atol=1e-4)
+    named = {trace["name"]: unpacked(trace["y"]) for trace in plots["response-1"]["data"][:2]}
+    assert list(named) == ["waves", "free surface"]
+    # 0.5 m/s^2 at once throws an oscillator with 5 % damping to 1.85 times its static deflection.
+    assert named["free surface"].max() == pytest.approx(0.5 * (1 + np.exp(-0.05 * np.pi)), rel=0.01)
+    row = page.cells.index("mid-crest, x, waves")
+    assert page.cells[row + 2] == "1.3"
+    assert "69 less 69 GJ at the end" in html
+    stored = {trace["name"]: unpacked(trace["y"]) for trace in plots["energies-1"]["data"]}
+    assert stored["waves"][-1] == stored["kinetic"][-1] == 1.0  # kJ
+    assert stored["viscous"][-1] == stored["input"][-1] == 0.0
+
+
+def test_runs_say_what_each_is_relative_to(tmp_path):
+    paths = [write_run(tmp_path / f"{n}.h5", waves=n == "waves") for n in ("waves", "motion")]
+    _, html = page_of(paths, tmp_path)
+    frames = "relative to the free surface in waves, relative to the ground in motion and counted"
+    assert f"Displacements are {frames}" in html
+
+
+def test_the_body_in_space_is_without_the_motion_of_its_base(tmp_path):
+    pytest.importorskip("pyvista")
+    path = write_run(tmp_path / "waves.h5", waves=True)
+    _, html = page_of([path], tmp_path, with_3d=True)
+    assert "from the unloaded shape, relative to the mean of the base" in html
+    scene = data_of(html)["scene"][0]
+    assert scene["largest"] == pytest.approx(2.0)  # mm, of 252
+    last = unpacked(scene["frames"][-1]["displacement"]).reshape(-1, 3)
+    np.testing.assert_allclose(last, np.where(NODES[:, 2:] > 0, [2e-3, 0, 0], 0.0), atol=1e-6)
+
+
 def test_same_input_same_page(plain, folder):
     assert page_of([folder / "run.h5"], folder)[1] == plain[1]
 
@@ -241,7 +291,7 @@ def test_what_is_not_in_the_file_is_reported(tmp_path, monkeypatch):
     assert "The files hold no states of a body." in html
     assert "not installed as a package" in page.cells
     with runs.opened([tmp_path / "bare.h5"]) as (run,):
-        assert response_sections.strong_until(run) == pytest.approx(0.5)  # the end of the run
+        assert measures.strong_phase_end(run.results) == pytest.approx(0.5)  # the end of the run
 
 
 def test_joints_without_states_have_no_opening(tmp_path):

@@ -27,6 +27,14 @@ def test_summary_row_without_joints(tmp_path: Path) -> None:
     assert (row["steps"], row["seconds"]) == (2000.0, 4.0)
 
 
+def test_summary_row_of_a_run_whose_ground_rests(tmp_path: Path) -> None:
+    results = write(tmp_path / "r.h5", along_x(lambda t: 0.01 * t))
+    row = summary_row(results)
+    assert row["strong_until"] == pytest.approx(10.0)  # the end of the run
+    assert row["crest/x/peak_strong"] == pytest.approx(0.1)
+    assert np.isnan(row["crest/x/peak_later"])
+
+
 def test_all_joints_together(tmp_path: Path) -> None:
     together = all_joints(write_joint(tmp_path / "r.h5"))
     assert together["opening_max"] == pytest.approx(3e-3)

@@ -174,3 +174,13 @@ def test_impact_shows_in_the_ledger():
     errors = [run(system, dt, round(0.12 / dt), v0=1.0)[0].relative_error for dt in (4e-3, 1e-4)]
     assert errors[0] > 1e-3
     assert errors[1] < 0.1 * errors[0]
+
+
+def test_what_only_passes_through_does_not_hide_an_error():
+    # Of 1000 J that waves bring dashpots take 990; 2 J are missing of the 8 that are left.
+    system = MatrixSystem.from_arrays(mass=[[1.0]], stiffness=[[1.0]])
+    ledger, (row, *_), _ = run(system, 0.1, 0)
+    passing = dataclasses.replace(row, input=1000.0, viscous=990.0, absorbed=990.0, kinetic=8.0)
+    ledger.record(dataclasses.replace(passing, error=-2.0))
+    assert ledger.relative_error == pytest.approx(2.0 / 10.0)
+    assert ledger.relative_imbalance == pytest.approx(2.0 / 1000.0)

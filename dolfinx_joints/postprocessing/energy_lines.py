@@ -1,0 +1,53 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Lines of the energy ledger, with what waves bring and take apart from what stays."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+
+Floats = NDArray[np.float64]
+
+WAVES = "waves"
+
+
+def energy_lines(results: Results) -> dict[str, Floats]:
+    """Lines of the ledger at every step, by name, each of shape (records,), [J].
+
+    Those of ``ENERGY_TERMS`` and ``plastic`` where the run has it. With viscous boundaries there is
+    ``waves`` as well, what has come in through them less what has gone out (`through_boundaries`),
+    and ``input`` and ``viscous`` are those of all else: the two parts of ``waves`` may be a
+    thousand times larger than anything that deforms the body.
+    """
+    check_results(results)
+    lines = {term: results.series("energy", term) for term in ENERGY_TERMS}
+    if "plastic" in results.streams["energy"]:
+        lines["plastic"] = results.series("energy", "plastic")
+    lines["error"] = lines.pop("error")
+    through = through_boundaries(results)
+    if through is not None:
+        brought, taken = through
+        lines["input"] = lines["input"] - brought
+        lines["viscous"] = lines["viscous"] - taken
+        lines = {WAVES: brought - taken, **lines}
+    return lines
+
+
+def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
+    """Energy that free fields have put in and that the dashpots of viscous boundaries have taken.
+
+    Both of shape (records,), [J]; None for a run without viscous boundaries.
+    """
+    names = results.streams["energy"]
+    if "absorbed" not in names:
+        return None
+    taken = results.series("energy", "absorbed")
+    waves = [name for name in names if re.fullmatch(r"loads/FreeField(_\d+)?", name)]
+    brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
+    return brought, taken

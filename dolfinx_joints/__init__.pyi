@@ -69,6 +69,7 @@ from .model.modes import modes as modes
 from .model.system import MatrixSystem as MatrixSystem
 from .monitors.field_monitor import FieldMonitor as FieldMonitor
 from .monitors.modes_file import write_modes as write_modes
+from .monitors.probes import Probe as Probe
 from .monitors.progress_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.resultants import JointForces as JointForces
 from .monitors.results_monitor import ResultsMonitor as ResultsMonitor

@@ -36,6 +36,7 @@ from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.mesh.places import nodes_of_facets
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.system import MatrixSystem
@@ -339,9 +340,7 @@ class Model:
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Owned nodes of a facet group, local numbers (collective)."""
-        facets = self.jointed.facets(group)
-        nodes = fem.locate_dofs_topological(self.V, self.jointed.mesh.topology.dim - 1, facets)
-        return nodes[nodes < self.V.dofmap.index_map.size_local].astype(np.int64)
+        return nodes_of_facets(self.jointed, self.V, group)
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""

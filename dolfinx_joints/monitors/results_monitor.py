@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +23,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
+    Probe,
     boundary_facets,
     checked_points,
     joint_facet_points,
@@ -53,7 +55,7 @@ class ResultsMonitor(Monitor):
 
     Args:
         path: The file.
-        points: Monitor points by name, coordinates [m].
+        points: Monitor points by name, coordinates [m] or a `Probe`; read at the nearest nodes.
         every: Steps between two states.
         metadata: Further facts of the run; anything JSON can hold.
         overwrite: Replace an existing file.
@@ -65,7 +67,7 @@ class ResultsMonitor(Monitor):
 
     path: str | PathLike[str]
     _: KW_ONLY
-    points: Mapping[str, Sequence[float]]
+    points: Mapping[str, Sequence[float] | Probe]
     every: Annotated[int, at.Ge(1)] = 10
     metadata: Mapping[str, Any] | None = None
     overwrite: bool = False
@@ -81,12 +83,23 @@ class ResultsMonitor(Monitor):
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
+        moved = [
+            f"{n} {text}" for n, text in zip(self._points, self._probe.moved, strict=True) if text
+        ]
+        if moved and self._comm.rank == 0:
+            warnings.warn(f"Monitored points: {'; '.join(moved)}.", stacklevel=2)
         surface = boundary_facets(model, self._nodes)
         joints = joint_statics(model)
         metadata = {
             "stage": stage,
             "steps": steps,
             "point_names": list(self._points),
+            "points": {
+                name: {**asdict(probe), "sides": sides}
+                for (name, probe), sides in zip(
+                    self._points.items(), self._probe.sides, strict=True
+                )
+            },
             "dofs": model.num_dofs,
             "joint_points": model.operator.num_points if model.operator else 0,
             "ranks": self._comm.size,
@@ -165,7 +178,7 @@ class ResultsMonitor(Monitor):
     @property
     def _settings(self) -> dict[str, Any]:
         """Settings that a continued file must agree in."""
-        points = {name: [float(x) for x in place] for name, place in self._points.items()}
+        points = {name: asdict(probe) for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants}
         return {"points": points, "every": self.every, **extra}

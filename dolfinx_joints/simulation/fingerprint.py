@@ -49,15 +49,18 @@ def fingerprint(
         model: The model.
         system: Its system in this run.
         nodes: Numbers the nodes.
-        settings: Further facts.
+        settings: Further facts, nodal vectors among them.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
         times: Those of the steps [s]; of a static state only the one.
     """
     sums = _NodalSums(system, nodes, model)
     held = Inventory()
+    vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
     for name, value in {**settings, "Rayleigh damping": system.rayleigh}.items():
-        held.add(name, value)
+        if name not in vectors:
+            held.add(name, value)
     facts: dict[str, Any] = {**held.facts, "node coordinates": nodes.positions.ravel()}
+    facts |= {name: sums(vector.getArray(readonly=True)) for name, vector in vectors.items()}
     matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
     for name, matrix in matrices.items():
         facts[f"{name} matrix"] = sums.of_matrix(matrix)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 
@@ -31,8 +31,11 @@ def nodes_of_group(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
     """Owned nodes of a cell group, or else a facet group or side, local numbers (collective)."""
     if group not in jointed.cell_groups:
         return nodes_of_facets(jointed, V, group)
-    nodes = fem.locate_dofs_topological(V, jointed.mesh.topology.dim, jointed.cells(group))
-    return nodes[nodes < V.dofmap.index_map.size_local].astype(np.int64)
+    marks = la.vector(V.dofmap.index_map)
+    marks.array[:] = 0.0
+    marks.array[V.dofmap.list[jointed.cells(group)].ravel()] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)  # the cells of a node may be on another rank
+    return np.flatnonzero(marks.array[: V.dofmap.index_map.size_local])
 
 
 def nearest_nodes(
@@ -70,6 +73,13 @@ def extent(V: FunctionSpace) -> float:
     boxes = V.mesh.comm.allgather((x.min(axis=0), x.max(axis=0)) if len(x) else None)
     lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
     return float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
+
+
+def as_text(place: Sequence[float], V: FunctionSpace) -> str:
+    """Coordinates as text, their rounding errors left out (collective)."""
+    size = extent(V)
+    exact = size * np.round(np.asarray(place) / size, 9) + 0.0
+    return f"({', '.join(f'{x:.6g}' for x in exact[: V.mesh.geometry.dim])})"
 
 
 def cell_size(V: FunctionSpace, nodes: NDArray[np.int64]) -> float:

@@ -329,9 +329,10 @@ class Model:
             raise
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
-        """Sum of nodal forces over the nodes of a facet group, shape (gdim,), [N] (collective).
+        """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).
 
-        Of reactions, the force of a support on the body. Nodes that belong to several groups count
+        The group is one of facets, or names a support at a point (`Constraints.points`). Of
+        reactions, the force of a support on the body. Nodes that belong to several groups count
         in each of them.
         """
         nodes = self.nodes(group)
@@ -339,7 +340,9 @@ class Model:
         return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
-        """Owned nodes of a facet group, local numbers (collective)."""
+        """Owned nodes of a facet group or a support at a point, local numbers (collective)."""
+        if group in self.constraints.points:
+            return self.constraints.points[group]
         return nodes_of_facets(self.jointed, self.V, group)
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:

@@ -17,7 +17,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.mesh.places import cell_size, extent, nearest_nodes, sides_at
+from dolfinx_joints.mesh.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
@@ -157,8 +157,7 @@ class PointProbe:
         size = cell_size(V, np.flatnonzero(nodes.number == min(every)))
         texts = []
         if distance > FAR * size:
-            exact = extent(V) * np.round(there / extent(V), 9) + 0.0
-            at_node = f"({', '.join(f'{x:g}' for x in exact[: self._gdim])})"
+            at_node = as_text(there, V)
             texts.append(f"at the node {at_node}, {distance:.3g} m away (cells: {size:.3g} m)")
         if len(every) > 1:
             which = " and ".join(self.sides[-1])

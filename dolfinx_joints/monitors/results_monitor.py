@@ -144,7 +144,7 @@ class ResultsMonitor(Monitor):
         self._model, self._comm = model, model.jointed.mesh.comm
         self._nodes = NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
-        self._supports = model.constraints.groups
+        self._supports = (*model.constraints.groups, *model.constraints.points)
         self._envelopes = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes

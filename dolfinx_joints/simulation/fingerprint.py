@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.supports import Prescribed
+from dolfinx_joints.body.supports import Prescribed, place_of
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.loads.load import FollowsJoints
@@ -93,7 +93,7 @@ def fingerprint(
         functions |= {f"load {label(load)}, factor": load for load in following}
     for support in model.supports:
         if isinstance(support, Prescribed):
-            functions[f"displacement {support.component} of {support.group}"] = support.value
+            functions[f"displacement {support.component} of {place_of(support)}"] = support.value
     if system.contact is not None:
         facts |= _of_joints(system.contact, held)
     if len(times) > 1:

@@ -44,9 +44,7 @@ pytestmark = [pytest.mark.mpi, pytest.mark.filterwarnings("ignore:A single step 
 
 YOUNG, RHO, LENGTH, N = 24e9, 2400.0, 8.0, 8
 H, K, DT, STEPS = LENGTH / N, math.pi / LENGTH, 1e-3, 7
-OMEGA = math.sqrt(
-    6.0 * YOUNG / (RHO * H**2) * (1.0 - math.cos(K * H)) / (2.0 + math.cos(K * H))
-)
+OMEGA = math.sqrt(6.0 * YOUNG / (RHO * H**2) * (1.0 - math.cos(K * H)) / (2.0 + math.cos(K * H)))
 ANGLE = 2.0 * math.atan(0.5 * OMEGA * DT)
 SPEED, AMPLITUDE, STIFFNESS = 0.5, 1e-3, 1e11
 

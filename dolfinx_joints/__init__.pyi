@@ -18,6 +18,7 @@ from .common.errors import CheckpointError as CheckpointError
 from .common.errors import ConvergenceError as ConvergenceError
 from .common.errors import JointsError as JointsError
 from .common.errors import MeshError as MeshError
+from .common.errors import PlausibilityWarning as PlausibilityWarning
 from .common.errors import RecordError as RecordError
 from .common.errors import ResultsError as ResultsError
 from .common.errors import TemperatureError as TemperatureError

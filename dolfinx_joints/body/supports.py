@@ -20,10 +20,10 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.places import as_text, extent, nearest_nodes, nodes_of_facets
 
-Floats, Ints = NDArray[np.float64], NDArray[np.int64]
 Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
 _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
 

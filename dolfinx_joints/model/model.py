@@ -39,6 +39,7 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.places import nodes_of_facets
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
+from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
 
 if TYPE_CHECKING:
@@ -122,6 +123,7 @@ class Model:
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
+        warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
         self.gdim = jointed.mesh.geometry.dim
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric

@@ -10,7 +10,7 @@ With u = sin(k x), k = pi / L, each element row gives, consistent mass,
     omega^2 = 6 E / (rho h^2) (1 - cos kh) / (2 + cos kh),
 
 and the energy-consistent scheme turns (omega u, v) by theta = 2 atan(omega dt / 2) in each step:
-u_n = a cos(n theta) from the displacement a sin(k x), u_n = v / omega sin(n theta) from the velocity
+u_n = a cos(n theta) from a displacement a sin(k x), u_n = v / omega sin(n theta) from a velocity
 v sin(k x), to rounding. Kinetic energy of that velocity: rho A L v^2 (2 + cos kh) / 12.
 """
 

@@ -35,7 +35,7 @@ class Range:
     others: Mapping[str, float] = field(default_factory=dict)
 
 
-_MODULUS = Range(1e6, 25e9, 1e15, "Pa", {"GPa": 1e9, "MPa": 1e6})
+_MODULUS = Range(1e6, 25e9, 1e17, "Pa", {"GPa": 1e9, "MPa": 1e6})
 _STIFFNESS = Range(1e6, 1e11, 1e20, "Pa/m", {"GPa/m": 1e9, "MPa/m": 1e6})
 _STRENGTH = Range(1e2, 1e6, 1e9, "Pa", {"MPa": 1e6, "kPa": 1e3})
 _WEIGHTS = {"kN/m^3": 1e3 / 9.81, "N/m^3": 1.0 / 9.81}

@@ -58,7 +58,7 @@ def test_other_units_are_told_of(comm, wall):
         loads=[Gravity(), water, Temperature(value=5.0, reference=10.0, expansion=10.0)],
     )
     assert found == [
-        "Elastic: young is 25 Pa; usual is 1e+06 to 1e+15 Pa; is it in GPa?",
+        "Elastic: young is 25 Pa; usual is 1e+06 to 1e+17 Pa; is it in GPa?",
         "Elastic: density is 2.4 kg/m^3; usual is 100 to 12000 kg/m^3; is it in t/m^3?",
         "FrictionNoTension of joint_1 and 1 more: normal_stiffness is 100 Pa/m; usual is 1e+06 to "
         "1e+20 Pa/m; is it in GPa/m?",

@@ -178,7 +178,7 @@ class ResultsMonitor(Monitor):
     @property
     def _settings(self) -> dict[str, Any]:
         """Settings that a continued file must agree in."""
-        points = {name: asdict(probe) for name, probe in self._points.items()}
+        points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants}
         return {"points": points, "every": self.every, **extra}

@@ -153,7 +153,7 @@ def test_accelerations_are_those_of_the_steps(comm, wall_file, read, new_path):
     # The midpoint rule has v1 = 2 (u1 - u0) / dt - v0 from rest, so the displacements tell the
     # velocities, and these the mean acceleration of each step.
     path = new_path("moving.h5")
-    points = {"base": (10.0, 0.0, 0.0), **POINTS}
+    points = {"base": (20.0, 0.0, 0.0), **POINTS}
     shake(wall(read(wall_file())), [ResultsMonitor(path, points=points)])
 
     def look():
@@ -307,7 +307,8 @@ def _rows(path, count):
 def test_run_without_joints(comm, wall_file, read, new_path):
     path = new_path("whole.h5")
     model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])
-    simulation = Simulation(model, monitors=[ResultsMonitor(path, points=POINTS, every=1)])
+    points = {"corner": POINTS["corner"]}
+    simulation = Simulation(model, monitors=[ResultsMonitor(path, points=points, every=1)])
     outcome = simulation.dynamics(dt=DT, steps=2, motion=shaking)
     assert outcome.energy_error <= 1e-10  # linear: Newmark's balance is exact
 

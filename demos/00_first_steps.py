@@ -23,7 +23,8 @@ solid = dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0)
 damp = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
 rock = [dj.Fixed(group="base"), dj.Fixed(group="abutments")]
 model = dj.Model(dam, material=solid, joints=law, supports=rock, loads=[dj.Gravity()], damping=damp)
-monitor = dj.ResultsMonitor("dam.h5", points={"crest": mid_crest()}, overwrite=True)
+crest = dj.Probe(mid_crest(), group="joint_6+")  # on a joint: one of its sides
+monitor = dj.ResultsMonitor("dam.h5", points={"crest": crest}, overwrite=True)
 run = dj.Simulation(model, monitors=[monitor])
 run.statics()
 print(run.report(run.dynamics(dt=0.001, steps=2000, motion=dj.synthetic_motion(duration=2.0))))

@@ -77,8 +77,9 @@ model = dj.Model(
 STEPS, DT = 40, 0.005
 outcomes = {}
 for solver in ("forms", "monolithic"):
+    crest = dj.Probe(mid_crest(), group="joint_6+")
     monitor = dj.ResultsMonitor(
-        out / f"{solver}.h5", points={"crest": mid_crest()}, every=5, overwrite=True
+        out / f"{solver}.h5", points={"crest": crest}, every=5, overwrite=True
     )
     run = dj.Simulation(model, monitors=[monitor], solver=solver)
     run.statics()

@@ -18,6 +18,7 @@ from .common.errors import CheckpointError as CheckpointError
 from .common.errors import ConvergenceError as ConvergenceError
 from .common.errors import JointsError as JointsError
 from .common.errors import MeshError as MeshError
+from .common.errors import PlausibilityWarning as PlausibilityWarning
 from .common.errors import RecordError as RecordError
 from .common.errors import ResultsError as ResultsError
 from .common.errors import TemperatureError as TemperatureError
@@ -69,6 +70,7 @@ from .model.modes import modes as modes
 from .model.system import MatrixSystem as MatrixSystem
 from .monitors.field_monitor import FieldMonitor as FieldMonitor
 from .monitors.modes_file import write_modes as write_modes
+from .monitors.probes import Probe as Probe
 from .monitors.progress_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.resultants import JointForces as JointForces
 from .monitors.results_monitor import ResultsMonitor as ResultsMonitor

@@ -14,6 +14,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
+    Probe,
     stiffness_proportional,
 )
 from dolfinx_joints.simulation.monitor import Monitor
@@ -22,7 +23,7 @@ CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
 
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 
-POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
+POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
 
 STEPS, DT = 12, 4e-3
 

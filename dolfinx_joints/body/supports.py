@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import Parameter, signature
 from typing import Annotated, Any, Literal
 
 import annotated_types as at
@@ -16,8 +17,18 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import number_at, shown
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_each, number_at, shown
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.mesh.places import as_text, extent, nearest_nodes, nodes_of_facets
+
+Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
+_BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+
+# Of the extent of the mesh: a node farther from the point of a support is another one.
+NO_NODE = 1e-6
 
 Stiffness = Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
@@ -35,18 +46,22 @@ def components_of(components: str, gdim: int) -> list[int]:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Fixed:
-    """Displacement components fixed at zero on a facet group.
+    """Displacement components fixed at zero on a facet group, or at a point.
 
     Attributes:
-        group: Name of the facet group.
+        group: Name of the facet group. Of a point on a joint: name of the side, or of another cell
+            or facet group that its node belongs to.
         components: Letters of the fixed axes, all of them unless given.
+        point: Coordinates of a node, in the place of a whole group [m].
     """
 
-    group: str
+    group: str | None = None
     components: str | None = None
+    point: Point | None = None
 
     def __post_init__(self) -> None:
-        """Check the letters."""
+        """Check the letters, and that there is a place."""
+        place_of(self)
         if self.components is not None:
             components_of(self.components, 3)
 
@@ -54,17 +69,34 @@ class Fixed:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Prescribed:
-    """Displacement component given as a function of time on a facet group.
+    """Displacement component given as a function of time on a facet group, or at a point.
 
     Attributes:
-        group: Name of the facet group.
+        group: Name of the facet group, or as of `Fixed`.
         component: ``x``, ``y`` or ``z``.
-        value: Displacement [m] at a time [s].
+        value: Displacement [m] at a time [s], ``value(t)``; or, of two arguments, ``value(x, t)``,
+            of nodes of shape (n, 3), [m], which returns shape (n,).
+        point: Coordinates of a node, in the place of a whole group [m].
     """
 
-    group: str
+    group: str | None = None
     component: Literal["x", "y", "z"]
-    value: Callable[[float], float]
+    value: Callable[..., Any]
+    point: Point | None = None
+
+    def __post_init__(self) -> None:
+        """Check that there is a place."""
+        place_of(self)
+
+    @property
+    def varies_in_space(self) -> bool:
+        """Whether the value is a function of nodes and time."""
+        try:
+            parameters = signature(self.value).parameters.values()
+        except (TypeError, ValueError):  # of a function that is not Python's
+            return False
+        needed = [p for p in parameters if p.default is p.empty and p.kind in _BY_POSITION]
+        return len(needed) == 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +127,21 @@ class Spring:
         return (of_normal * normal + of_tangential * tangential) * jointed.ds(self.group)
 
 
+def place_of(support: Fixed | Prescribed) -> str:
+    """Where a support is, as results name it: a group, or the coordinates of a point.
+
+    Raises:
+        ValueError: It has neither.
+    """
+    group, point = support.group, support.point
+    if point is None:
+        if group is None:
+            raise ValueError(f"{type(support).__name__}: group and point are both None; give one.")
+        return group
+    where = f"point ({' '.join(f'{x:g}' for x in point)})"
+    return where if group is None else f"{where} of {group}"
+
+
 Support = Fixed | Prescribed | Spring | ViscousBoundary
 
 
@@ -113,19 +160,21 @@ class Constraints:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
         static_dofs: Likewise in static stages, which hold viscous boundaries as well.
         groups: Names of the groups with constrained dofs.
+        points: Owned nodes, local numbers, of the supports at points, by `place_of`.
 
     Raises:
         ValueError: A component is unknown.
-        MeshError: A facet group does not exist.
+        MeshError: A group does not exist, or there is no node at a point, or several.
     """
 
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
         """Locate the dofs (collective)."""
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
-        owned = V.dofmap.index_map.size_local
-        fixed: list[NDArray[np.int64]] = []
-        held: list[NDArray[np.int64]] = []
-        self._prescribed: list[tuple[NDArray[np.int64], Prescribed]] = []
+        fixed: list[Ints] = []
+        held: list[Ints] = []
+        self._prescribed: list[tuple[Ints, Floats, Prescribed]] = []
+        self._comm, self.points = jointed.mesh.comm, dict[str, Ints]()
+        x = V.tabulate_dof_coordinates()
         for support in supports:
             if not isinstance(support, Support):
                 raise ValueError(
@@ -140,19 +189,20 @@ class Constraints:
             elif isinstance(support, Fixed):
                 named = support.components
             components = components_of("xyz"[:gdim] if named is None else named, gdim)
-            facets = jointed.facets(support.group)
-            blocks = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
-            blocks = blocks[blocks < owned].astype(np.int64)
-            dofs = (bs * blocks[:, None] + components).ravel()
+            if isinstance(support, ViscousBoundary) or support.point is None:
+                nodes = nodes_of_facets(jointed, V, str(support.group))
+            else:
+                nodes = self.points[place_of(support)] = _node_of_point(jointed, V, support)
+            dofs = (bs * nodes[:, None] + components).ravel()
             if isinstance(support, Prescribed):
-                self._prescribed.append((dofs, support))
+                self._prescribed.append((dofs, x[nodes], support))
             elif isinstance(support, ViscousBoundary):
                 held += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
-        clamped = [s.group for s in supports if isinstance(s, Fixed | Prescribed)]
-        self.groups = tuple(dict.fromkeys(clamped))
-        every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, _ in self._prescribed)]
+        clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
+        self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
+        every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
         self.dofs = np.unique(np.concatenate(every))
         self.static_dofs = np.unique(np.concatenate([self.dofs, *held]))
 
@@ -165,8 +215,34 @@ class Constraints:
         """Displacements of `dofs`, or of `static_dofs`, at a time [s], shape (n,), [m]."""
         all_dofs = self.static_dofs if static else self.dofs
         values = np.zeros(len(all_dofs))
-        for dofs, support in self._prescribed:
-            name = f"The displacement {support.component} prescribed on {shown(support.group)}"
-            value = number_at(name, support.value, time, unit="m")
+        for dofs, x, support in self._prescribed:
+            name = f"The displacement {support.component} prescribed on {shown(place_of(support))}"
+            value: float | Floats
+            if support.varies_in_space:
+                with raised_together(self._comm):
+                    given = support.value(x, time) if len(x) else np.zeros(0)
+                    value = check_each(f"{name} at t = {time:g} s", given, len(x))
+            else:
+                value = number_at(name, support.value, time, unit="m")
             values[np.searchsorted(all_dofs, dofs)] = value
         return values
+
+
+def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:
+    """The node of a support at a point if this rank owns it, shape (1,) or (0,) (collective)."""
+    assert support.point is not None
+    comm, where = jointed.mesh.comm, place_of(support)
+    distance, nodes = nearest_nodes(jointed, V, support.point, support.group)
+    found = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
+    every = [x for part in comm.allgather(found) for x in part]
+    if not distance <= NO_NODE * extent(V):
+        near = as_text(every[0], V) if every else "none"
+        raise MeshError(
+            f"The support at {where} is at no node; the nearest is {near}, {distance:.3g} m away."
+        )
+    if len(every) > 1:
+        raise MeshError(
+            f"The support at {where} is at {len(every)} nodes, which a joint divides; name a side "
+            f"as well, as in group='{jointed.joint_names[0]}+'."
+        )
+    return nodes

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Exceptions raised by this package; each message is one sentence a user can act on."""
+"""Exceptions and warnings of this package; each message is one sentence a user can act on."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -33,6 +33,13 @@ class TemperatureError(JointsError, ValueError):
 
 class StudyError(JointsError, ValueError):
     """A study, a row or a table of one that cannot be used."""
+
+
+class PlausibilityWarning(UserWarning):
+    """A value that no dam has, perhaps in another unit than SI.
+
+    Of models in other units: ``warnings.simplefilter("ignore", PlausibilityWarning)``.
+    """
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -196,7 +196,8 @@ def _check_internal(owner: str, internal: Any) -> None:
     if not isinstance(internal, Mapping):
         raise ValueError(f"{owner}: internal is {shown(internal)}; {wanted}")
     for name, each in internal.items():
-        good = isinstance(name, str) and isinstance(each, tuple) and len(each) == 2
+        good = isinstance(name, str) and bool(name.strip())
+        good = good and isinstance(each, tuple) and len(each) == 2
         if not (good and math.isfinite(real(each[0])) and callable(each[1])):
             raise ValueError(f"{owner}: internal has {shown(name)}: {shown(each)}; {wanted}")
 

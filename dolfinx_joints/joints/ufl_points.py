@@ -73,7 +73,8 @@ class UflPoints:
         if foreign or not good:
             fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {shape}"
             raise ValueError(f"{self._owner}: {what} {fault}; {wanted}")
-        self._texts.append(str(renumber_indices(strip_variables(made))))
+        text = str(renumber_indices(strip_variables(made)))
+        self._texts.append(f"{what.removeprefix('the ')}={text}")
         return made
 
     def compile(self, name: str, *expressions: Any) -> None:

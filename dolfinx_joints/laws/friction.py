@@ -18,6 +18,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
 from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Response
 from dolfinx_joints.laws.return_mapping import (
@@ -159,17 +160,21 @@ class FrictionNoTension:
     Attributes:
         normal_stiffness: k_n.
         shear_stiffness: k_s; zero leaves the joint without friction.
-        friction_angle_deg: alpha.
+        friction_angle_deg: alpha; exactly one of this and the next is given.
+        friction_coefficient: Mu = tan(alpha).
+
+    Raises:
+        ValueError: Angle and coefficient are both given, or both missing.
     """
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
-    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
+    friction_coefficient: Annotated[float, at.Ge(0)] | None = None
 
-    @property
-    def friction_coefficient(self) -> float:
-        """Mu = tan(alpha)."""
-        return math.tan(math.radians(self.friction_angle_deg))
+    def __post_init__(self) -> None:
+        """Take the friction."""
+        set_friction(self)
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s, [Pa/m]."""
@@ -195,7 +200,7 @@ class FrictionNoTension:
         """`backward_euler` at gap = trial_gap - compliance * t (21), see `CondensedLaw`."""
         k_n, k_s = self.normal_stiffness, self.shear_stiffness
         shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
-        law = Coulomb(1.0 / k_n, *shear, self.friction_coefficient)
+        law = Coulomb(1.0 / k_n, *shear, coefficient_of(self))
         answer = solve_backward_euler(trial_gap, compliance, state, law)
         return response_of(answer, elastic_slip=answer.history)
 
@@ -205,7 +210,7 @@ class FrictionNoTension:
         """`discrete_gradient` at gap = trial_gap - compliance * t (17), see `CondensedLaw`."""
         # Without shear stiffness friction is never mobilised, as if there were none.
         k_n, k_s = self.normal_stiffness, self.shear_stiffness or self.normal_stiffness
-        mu = self.friction_coefficient if self.shear_stiffness else 0.0
+        mu = coefficient_of(self) if self.shear_stiffness else 0.0
         stored = stored_by(state, k_n, self.shear_stiffness)
         law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)

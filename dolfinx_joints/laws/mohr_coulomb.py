@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import Floats, JointState, Response, Status
 from dolfinx_joints.laws.return_mapping import contact_fraction
 
@@ -40,7 +41,8 @@ class MohrCoulombJoint:
     Attributes:
         normal_stiffness: k_n.
         shear_stiffness: k_s.
-        friction_angle_deg: alpha.
+        friction_angle_deg: alpha; exactly one of this and the next is given.
+        friction_coefficient: Mu = tan(alpha).
         cohesion: c.
         tensile_strength: f_t, at most c / tan(alpha).
         dilatancy_angle_deg: psi, at most alpha (beyond it friction would give energy away).
@@ -53,14 +55,15 @@ class MohrCoulombJoint:
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
-    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
+    friction_coefficient: Annotated[float, at.Ge(0)] | None = None
     cohesion: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0
     tensile_strength: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0
     dilatancy_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] = 0.0
 
     def __post_init__(self) -> None:
-        """Check strengths and angles against each other."""
-        mu, alpha = self.friction_coefficient, self.friction_angle_deg
+        """Take the friction; check strengths and angles against each other."""
+        mu, alpha = set_friction(self)
         if mu * self.tensile_strength > self.cohesion * (1.0 + 1e-12):
             raise ValueError(
                 f"MohrCoulombJoint: tensile_strength is {self.tensile_strength:g} Pa; it must be "
@@ -71,11 +74,6 @@ class MohrCoulombJoint:
                 f"MohrCoulombJoint: dilatancy_angle_deg is {self.dilatancy_angle_deg:g} degrees; "
                 f"it must be at most the friction angle, {alpha:g} degrees."
             )
-
-    @property
-    def friction_coefficient(self) -> float:
-        """Mu = tan(alpha)."""
-        return math.tan(math.radians(self.friction_angle_deg))
 
     @property
     def dilatancy_coefficient(self) -> float:
@@ -112,7 +110,7 @@ class MohrCoulombJoint:
             Tractions, consistent tangent, trial state, dissipation (friction, dilatancy and what
             breaking bonds set free) and status; an intact point counts as sticking.
         """
-        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
+        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
         slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
         bonded = state.internal[:, 0] == 0.0
         strength = self.cohesion - mu * k_n * gap[:, 0]
@@ -149,7 +147,7 @@ class MohrCoulombJoint:
             was: Normal gap less dilation at the start, shape (n,), [m].
             dilation: At the start, shape (n,), [m].
         """
-        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, self.friction_coefficient
+        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
         tan_psi = self.dilatancy_coefficient
         # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
         stays = (was <= 0.0) & (k_s > 0.0)

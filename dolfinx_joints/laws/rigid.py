@@ -12,6 +12,7 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient
 from dolfinx_joints.laws.friction import solve_backward_euler
 from dolfinx_joints.laws.law import Floats, JointState, Response
@@ -32,9 +33,13 @@ class RigidJoint:
     two components [(J/m^2)^(1/2)].
 
     Attributes:
-        friction_angle_deg: alpha.
+        friction_angle_deg: alpha; exactly one of this and the next is given.
+        friction_coefficient: Mu = tan(alpha).
         stiffness_ratio: k_n / k_s, which sets how much of the shear energy of a point that loses
             pressure can stay.
+
+    Raises:
+        ValueError: Angle and coefficient are both given, or both missing.
     """
 
     internal_variables: ClassVar[tuple[str, ...]] = (
@@ -43,13 +48,13 @@ class RigidJoint:
         "shear_root_2",
     )
 
-    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")]
+    friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
+    friction_coefficient: Annotated[float, at.Ge(0)] | None = None
     stiffness_ratio: Annotated[float, at.Gt(0)] = 1.0
 
-    @property
-    def friction_coefficient(self) -> float:
-        """Mu = tan(alpha)."""
-        return math.tan(math.radians(self.friction_angle_deg))
+    def __post_init__(self) -> None:
+        """Take the friction."""
+        set_friction(self)
 
     def initial_variables(self, gap: Floats) -> Floats:
         """No energy at rest, shape (n, 3)."""
@@ -67,7 +72,7 @@ class RigidJoint:
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
         """Return mapping at the end of a step (21), no energy stored; see `CondensedLaw`."""
-        law = Coulomb(0.0, 0.0, self.stiffness_ratio, self.friction_coefficient)
+        law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_backward_euler(trial_gap, compliance, state, law)
         return response_of(
             answer, elastic_slip=answer.history, internal=np.zeros_like(state.internal)
@@ -77,7 +82,7 @@ class RigidJoint:
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
-        law = Coulomb(0.0, 0.0, self.stiffness_ratio, self.friction_coefficient)
+        law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
         return response_of(
             answer, elastic_slip=np.zeros((len(trial_gap), 2)), internal=answer.history

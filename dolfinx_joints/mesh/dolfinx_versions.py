@@ -149,3 +149,9 @@ def petsc_code(error: Exception) -> int:
     if code is None:
         raise error
     return int(code)
+
+
+def interpolation_points(V: Any) -> NDArray[np.float64]:
+    """Points of the reference cell that interpolation evaluates at; no method since 0.10."""
+    points = V.element.interpolation_points
+    return np.asarray(points() if callable(points) else points)

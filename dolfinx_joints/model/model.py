@@ -29,13 +29,16 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
+from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, JointLoad, Load
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.mesh.places import nodes_of_facets
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
+from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
 
 if TYPE_CHECKING:
@@ -120,12 +123,13 @@ class Model:
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
+        warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
         self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
         self.gdim = jointed.mesh.geometry.dim
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
         if jointed.joint_names and joints is None:
-            check_tied(jointed, self._extra(extra_stiffness))
+            check_tied(jointed, self._extra("extra_stiffness", extra_stiffness))
         self.body = ElasticBody(jointed, material, plane=plane)
         self.constraints = Constraints(jointed, self.V, self.supports)
         self.absorbing = absorbing_groups(jointed, self.body, self.supports)
@@ -149,7 +153,8 @@ class Model:
         """K of bulk, extra form and springs."""
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
-        return blocked(self._matrix(self.body.stiffness_form(u, v), *self._extra(extra), *springs))
+        extras = self._extra("extra_stiffness", extra)
+        return blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
 
     def _masses(
         self, extra: BilinearForm | None, added_mass: Sequence[AddedMass]
@@ -159,7 +164,7 @@ class Model:
         self.mass = body = without_zeros(self._matrix(form))
         if extra is None and not added_mass:
             return body, body
-        total = self._matrix(form, *self._extra(extra))
+        total = self._matrix(form, *self._extra("extra_mass", extra))
         for added in added_mass:
             wanted = "a WestergaardMass or a ReservoirMass"
             check_kind_of("An added mass", added, offers(added, "matrix"), wanted)
@@ -195,7 +200,7 @@ class Model:
         u, v = self._arguments
         boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
         absorbing = [s.form(self.jointed, self.body, u, v) for s in boundaries]
-        forms = self._extra(extra_damping)
+        forms = self._extra("extra_damping", extra_damping)
         undamped = extra_stiffness is not None or any(isinstance(s, Spring) for s in self.supports)
         if rayleigh.stiffness_factor and undamped:
             # Springs and extra forms are part of K but do not damp.
@@ -213,12 +218,12 @@ class Model:
         """Trial and test function."""
         return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
 
-    def _extra(self, extra: BilinearForm | None) -> list[Any]:
+    def _extra(self, name: str, extra: BilinearForm | None) -> list[Any]:
         """A user-defined bilinear form, in a list."""
         if extra is None:
             return []
         form = extra(*self._arguments)
-        check_form(form, 2, "An extra form must be a bilinear UFL form of (u, v)")
+        check_form(form, 2, f"{name} must give a bilinear UFL form of (u, v)")
         return [form]
 
     def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
@@ -301,7 +306,7 @@ class Model:
             )
         loads = [*(self.loads if only is None else only), *extra_loads]
         by_name = dict(zip(_names(loads), loads, strict=True))
-        named = [(name, pattern) for name in by_name for pattern in by_name[name].patterns(self)]
+        named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         constraints = self.constraints
         return MatrixSystem(
@@ -322,10 +327,20 @@ class Model:
             in_joints=water_in_joints(loads),
         )
 
-    def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
-        """Sum of nodal forces over the nodes of a facet group, shape (gdim,), [N] (collective).
+    def _patterns(self, name: str, load: Load) -> Sequence[Any]:
+        """Patterns of a load; what is wrong with a user-defined form says with which."""
+        try:
+            return load.patterns(self)
+        except ValueError as error:
+            if isinstance(load, FormLoad):
+                raise ValueError(f"{name}: {error}") from error
+            raise
 
-        Of reactions, the force of a support on the body. Nodes that belong to several groups count
+    def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
+        """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).
+
+        The group is one of facets, or names a support at a point (`Constraints.points`). Of
+        reactions, the force of a support on the body. Nodes that belong to several groups count
         in each of them.
         """
         nodes = self.nodes(group)
@@ -333,10 +348,10 @@ class Model:
         return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
-        """Owned nodes of a facet group, local numbers (collective)."""
-        facets = self.jointed.facets(group)
-        nodes = fem.locate_dofs_topological(self.V, self.jointed.mesh.topology.dim - 1, facets)
-        return nodes[nodes < self.V.dofmap.index_map.size_local].astype(np.int64)
+        """Owned nodes of a facet group or a support at a point, local numbers (collective)."""
+        if group in self.constraints.points:
+            return self.constraints.points[group]
+        return nodes_of_facets(self.jointed, self.V, group)
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""

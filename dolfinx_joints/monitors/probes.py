@@ -5,28 +5,58 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.mesh.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
 
 
-def checked_points(points: Any) -> dict[str, tuple[float, ...]]:
+# Of the size of the cells there: a node farther from its point is told of.
+FAR = 0.1
+
+
+@dataclass(frozen=True)
+@checked
+class Probe:
+    """A monitored point, and the group whose nodes count.
+
+        points = {"crest": (0.0, 4.0, 100.0), "beside the joint": Probe(place, group="joint_2+")}
+
+    Attributes:
+        place: Coordinates [m].
+        group: Name of a cell group, a facet group or a side of a joint, which the node must belong
+            to; any node unless given.
+    """
+
+    place: Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
+    group: str | None = None
+
+
+def checked_points(points: Any) -> dict[str, Probe]:
     """Monitor points by name."""
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of(
         "points", points, named and len(points) > 0, "coordinates by name of one or more points"
     )
-    places = (check_vector(f"The point {shown(n)}", p, (2, 3)) for n, p in points.items())
-    return {n: tuple(float(x) for x in place) for n, place in zip(points, places, strict=True)}
+    return {name: _probe(f"The point {shown(name)}", given) for name, given in points.items()}
+
+
+def _probe(name: str, given: Any) -> Probe:
+    place = given.place if isinstance(given, Probe) else given
+    numbers = tuple(float(x) for x in check_vector(name, place, (2, 3)))
+    return Probe(numbers, given.group if isinstance(given, Probe) else None)
 
 
 def boundary_facets(
@@ -82,49 +112,57 @@ class PointProbe:
 
     Args:
         model: The model.
-        points: Coordinates, shape (n, gdim), [m].
+        points: Coordinates, shape (n, gdim), [m], or a `Probe` each.
         nodes: Numbers the nodes.
 
     Attributes:
         positions: Coordinates of the nodes found, shape (n, 3), [m].
+        sides: Sides of joints that each node belongs to, none where no other node is there.
+        moved: Where each point went if its node is far from it or one of several, else empty.
+
+    Raises:
+        MeshError: A point is far from the body, or has not all coordinates.
     """
 
     def __init__(
-        self, model: Model, points: Sequence[Sequence[float]], nodes: NodeNumbering
+        self, model: Model, points: Sequence[Sequence[float] | Probe], nodes: NodeNumbering
     ) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
-        owned = model.V.dofmap.index_map.size_local
-        x = model.V.tabulate_dof_coordinates()[:owned]
         self._mine: list[tuple[int, int]] = []
-        boxes = self._comm.allgather((x.min(axis=0), x.max(axis=0)) if owned else None)
-        lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
-        extent = float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
-        positions = []
+        self.positions = np.zeros((len(points), 3))
+        self.sides: list[tuple[str, ...]] = []
+        self.moved: list[str] = []
         for row, point in enumerate(points):
-            if len(point) < self._gdim:
-                raise MeshError(
-                    f"Monitor point {tuple(point)} has {len(point)} coordinates; the mesh has "
-                    f"{self._gdim}."
-                )
-            wanted = np.zeros(3)
-            wanted[: len(point)] = point
-            distance = extent * np.round(np.linalg.norm(x - wanted, axis=1) / extent, 9)
-            found = (np.inf, 0, -1, (0.0, 0.0, 0.0))
-            if owned:
-                near = int(np.lexsort((nodes.number[:owned], distance))[0])
-                found = (float(distance[near]), int(nodes.number[near]), near, tuple(x[near]))
-            ranked = self._comm.allgather(found)
-            owner = min(range(len(ranked)), key=lambda rank: ranked[rank][:2])
-            if not ranked[owner][0] <= 0.1 * extent:
-                raise MeshError(
-                    f"Monitor point {tuple(point)} lies {ranked[owner][0]:.3g} m from the nearest "
-                    "node."
-                )
-            positions.append(ranked[owner][3])
-            if owner == self._comm.rank:
-                self._mine.append((row, ranked[owner][2]))
-        self.positions = np.array(positions).reshape(-1, 3)
+            probe = point if isinstance(point, Probe) else Probe(tuple(point))
+            self._find(model, row, probe, nodes)
+
+    def _find(self, model: Model, row: int, probe: Probe, nodes: NodeNumbering) -> None:
+        """Find the node of a point (collective)."""
+        jointed, V = model.jointed, model.V
+        distance, near = nearest_nodes(jointed, V, probe.place, probe.group)
+        place = f"({', '.join(f'{x:g}' for x in probe.place)})"
+        if not distance <= 0.1 * extent(V):
+            raise MeshError(f"Monitor point {place} lies {distance:.3g} m from the nearest node.")
+        found = {int(nodes.number[node]): int(node) for node in near}
+        every = [number for numbers in self._comm.allgather(list(found)) for number in numbers]
+        mine = found.get(min(every))
+        x = None if mine is None else V.tabulate_dof_coordinates()[mine]
+        there = next(each for each in self._comm.allgather(x) if each is not None)
+        self.positions[row] = there
+        if mine is not None:
+            self._mine.append((row, mine))
+        copies = sum(self._comm.allgather(len(nearest_nodes(jointed, V, there)[1])))
+        self.sides.append(sides_at(jointed, V, mine) if copies > 1 else ())
+        size = cell_size(V, np.flatnonzero(nodes.number == min(every)))
+        texts = []
+        if distance > FAR * size:
+            at_node = as_text(there, V)
+            texts.append(f"at the node {at_node}, {distance:.3g} m away (cells: {size:.3g} m)")
+        if len(every) > 1:
+            which = " and ".join(self.sides[-1])
+            texts.append(f"on the side {which}, as dj.Probe(place, group=...) does not say which")
+        self.moved.append(f"{place} is read {', and '.join(texts)}" if texts else "")
 
     def read(self, u: PETSc.Vec) -> Floats:
         """Nodal vectors of the points, shape (n, 3), on every rank (collective)."""

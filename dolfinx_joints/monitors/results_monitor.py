@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,6 +24,7 @@ from dolfinx_joints.monitors.fields import Fields, StageFields
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
+    Probe,
     boundary_facets,
     checked_points,
     joint_statics,
@@ -75,7 +77,7 @@ class ResultsMonitor(Monitor):
 
     Args:
         path: The file.
-        points: Monitor points by name, coordinates [m].
+        points: Monitor points by name, coordinates [m] or a `Probe`; read at the nearest nodes.
         every: Steps between two states.
         metadata: Further facts of the run; anything JSON can hold.
         overwrite: Replace an existing file.
@@ -87,7 +89,7 @@ class ResultsMonitor(Monitor):
 
     path: str | PathLike[str]
     _: KW_ONLY
-    points: Mapping[str, Sequence[float]]
+    points: Mapping[str, Sequence[float] | Probe]
     every: Annotated[int, at.Ge(1)] = 10
     metadata: Mapping[str, Any] | None = None
     overwrite: bool = False
@@ -196,6 +198,12 @@ class ResultsMonitor(Monitor):
         """Facts of the model, and those of the caller."""
         return {
             "point_names": list(self._points),
+            "points": {
+                name: {**asdict(probe), "sides": sides}
+                for (name, probe), sides in zip(
+                    self._points.items(), self._probe.sides, strict=True
+                )
+            },
             "dofs": model.num_dofs,
             "joint_points": model.operator.num_points if model.operator else 0,
             "ranks": self._comm.size,
@@ -210,7 +218,10 @@ class ResultsMonitor(Monitor):
             return
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
-        self._supports = model.constraints.groups
+        moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
+        if moved and self._comm.rank == 0:
+            warnings.warn(f"Monitored points: {'; '.join(moved)}.", stacklevel=2)
+        self._supports = (*model.constraints.groups, *model.constraints.points)
         self._envelopes = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
@@ -254,7 +265,7 @@ class ResultsMonitor(Monitor):
     @property
     def _settings(self) -> dict[str, Any]:
         """Settings that a continued file must agree in."""
-        points = {name: [float(x) for x in place] for name, place in self._points.items()}
+        points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants}
         return {"points": points, "every": self.every, **extra}

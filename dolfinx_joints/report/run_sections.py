@@ -49,7 +49,7 @@ _ERRORS = {
 def parameters(content: Content) -> Section:
     """Parameters and mesh numbers from the files."""
     facts = [run.results.metadata for run in content.runs]
-    hidden = {"point_names", "units", *_MESH}
+    hidden = {"point_names", "points", "units", *_MESH}
     keys = [key for key in dict.fromkeys(k for f in facts for k in f) if key not in hidden]
     rows = [[_PARAMETERS.get(key, key), *(_fact(f, key) for f in facts)] for key in keys]
     mesh = [[text, *(f.get(key) for f in facts)] for key, text in _MESH.items()]

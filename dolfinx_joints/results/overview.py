@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.results.reader import Results, listing
@@ -23,6 +25,7 @@ _SHOWN = (
     "steps",
     "displacements",
     "point_names",
+    "points",
     "dofs",
     "joint_points",
     "ranks",
@@ -52,7 +55,7 @@ def overview(path: str | Path) -> str:
         settings = {k: v for k, v in facts.items() if k not in _SHOWN}
         lines += _line("settings", _facts(settings, settings))
         lines += _made_by(facts.get("manifest"))
-        lines += _line("points", facts.get("point_names", []))
+        lines += _line("points", _points(results))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         for stream, names in results.streams.items():
@@ -129,6 +132,24 @@ def _by_law(results: Results) -> dict[str, list[str]]:
             text = f": {law['kind']}{'' if angle is None else f', {angle:g} degrees'}"
         found.setdefault(text, []).append(name)
     return found
+
+
+def _points(results: Results) -> list[str]:
+    """Monitor points: where they are read, on which side of a joint, and how far from asked."""
+    asked, names = results.metadata.get("points"), results.metadata.get("point_names", [])
+    if not isinstance(asked, dict) or "histories/points" not in results.statics:
+        return names
+    texts = []
+    for name, there in zip(names, results.static("histories/points"), strict=False):
+        wanted = asked.get(name, {})
+        place, sides = wanted.get("place", ()), wanted.get("sides", ())
+        scale = float(np.abs(there).max())
+        away = float(np.linalg.norm(there[: len(place)] - np.array(place)))
+        exact = [0.0 if abs(x) < 1e-9 * scale else x for x in there]
+        text = f"{name} at ({' '.join(f'{x:.4g}' for x in exact)}) m"
+        text += f" on {' and '.join(sides)}" if sides else ""
+        texts.append(text + (f" {away:.3g} m from the place given" if away > 1e-6 * scale else ""))
+    return texts
 
 
 def _facts(values: Mapping[str, Any], names: Iterable[str]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.supports import Prescribed
+from dolfinx_joints.body.supports import Prescribed, place_of
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.loads.load import FollowsJoints
@@ -49,15 +49,18 @@ def fingerprint(
         model: The model.
         system: Its system in this run.
         nodes: Numbers the nodes.
-        settings: Further facts.
+        settings: Further facts, nodal vectors among them.
         motion: Ground acceleration [m/s^2] at a time [s], or None.
         times: Those of the steps [s]; of a static state only the one.
     """
     sums = _NodalSums(system, nodes, model)
     held = Inventory()
+    vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
     for name, value in {**settings, "Rayleigh damping": system.rayleigh}.items():
-        held.add(name, value)
+        if name not in vectors:
+            held.add(name, value)
     facts: dict[str, Any] = {**held.facts, "node coordinates": nodes.positions.ravel()}
+    facts |= {name: sums(vector.getArray(readonly=True)) for name, vector in vectors.items()}
     matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
     for name, matrix in matrices.items():
         facts[f"{name} matrix"] = sums.of_matrix(matrix)
@@ -90,7 +93,7 @@ def fingerprint(
         functions |= {f"load {label(load)}, factor": load for load in following}
     for support in model.supports:
         if isinstance(support, Prescribed):
-            functions[f"displacement {support.component} of {support.group}"] = support.value
+            functions[f"displacement {support.component} of {place_of(support)}"] = support.value
     if system.contact is not None:
         facts |= _of_joints(system.contact, held)
     if len(times) > 1:

@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal
 
 import annotated_types as at
 import numpy as np
-from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -29,16 +28,17 @@ from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.construction import grouted
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
+from dolfinx_joints.simulation.first_state import first_state, given_fields, in_words
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.static_stage import (
     check_acting,
     check_complete,
-    check_no_jump,
     march,
 )
 from dolfinx_joints.simulation.unfinished import (
@@ -49,8 +49,7 @@ from dolfinx_joints.simulation.unfinished import (
     unfinished,
 )
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
-from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
-from dolfinx_joints.time_integration.initial_state import initial_state
+from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
@@ -274,7 +273,8 @@ class Simulation:
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
         control: StepControl | None = None,
-        velocity: PETSc.Vec | None = None,
+        velocity: NodalField | None = None,
+        displacement: NodalField | None = None,
         start: DynamicState | None = None,
         checkpoint: Checkpoints | None = None,
         resume: bool = False,
@@ -289,12 +289,15 @@ class Simulation:
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
-            velocity: Initial velocity [m/s], zero unless given.
+            velocity: Initial velocity [m/s], zero unless given: a function of the nodes (n, 3)
+                that returns (n, gdim), a UFL expression or DOLFINx function, a vector of the
+                unknowns, or a number for each axis. At supports it must be theirs.
+            displacement: Initial displacement [m], given alike, on top of the static state; joints
+                answer to it from there.
             start: State to go on from instead, such as ``state`` of an earlier outcome.
             checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
             resume: Go on from that checkpoint, with the arguments and monitors of the run that
-                wrote it. Its static state is taken as well; ``velocity`` and ``start`` are
-                ignored.
+                wrote it. Its static state is taken as well; ``start`` is ignored.
 
         Raises:
             CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
@@ -311,10 +314,7 @@ class Simulation:
         check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
         known = isinstance(checkpoint, Checkpoints | None)
         check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
-        known = isinstance(velocity, PETSc.Vec | None)
-        check_kind_of("velocity", velocity, known, "a vector of the model's unknowns")
-        if velocity is not None and start is not None:
-            raise ValueError("velocity and start are both given; start holds a velocity already.")
+        given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         motion = ground_motion(self.model, motion, loads)
@@ -330,6 +330,7 @@ class Simulation:
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
+            facts |= {f"initial {name}": vector for name, vector in given.items()}
             began = start.time if start else 0.0
             times = began + dt * np.arange(steps + 1)
             keeper = None
@@ -348,11 +349,11 @@ class Simulation:
                 scheme=scheme,
                 solver=solver,
                 control=control,
-                state=saved.state if saved else self._first_state(solver, dt, velocity, start),
+                state=saved.state if saved else first_state(solver, dt, self.static, start, given),
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),
-                settings=facts,
+                settings={name: in_words(value) for name, value in facts.items()},
                 stages=tuple(self.stages),
             )
         with released(checkpoint, at_end=True), run.watched():
@@ -386,31 +387,6 @@ class Simulation:
         if keeper is not None:
             with self._phase("checkpoints"):
                 keeper.save_if_due(run, self.static)
-
-    def _first_state(
-        self,
-        solver: StepSolver,
-        dt: float,
-        velocity: PETSc.Vec | None,
-        start: DynamicState | None,
-    ) -> DynamicState:
-        """The state a dynamic stage begins with, its acceleration in balance with its loads."""
-        origin = start or self.static
-        if origin is None:
-            return initial_state(solver, dt=dt, velocity=velocity)
-        if start is None:
-            check_no_jump(solver.system, origin.displacement)
-        # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
-        # and asked again, round-off would decide.
-        return initial_state(
-            solver,
-            time=start.time if start else 0.0,
-            dt=dt,
-            displacement=origin.displacement,
-            velocity=start.velocity if start else velocity,
-            joints=origin.joints,
-            water=start.water if start else None,
-        )
 
     def report(self, outcome: Outcome) -> str:
         """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""

@@ -189,15 +189,3 @@ def check_complete(static: StaticState | None) -> None:
             f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
             "which would act at once; run statics() with all loads before."
         )
-
-
-def check_no_jump(system: MatrixSystem, u: PETSc.Vec) -> None:
-    """Check that prescribed displacements do not jump from a static state to time zero."""
-    at_zero = system.prescribed(0.0)
-    there = u.getArray(readonly=True)[system.constrained]
-    jump = float(np.abs(at_zero - there).max(initial=0.0))
-    if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
-        raise ValueError(
-            "The displacements prescribed at t = 0 differ from those of the static state that "
-            "the dynamic stage starts from; let their functions agree there."
-        )

@@ -46,6 +46,7 @@ from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.joint_frames import fixed_axis, frames
+from dolfinx_joints.mesh.places import nodes_of_group
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 
@@ -257,6 +258,29 @@ def test_axes_of_joints(normals, along, up):
     found = frames(normal, fixed_axis(normal), plane=False)
     expected = np.stack([normal, np.array(along), np.array(up)], axis=1)
     np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("normal", "along"), [(Y, -X), (X, Y), ([0.6, 0.8, 0.0], [-0.8, 0.6, 0.0])]
+)
+def test_axes_of_joints_in_the_plane(normal, along):
+    # docs/guide/joints.md: s1 is n turned by 90 degrees counterclockwise, s2 is out of the plane.
+    found = frames(np.array([normal]), 0, plane=True)
+    np.testing.assert_allclose(found[0], [normal, along, Z], atol=1e-15)
+
+
+@pytest.mark.parametrize(("name", "sign"), [("two_rectangles_file", -1.0), ("blocks_file", 1.0)])
+def test_slip_of_a_level_joint_along_x(request, read, name, sign):
+    # The upper block moved by 1 mm along x: that is along -s1 in 2-D, along s1 in space.
+    jointed = read(request.getfixturevalue(name)(angle=0.0))
+    gdim = jointed.mesh.geometry.dim
+    model = Model(jointed, material=CONCRETE, joints=LAW)
+    u = model.stiffness.createVecRight()
+    values = np.zeros((u.getLocalSize() // gdim, gdim))
+    values[nodes_of_group(jointed, model.V, "upper"), 0] = 1e-3
+    u.setArray(values.ravel())
+    expected = np.tile([0.0, sign * 1e-3, 0.0], (len(model.operator.areas), 1))
+    np.testing.assert_allclose(model.contact.gap(u), expected, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def sheared(blocks_file, read):
         rest = "xyz".replace(component, "")
         return Model(
             jointed,
-            material=Elastic(young=1e9, poisson=0.0, density=1.0),
+            material=Elastic(young=1e9, poisson=0.0, density=2400.0),
             joints=FrictionNoTension(
                 normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=0.0
             ),

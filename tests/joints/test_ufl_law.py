@@ -377,13 +377,15 @@ def test_laws_are_told_apart():
     )
     assert repr(one) == repr(same) != repr(other)
     assert repr(one).startswith("PotentialJoint(")
-    assert "gap" in repr(one)
+    assert "(energy=" in repr(one)
     law = TractionJoint(
         lambda g, k: [k * g[i] for i in range(3)],
         internal={"k": (2.0, lambda g, k: k)},
         normal_stiffness=1.0,
         shear_stiffness=0.0,
     )
+    assert repr(law).startswith("TractionJoint(traction=[")
+    assert ", energy=0, update of k=" in repr(law)
     assert repr(law).endswith("k=2.0, normal_stiffness=1.0, shear_stiffness=0.0)")
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Status
+from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 from dolfinx_joints.laws.rigid import RigidJoint
 
 # k_n 1e12, k_s 2e12 Pa/m, mu 0.5: a gap of -1 um carries -1 MPa, and slides beyond 0.5 MPa,
@@ -20,6 +22,9 @@ from dolfinx_joints.laws.rigid import RigidJoint
 K_N, K_S, MU = 1e12, 2e12, 0.5
 LAW = FrictionNoTension(
     normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=math.degrees(math.atan(MU))
+)
+BONDED = MohrCoulombJoint(
+    normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0, cohesion=1e6
 )
 UM = 1e-6
 MPA = 1e6
@@ -309,6 +314,21 @@ def test_law_cannot_be_changed_and_takes_keywords_only():
         FrictionNoTension(1e11, 1e11, 30.0)
     assert pytest.approx(math.tan(math.atan(MU))) == LAW.friction_coefficient
     assert LAW.closed_stiffness() == (K_N, K_S)
+
+
+@pytest.mark.parametrize("law", [LAW, RigidJoint(friction_angle_deg=30.0), BONDED])
+def test_friction_is_given_as_an_angle_or_as_a_coefficient(law):
+    angle = law.friction_angle_deg
+    assert law.friction_coefficient == pytest.approx(math.tan(math.radians(angle)), rel=1e-15)
+    given = {f.name: getattr(law, f.name) for f in fields(law)} | {"friction_angle_deg": None}
+    same = type(law)(**given)
+    assert same.friction_coefficient == law.friction_coefficient
+    assert same.friction_angle_deg == pytest.approx(angle, rel=1e-15)
+    assert replace(same) == same
+    with pytest.raises(ValueError, match="are both None; give one of them"):
+        type(law)(**given | {"friction_coefficient": None})
+    with pytest.raises(ValueError, match="is 40 degrees and friction_coefficient is 0.5"):
+        replace(law, friction_angle_deg=40.0)
 
 
 def test_no_points():

@@ -159,7 +159,7 @@ def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
 
 def test_springs_alone_hold_blocks_for_the_condensed_solver(wall):
     """No block is loose then, and the friction between them may be little."""
-    smooth = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=1.0)
+    smooth = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=2.0)
     model = laid(wall(), joints=smooth, extra_stiffness=layer(wall(), None, 1e8, 1e8))
     auto, held = (run(model, solver=solver) for solver in ("auto", "monolithic"))
     assert (auto[1].solver, held[1].solver) == ("condensed", "monolithic")

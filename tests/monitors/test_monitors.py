@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ from dolfinx_joints import (
     MeshError,
     Model,
     Newmark,
+    Probe,
     ProgressMonitor,
     Results,
     ResultsError,
@@ -34,6 +36,7 @@ from dolfinx_joints import (
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
+from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 pytestmark = pytest.mark.mpi
@@ -41,7 +44,7 @@ pytestmark = pytest.mark.mpi
 CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 MU = np.tan(np.deg2rad(30.0))
-POINTS = {"crest": (10.0, 0.0, 20.0), "corner": (0.0, 4.0, 20.0)}
+POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
 STEPS, DT = 6, 4e-3
 
 
@@ -126,7 +129,7 @@ def test_results_of_a_run(comm, wall_file, read, new_path):
             assert max(shares[0]) > 0
             # Points were found exactly: both are nodes.
             where = results.static("histories/points")
-            np.testing.assert_allclose(where, list(POINTS.values()), atol=1e-12)
+            np.testing.assert_allclose(where, [POINTS["crest"].place, POINTS["corner"]], atol=1e-12)
             # The areas of a joint, facet by facet, add up to 4 m x 20 m.
             for joint in results.joints:
                 assert results.static(f"joints/{joint}/areas").sum() == pytest.approx(80.0)
@@ -150,7 +153,7 @@ def test_accelerations_are_those_of_the_steps(comm, wall_file, read, new_path):
     # The midpoint rule has v1 = 2 (u1 - u0) / dt - v0 from rest, so the displacements tell the
     # velocities, and these the mean acceleration of each step.
     path = new_path("moving.h5")
-    points = {"base": (10.0, 0.0, 0.0), **POINTS}
+    points = {"base": (20.0, 0.0, 0.0), **POINTS}
     shake(wall(read(wall_file())), [ResultsMonitor(path, points=points)])
 
     def look():
@@ -304,7 +307,8 @@ def _rows(path, count):
 def test_run_without_joints(comm, wall_file, read, new_path):
     path = new_path("whole.h5")
     model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])
-    simulation = Simulation(model, monitors=[ResultsMonitor(path, points=POINTS, every=1)])
+    points = {"corner": POINTS["corner"]}
+    simulation = Simulation(model, monitors=[ResultsMonitor(path, points=points, every=1)])
     outcome = simulation.dynamics(dt=DT, steps=2, motion=shaking)
     assert outcome.energy_error <= 1e-10  # linear: Newmark's balance is exact
 
@@ -333,7 +337,7 @@ def test_point_far_from_the_body_is_refused(comm, wall_file, read, new_path):
     monitor = ResultsMonitor(new_path("far.h5"), points={"moon": (0.0, 0.0, 384e6)})
     with pytest.raises(MeshError) as failure:
         shake(model, [monitor], steps=1)
-    assert str(failure.value).startswith("Monitor point (0.0, 0.0, 384000000.0) lies 3.84e+08 m")
+    assert str(failure.value).startswith("Monitor point (0, 0, 3.84e+08) lies 3.84e+08 m")
     assert len(set(comm.allgather(str(failure.value)))) == 1
 
 
@@ -391,3 +395,50 @@ def test_progress_without_joints_tells_no_shares(comm, wall_file, read, capsys):
     assert "2/2" in texts[0]
     assert " it" in texts[0]
     assert "open" not in texts[0]
+
+
+def test_where_points_went_is_told(comm, wall_file, read, new_path):
+    # Joint_2 is the plane x = 10 of a wall of 20 x 4 x 20 m, in cells of 5 x 4 x 6.7 m.
+    joint, above = (10.0, 0.0, 20.0), (-1.0, -0.5, 21.0)
+    points = {
+        "corner": (0.0, 4.0, 20.0),
+        "above": above,
+        "joint": joint,
+        "left": Probe(joint, group="joint_2-"),
+        "right": Probe(joint, group="joint_2+"),
+    }
+    path = new_path("probes.h5")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        shake(wall(read(wall_file())), [ResultsMonitor(path, points=points)])
+    told = [str(w.message) for w in caught if "Monitored points" in str(w.message)]
+    if comm.rank == 0:
+        # The nearest node of (-1, -0.5, 21) is (5, 0, 20): 1.5 m away.
+        assert len(told) == 1
+        assert told[0].startswith(
+            "Monitored points: above (-1, -0.5, 21) is read at the node (0, 0, 20), 1.5 m away"
+        )
+        assert "; joint (10, 0, 20) is read on the side joint_2" in told[0]
+        assert not any(name in told[0] for name in ("corner", "left", "right"))
+    else:
+        assert not told
+
+    def look():
+        with Results(path) as results:
+            where = results.static("histories/points")
+            known = results.metadata["points"]
+            u = results.series("histories", "displacement")
+        np.testing.assert_allclose(where[1], (0.0, 0.0, 20.0), atol=1e-12)
+        np.testing.assert_allclose(where[3:], [joint, joint], atol=1e-12)
+        assert known["above"]["place"] == list(above)
+        assert known["corner"]["sides"] == []
+        assert known["left"]["sides"] == ["joint_2-"]
+        assert known["right"]["sides"] == ["joint_2+"]
+        # n points along x: the shaken joint opens and slips, so its sides move apart.
+        assert np.abs(u[:, 4] - u[:, 3]).max() > 0
+        assert any(np.array_equal(u[:, 2], u[:, i]) for i in (3, 4))
+        text = " ".join(overview(path).split())
+        assert "above at (0 0 20) m 1.5 m from the place given" in text
+        assert "right at (10 0 20) m on joint_2+" in text
+
+    on_root(comm, look)

@@ -186,7 +186,8 @@ def test_goes_on_from_a_checkpoint(wall, new_path):
     with pytest.raises(Killed):
         run([Killer(6)], checkpoint=checkpoint)
     _, again = run([Killer(None)], checkpoint=checkpoint, resume=True)
-    simulation, whole = run([dj.ResultsMonitor(results, points={"crest": (10.0, 0.0, 20.0)})])
+    crest = dj.Probe((10.0, 0.0, 20.0), group="joint_2-")
+    simulation, whole = run([dj.ResultsMonitor(results, points={"crest": crest})])
     same(simulation, again.state, whole.state)
     if simulation.model.jointed.mesh.comm.size == 1:  # MUMPS sums in any order
         one, two = (run.state.displacement.getArray() for run in (again, whole))

@@ -51,10 +51,13 @@ def wall(wall_file, read):
         ),
         ({"initial_gaps": {"joint_1": NAN}}, "The initial gap of 'joint_1' is nan; it must be"),
         ({"initial_gaps": {"joint_1": lambda x: np.zeros((2, 2))}}, "gave an array of shape"),
-        ({"loads": [dj.FormLoad(form=lambda v: None)]}, "A load must be a linear UFL form of v"),
+        (
+            {"loads": [dj.FormLoad(form=lambda v: None)]},
+            "FormLoad: A load must be a linear UFL form of v",
+        ),
         (
             {"extra_stiffness": lambda u, v: ufl.inner(ufl.as_vector([1.0, 0, 0]), v) * ufl.dx},
-            "An extra form must be a bilinear UFL form",
+            "extra_stiffness must give a bilinear UFL form",
         ),
         ({"loads": [dj.Pressure(group="no such", value=1.0)]}, "no facet group 'no such'"),
         ({"loads": dj.Gravity()}, "loads is Gravity.*; it must be a sequence of values"),

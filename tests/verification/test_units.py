@@ -46,7 +46,10 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.simulation.monitor import Monitor
 
-pytestmark = pytest.mark.filterwarnings("ignore:The energy error is")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:The energy error is"),
+    pytest.mark.filterwarnings("ignore::dolfinx_joints.PlausibilityWarning"),
+]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,98 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nodes of a space in a named group, and those at a place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import fem, la
+from dolfinx.fem import FunctionSpace
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.mesh.cells import Ints
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+# Of the extent of the mesh: nodes nearer to each other are at the same place.
+SAME_PLACE = 1e-9
+
+
+def nodes_of_facets(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
+    """Owned nodes of a facet group or a side of a joint, local numbers (collective)."""
+    facets = jointed.facets(group)
+    nodes = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
+    return nodes[nodes < V.dofmap.index_map.size_local].astype(np.int64)
+
+
+def nodes_of_group(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
+    """Owned nodes of a cell group, or else a facet group or side, local numbers (collective)."""
+    if group not in jointed.cell_groups:
+        return nodes_of_facets(jointed, V, group)
+    marks = la.vector(V.dofmap.index_map)
+    marks.array[:] = 0.0
+    marks.array[V.dofmap.list[jointed.cells(group)].ravel()] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)  # the cells of a node may be on another rank
+    return np.flatnonzero(marks.array[: V.dofmap.index_map.size_local])
+
+
+def nearest_nodes(
+    jointed: JointedMesh, V: FunctionSpace, point: Sequence[float], group: str | None = None
+) -> tuple[float, Ints]:
+    """Nodes that are nearest to a point; on a joint there may be several (collective).
+
+    Args:
+        jointed: The mesh.
+        V: The space of the nodes.
+        point: Coordinates, as many as the mesh has or three, [m].
+        group: Cell group, facet group or side of a joint that they must belong to; any node unless
+            given.
+
+    Returns:
+        Their distance [m], and those that this rank owns, local numbers.
+    """
+    gdim, owned = jointed.mesh.geometry.dim, V.dofmap.index_map.size_local
+    if len(point) < gdim:
+        raise MeshError(
+            f"The point {shown(tuple(point))} has {len(point)} coordinates; the mesh has {gdim}."
+        )
+    x = V.tabulate_dof_coordinates()[:owned]
+    known = np.arange(owned) if group is None else nodes_of_group(jointed, V, group)
+    wanted = np.zeros(3)
+    wanted[: len(point)] = point
+    distance = np.linalg.norm(x[known] - wanted, axis=1)
+    least = min(jointed.mesh.comm.allgather(float(distance.min(initial=np.inf))))
+    return least, known[distance <= least + SAME_PLACE * extent(V)]
+
+
+def extent(V: FunctionSpace) -> float:
+    """Largest length of the nodes along an axis [m] (collective)."""
+    x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+    boxes = V.mesh.comm.allgather((x.min(axis=0), x.max(axis=0)) if len(x) else None)
+    lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
+    return float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
+
+
+def as_text(place: Sequence[float], V: FunctionSpace) -> str:
+    """Coordinates as text, their rounding errors left out (collective)."""
+    size = extent(V)
+    exact = size * np.round(np.asarray(place) / size, 9) + 0.0
+    return f"({', '.join(f'{x:.6g}' for x in exact[: V.mesh.geometry.dim])})"
+
+
+def cell_size(V: FunctionSpace, nodes: NDArray[np.int64]) -> float:
+    """Diameter of the largest cell at some local nodes, ghosts included [m] (collective)."""
+    mesh = V.mesh
+    cells = np.flatnonzero(np.isin(V.dofmap.list, nodes).any(axis=1)).astype(np.int32)
+    here = mesh.h(mesh.topology.dim, cells).max(initial=0.0) if len(cells) else 0.0
+    return max(mesh.comm.allgather(float(here)))
+
+
+def sides_at(jointed: JointedMesh, V: FunctionSpace, node: int | None) -> tuple[str, ...]:
+    """Sides of joints that a node belongs to, given on the rank that owns it (collective)."""
+    sides = [f"{name}{sign}" for name in jointed.joint_names for sign in "-+"]
+    nodes = {side: nodes_of_facets(jointed, V, side) for side in sides}
+    mine = [side for side in sides if node is not None and node in nodes[side]]
+    return tuple(name for names in jointed.mesh.comm.allgather(mine) for name in names)

@@ -1,0 +1,118 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Warnings of what no dam has: values in other units than SI, mostly."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.parameters import numbers_of
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+
+@dataclass(frozen=True)
+class Range:
+    """What models of dams have, rigid parts included.
+
+    Attributes:
+        low: Smallest value; zero, where it is allowed, is none of anything.
+        usual: One that is common.
+        high: Largest value.
+        unit: Unit of the value.
+        others: How much of it other units are, in which the value may be meant.
+    """
+
+    low: float
+    usual: float
+    high: float
+    unit: str
+    others: Mapping[str, float] = field(default_factory=dict)
+
+
+_MODULUS = Range(1e6, 25e9, 1e17, "Pa", {"GPa": 1e9, "MPa": 1e6})
+_STIFFNESS = Range(1e6, 1e11, 1e20, "Pa/m", {"GPa/m": 1e9, "MPa/m": 1e6})
+_STRENGTH = Range(1e2, 1e6, 1e9, "Pa", {"MPa": 1e6, "kPa": 1e3})
+_WEIGHTS = {"kN/m^3": 1e3 / 9.81, "N/m^3": 1.0 / 9.81}
+
+# Of parameters, by the name that they have in all materials, laws and loads.
+RANGES = {
+    "young": _MODULUS,
+    "shear": _MODULUS,
+    "density": Range(100.0, 2400.0, 12e3, "kg/m^3", {"t/m^3": 1e3, **_WEIGHTS}),
+    "normal_stiffness": _STIFFNESS,
+    "shear_stiffness": _STIFFNESS,
+    "cohesion": _STRENGTH,
+    "tensile_strength": _STRENGTH,
+    "friction_angle_deg": Range(2.0, 35.0, 90.0, "degrees", {"radians": 180.0 / np.pi}),
+    "friction_coefficient": Range(0.0, 0.7, 10.0, "", {"degrees": np.pi / 180.0}),
+    "expansion": Range(1e-7, 1e-5, 1e-4, "1/K", {"1e-6/K": 1e-6}),
+    "gravity": Range(1.0, 9.81, 30.0, "m/s^2"),
+    "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
+}
+EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
+
+
+def warn_of_what_no_dam_has(
+    jointed: JointedMesh,
+    materials: Mapping[str, Any],
+    laws: Any,
+    loads: Sequence[Any],
+) -> None:
+    """Warn, once for each value that no dam has, on rank 0 (collective).
+
+    Args:
+        jointed: The mesh, whose extent is looked at.
+        materials: By cell group, by an empty name for all cells.
+        laws: One joint law, or one by joint.
+        loads: Loads and added masses.
+    """
+    x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
+    boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
+    if boxes is None:
+        return
+    lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
+    size = float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
+    by_joint = laws if isinstance(laws, Mapping) else {"": laws}
+    named = [*materials.items(), *by_joint.items(), *(("", load) for load in loads)]
+    owners = {id(given): (given, [n for n, other in named if other is given]) for _, given in named}
+    texts = [*_doubts("The mesh: extent", size, EXTENT)]
+    for given, (first, *more) in owners.values():
+        others = f" and {len(more)} more" if more else ""
+        owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
+        texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
+    for text in texts:
+        warnings.warn(text, PlausibilityWarning, stacklevel=3)
+
+
+def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
+    """Parameters of a dataclass by name, and those of the dataclasses that it holds."""
+    for each in fields(given) if is_dataclass(given) else ():
+        value = getattr(given, each.name, None)
+        yield each.name, value
+        yield from _parameters(value)
+
+
+def _of(owner: str, name: str, value: Any) -> list[str]:
+    return _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
+
+
+def _doubts(what: str, value: Any, known: Range) -> list[str]:
+    """A line for a value outside of its range, with the unit in which it would be inside."""
+    numbers = numbers_of(value)
+    if numbers is None:
+        return []
+    strange = [float(x) for x in numbers.ravel() if x and not known.low <= x <= known.high]
+    if not strange:
+        return []
+    x, unit = strange[0], f" {known.unit}".rstrip()
+    meant = {n: x * scale for n, scale in known.others.items()}
+    meant = {n: value for n, value in meant.items() if known.low <= value <= known.high}
+    nearest = min(meant, key=lambda n: abs(np.log(meant[n] / known.usual)), default=None)
+    hint = f"; is it in {nearest}?" if nearest else "."
+    return [f"{what} is {x:g}{unit}; usual is {known.low:g} to {known.high:g}{unit}{hint}"]

@@ -1,0 +1,114 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The state that a dynamic stage begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.initial_state import SPACING, initial_state
+from dolfinx_joints.time_integration.states import DynamicState
+
+# Of the largest initial velocity, that it may differ from that of moving supports, which is found
+# by differences.
+SAME_VELOCITY = 1e-3
+
+
+def given_fields(
+    model: Model, start: DynamicState | None, **fields: NodalField | None
+) -> dict[str, PETSc.Vec]:
+    """Nodal vectors of the initial fields that are given, by name (collective).
+
+    Raises:
+        ValueError: One is no such field, or given beside a state to go on from.
+    """
+    given = {name: field for name, field in fields.items() if field is not None}
+    if given and start is not None:
+        name = next(iter(given))
+        raise ValueError(f"{name} and start are both given; start holds a {name} already.")
+    return {name: nodal_vector(model, name, field) for name, field in given.items()}
+
+
+def first_state(
+    solver: StepSolver,
+    dt: float,
+    static: StaticState | None,
+    start: DynamicState | None,
+    fields: Mapping[str, PETSc.Vec],
+) -> DynamicState:
+    """The state a dynamic stage begins with, its acceleration in balance (collective).
+
+    Args:
+        solver: Solver of the system.
+        dt: Step that is taken first [s].
+        static: The last static state, None without one.
+        start: The dynamic state to go on from instead.
+        fields: ``velocity`` [m/s] and ``displacement`` beyond the static state [m], where given.
+    """
+    if start is not None:
+        return initial_state(
+            solver,
+            time=start.time,
+            dt=dt,
+            displacement=start.displacement,
+            velocity=start.velocity,
+            joints=start.joints,
+            water=start.water,
+        )
+    system, velocity, added = solver.system, fields.get("velocity"), fields.get("displacement")
+    if velocity is not None:
+        _check_velocity(system, velocity, dt)
+    if static is None and added is None:
+        return initial_state(solver, dt=dt, velocity=velocity)
+    # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
+    # and asked again, round-off would decide.
+    joints: Response | JointState | None = None if static is None else static.joints
+    u = system.stiffness.createVecRight() if static is None else static.displacement.copy()
+    if added is not None:
+        if system.internal_forces is not None:
+            before = static.joints if static else None
+            joints = before.state if before else system.internal_forces.at_rest(u)
+        u.axpy(1.0, added)
+    _check_displacement(system, u)
+    return initial_state(solver, dt=dt, displacement=u, velocity=velocity, joints=joints)
+
+
+def _check_velocity(system: MatrixSystem, v: PETSc.Vec, dt: float) -> None:
+    """Check that an initial velocity is that of the supports where there are some (collective)."""
+    rates = system.prescribed_rates(0.0, -SPACING * dt)
+    there = v.getArray(readonly=True)[system.constrained] - (0.0 if rates is None else rates[0])
+    off = max(v.comm.tompi4py().allgather(float(np.abs(there).max(initial=0.0))))
+    if off > SAME_VELOCITY * v.norm(PETSc.NormType.INFINITY):
+        raise ValueError(
+            f"The initial velocity differs by {off:.3g} m/s from that of the supports; let it be "
+            "theirs there, zero where they rest."
+        )
+
+
+def _check_displacement(system: MatrixSystem, u: PETSc.Vec) -> None:
+    """Check that displacements of the supports do not jump at time zero (collective)."""
+    at_zero = system.prescribed(0.0)
+    there = u.getArray(readonly=True)[system.constrained]
+    jump = float(np.abs(at_zero - there).max(initial=0.0))
+    if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
+        raise ValueError(
+            "The displacements of the supports at t = 0 differ from those that the dynamic stage "
+            "starts from, of the static state and displacement=; let them agree there."
+        )
+
+
+def in_words(value: Any) -> Any:
+    """A setting as a results file keeps it: of a nodal vector its largest number."""
+    if not isinstance(value, PETSc.Vec):
+        return value
+    return f"up to {value.norm(PETSc.NormType.INFINITY):.6g} along an axis"

@@ -1,0 +1,110 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Supports at points and displacements that vary in space, against statics by hand."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    MeshError,
+    Model,
+    Prescribed,
+    Results,
+    ResultsMonitor,
+    Simulation,
+    Traction,
+)
+
+pytestmark = pytest.mark.mpi
+
+SOLID = Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+WEIGHT = 2400.0 * 9.80665 * 2.0  # of 1 m x 2 m, 1 m thick [N]
+
+
+def test_a_block_on_two_points_by_statics(comm, two_rectangles_file, read, new_path):
+    # Weight W at x = 1/2, a push of 1 kN/m^2 along x over the top (y = 2): moments about (0, 0)
+    # give W / 2 + 2 H at (1, 0), and W / 2 - 2 H is left at (0, 0), which holds H = 1 kN as well.
+    push = 1e3
+    path = new_path("points.h5")
+    model = Model(
+        read(two_rectangles_file(angle=0.0), joints=[]),
+        material=SOLID,
+        supports=[Fixed(point=(0.0, 0.0)), Fixed(point=(1.0, 0.0), components="y")],
+        loads=[Gravity(), Traction(group="top", value=(push, 0.0))],
+    )
+    monitor = ResultsMonitor(path, points={"top": (0.0, 2.0)})
+    simulation = Simulation(model, monitors=[monitor])
+    state = simulation.statics()
+    expected = {
+        "point (0 0)": (-push, 0.5 * WEIGHT - 2.0 * push),
+        "point (1 0)": (0.0, 0.5 * WEIGHT + 2.0 * push),
+    }
+    for name, force in expected.items():
+        found = model.resultant(state.reaction, name)
+        np.testing.assert_allclose(found, force, rtol=0, atol=1e-9 * WEIGHT)
+    simulation.dynamics(dt=1e-3, steps=1)
+    if comm.rank == 0:
+        with Results(path) as results:
+            for name, force in expected.items():
+                found = results.series("histories", f"reaction/{name}")
+                np.testing.assert_allclose(found[-1], force, rtol=0, atol=1e-6 * WEIGHT)
+
+
+def test_a_point_on_a_joint_names_its_side(two_rectangles_file, read):
+    # A lid that hangs on two points of the upper side of a level joint carries its weight alone.
+    jointed = read(two_rectangles_file(angle=0.0))
+    held = [Fixed(group="base"), Fixed(group="joint_1+", point=(0.0, 1.0))]
+    held.append(Fixed(group="upper", point=(1.0, 1.0)))
+    model = Model(jointed, material=SOLID, joints=LAW, supports=held, loads=[Gravity()])
+    state = Simulation(model).statics()
+    names = ("point (0 1) of joint_1+", "point (1 1) of upper")
+    assert tuple(model.constraints.points) == names
+    total = sum(model.resultant(state.reaction, name) for name in (*names, "base"))
+    np.testing.assert_allclose(total, (0.0, WEIGHT), rtol=0, atol=1e-9 * WEIGHT)
+    assert model.resultant(state.reaction, "base")[1] < 0.9 * WEIGHT
+
+
+def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangles_file, read):
+    # Patch test: u = A x t on the whole boundary of distorted cells.
+    gradient = np.array([[1e-3, 4e-4], [-2e-4, 5e-4]])
+    supports = [
+        Prescribed(group=group, component=axis, value=lambda x, t, g=row: t * x[:, :2] @ g)
+        for group in ("base", "sides", "top")
+        for axis, row in zip("xy", gradient, strict=True)
+    ]
+    model = Model(read(two_rectangles_file(), joints=[]), material=SOLID, supports=supports)
+    for time in (0.5, 1.0):
+        u = Simulation(model).quasi_statics([time]).displacement
+        owned = u.getLocalSize() // 2
+        expected = time * model.V.tabulate_dof_coordinates()[:owned, :2] @ gradient.T
+        assert np.abs(u.array - expected.ravel()).max(initial=0.0) < 1e-12 * 2e-3
+
+
+@pytest.mark.parametrize(
+    ("support", "text"),
+    [
+        (lambda: Fixed(), "Fixed: group and point are both None; give one"),
+        (lambda: Fixed(point=(0.1, 0.0)), r"point \(0.1 0\) is at no node; the nearest is \(0, 0"),
+        (lambda: Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
+        (
+            lambda: Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),
+            "prescribed on 'top' at t = 0 s gave an array of shape",
+        ),
+    ],
+)
+def test_places_that_do_not_fit_are_refused(two_rectangles_file, read, support, text):
+    jointed = read(two_rectangles_file(angle=0.0))
+
+    def run():
+        supports = [Fixed(group="base"), support()]
+        Simulation(Model(jointed, material=SOLID, joints=LAW, supports=supports)).statics()
+
+    with pytest.raises((ValueError, MeshError), match=text):
+        run()

@@ -1,0 +1,134 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Values that no dam has are warned of, once each; others are not."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    DruckerPrager,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    HydrostaticPressure,
+    Model,
+    Orthotropic,
+    PlausibilityWarning,
+    Rayleigh,
+    Temperature,
+    ViscousJoint,
+    mesh_from_arrays,
+)
+
+pytestmark = pytest.mark.mpi
+
+CONCRETE = {"young": 25e9, "poisson": 0.2, "density": 2400.0}
+COULOMB = {"friction_coefficient": 35.0}
+JOINT = {"normal_stiffness": 1e11, "shear_stiffness": 4e10}
+
+
+def told(comm, **options):
+    """The lines on a wall with these options, from rank 0."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Model(supports=[Fixed(group="base")], **options)
+    texts = [str(w.message) for w in caught if w.category is PlausibilityWarning]
+    assert comm.rank == 0 or not texts
+    return comm.bcast(texts, root=0)
+
+
+@pytest.fixture
+def wall(wall_file, read):
+    return read(wall_file())
+
+
+def test_other_units_are_told_of(comm, wall):
+    law = FrictionNoTension(**{**JOINT, "normal_stiffness": 100.0}, friction_angle_deg=0.6)
+    water = HydrostaticPressure(group="y_min", level=18.0, density=1.0)
+    found = told(
+        comm,
+        jointed=wall,
+        material=Elastic(young=25.0, poisson=0.2, density=2.4),
+        joints={"joint_1": law, "joint_2": law, "joint_3": FrictionNoTension(**JOINT, **COULOMB)},
+        loads=[Gravity(), water, Temperature(value=5.0, reference=10.0, expansion=10.0)],
+    )
+    assert found == [
+        "Elastic: young is 25 Pa; usual is 1e+06 to 1e+17 Pa; is it in GPa?",
+        "Elastic: density is 2.4 kg/m^3; usual is 100 to 12000 kg/m^3; is it in t/m^3?",
+        "FrictionNoTension of joint_1 and 1 more: normal_stiffness is 100 Pa/m; usual is 1e+06 to "
+        "1e+20 Pa/m; is it in GPa/m?",
+        "FrictionNoTension of joint_1 and 1 more: friction_angle_deg is 0.6 degrees; usual is 2 "
+        "to 90 degrees; is it in radians?",
+        "FrictionNoTension of joint_3: friction_coefficient is 35; usual is 0 to 10; is it in "
+        "degrees?",
+        "HydrostaticPressure: density is 1 kg/m^3; usual is 100 to 12000 kg/m^3; is it in t/m^3?",
+        "Temperature: expansion is 10 1/K; usual is 1e-07 to 0.0001 1/K; is it in 1e-6/K?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("material", "texts"),
+    [
+        (Elastic(**CONCRETE | {"young": 25e3}), ["Elastic: young is 25000 Pa", "MPa?"]),
+        (Elastic(**CONCRETE | {"density": 24.0}), ["density is 24 kg/m^3", "in kN/m^3?"]),
+        (Elastic(**CONCRETE | {"density": 24e3}), ["density is 24000 kg/m^3", "in N/m^3?"]),
+        (
+            DruckerPrager(
+                elastic=Elastic(**CONCRETE | {"young": 25.0}), cohesion=1e6, friction_angle_deg=45.0
+            ),
+            ["DruckerPrager: young is 25 Pa"],
+        ),
+        (
+            Orthotropic(
+                young=(25.0, 22.0, 20.0), poisson=(0.2,) * 3, shear=(1e10,) * 3, density=2400.0
+            ),
+            ["Orthotropic: young is 25 Pa"],
+        ),
+    ],
+)
+def test_parts_of_materials_are_looked_at(comm, wall, material, texts):
+    law = FrictionNoTension(**JOINT, friction_angle_deg=40.0)
+    found = told(comm, jointed=wall, material=material, joints=law)
+    assert len(found) == 1
+    assert all(text in found[0] for text in texts)
+
+
+def test_what_dams_have_is_not(comm, wall):
+    # Also no friction, no mass, dashpots in joints.
+    bare = FrictionNoTension(**{**JOINT, "shear_stiffness": 0.0}, friction_angle_deg=0.0)
+    dashpot = ViscousJoint(
+        law=FrictionNoTension(**JOINT, friction_angle_deg=80.0), normal_viscosity=1.0
+    )
+    assert not told(
+        comm,
+        jointed=wall,
+        material=Elastic(**CONCRETE | {"density": 0.0}),
+        joints={"joint_1": bare, "joint_2": dashpot, "joint_3": bare},
+        loads=[Gravity()],
+        damping=Rayleigh(),
+    )
+
+
+def test_a_mesh_in_millimetres_and_the_switch(comm):
+    # A body of 80 m by 40 m in mm.
+    x = 1e3 * np.array([[0.0, 0.0], [80.0, 0.0], [0.0, 40.0], [80.0, 40.0]])
+    body = mesh_from_arrays(
+        comm,
+        cell="quadrilateral",
+        x=x,
+        cells=np.array([[0, 1, 2, 3]]),
+        facet_groups={"base": np.array([[0, 1]])},
+    )
+    options = {"jointed": body, "material": Elastic(**CONCRETE)}
+    assert told(comm, **options) == [
+        "The mesh: extent is 80000 m; usual is 0.01 to 20000 m; is it in mm?"
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", PlausibilityWarning)
+        Model(supports=[Fixed(group="base")], **options)

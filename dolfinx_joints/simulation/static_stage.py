@@ -62,14 +62,13 @@ def march(
     """
     system = model.system(only=acting, static=True)
     internal_forces, contact = system.internal_forces, model.contact
-    if stage is not None and contact is not None:
-        system = replace(system, contact=contact.without(stage.idle))
     if apart is not None and before is not None and contact is not None:
-        carried = _carried(internal_forces, before, system.stiffness * before.displacement)
         push = contact.operator.force(apart, before.displacement.duplicate())
-        system = _held(system, before, carried - push)
-    if stage is not None and stage.absent:
-        system = _holding(system, before, stage.dofs)
+        carried = _carried(internal_forces, before, system.stiffness * before.displacement)
+        system = _under(system, before, carried - push)
+    if stage is not None:
+        idle = None if contact is None else contact.without(stage.idle)
+        system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver: StepSolver | JointWaterIteration
     solver = make_solver(system, options, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
@@ -124,15 +123,15 @@ def march(
         if reached is not None:
             reached(time or 0.0, state())
     watch.warn("in a static stage")
-    if stage is not None and contact is not None:
-        response = with_inactive(contact, response, before, u, stage)
     if stage is not None:
         products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported
+        if contact is not None:
+            response = with_inactive(contact, response, before, u, stage)
     free_petsc_garbage(model.jointed.mesh.comm)
     return state()
 
 
-def _held(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
+def _under(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
     """The system under a load that does not change, supports staying where they are."""
     there = before.displacement.getArray()[system.constrained]
     return replace(system, patterns=[(load, always)], load_names=(), values=lambda _: there)

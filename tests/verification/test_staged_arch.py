@@ -78,5 +78,5 @@ def test_weight_without_arches_then_water_with_them(mesh_file, read):
     forces = JointForces(model)(run.static.joints)
     normal = np.array([forces[name].normal_force for name in contraction])
     np.testing.assert_allclose(normal, normal[::-1], rtol=1e-6)  # as the dam is symmetric
-    # Rings alone would bear p R over the 36 m of water, 457 MN; cantilevers take part of it down.
+    # Rings alone would bear p R over the 36 m of water, 457 MN; cantilevers take some to the rock.
     assert 457e6 > normal[2] > normal[1] > normal[0] > 30e6

@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from dolfinx_joints.body.places import as_text, extent, nearest_nodes, nodes_of_facets
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
@@ -22,7 +23,6 @@ from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, number_at, shown
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.mesh.places import as_text, extent, nearest_nodes, nodes_of_facets
 
 Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
 _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)

@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
+from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
@@ -35,7 +36,6 @@ from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_t
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.mesh.places import nodes_of_facets
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has

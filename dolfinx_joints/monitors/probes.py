@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.mesh.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]

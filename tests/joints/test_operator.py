@@ -39,6 +39,7 @@ from dolfinx_joints import (
     read_msh,
     split_mesh,
 )
+from dolfinx_joints.body.places import nodes_of_group
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator, JointTangent
 from dolfinx_joints.joints.points import joint_points
@@ -46,7 +47,6 @@ from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.joint_frames import fixed_axis, frames
-from dolfinx_joints.mesh.places import nodes_of_group
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.mesh.splitting import split_cells
 

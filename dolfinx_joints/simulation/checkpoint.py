@@ -239,6 +239,7 @@ class CheckpointKeeper:
             reports=reports,
             joints_inactive=tree.get("joints_inactive", False),
             missing=tuple(tree.get("missing", ())),
+            cuts=tree.get("cuts", 0),
         )
 
     def _mine(self) -> slice:

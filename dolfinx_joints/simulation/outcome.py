@@ -25,9 +25,10 @@ class StaticState:
         displacement: u [m].
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
-        reports: How the solves went, one per load step.
+        reports: How the solves went, one per load step, or more where steps were cut.
         joints_inactive: Whether the joints carried nothing: blocks stood alone.
         missing: Loads of the model that did not act.
+        cuts: Increments of the loads that did not converge and were cut in halves.
     """
 
     displacement: PETSc.Vec
@@ -36,6 +37,7 @@ class StaticState:
     reports: list[SolveReport]
     joints_inactive: bool = False
     missing: tuple[str, ...] = ()
+    cuts: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,6 +59,7 @@ class SolveReport:
     """How a solve went.
 
     Attributes:
+        solver: Which solver it was, as in `StepSolver`.
         iterations: Newton iterations (1 for a linear solve).
         factorizations: Matrices factored on the way.
         residual: Last residual, relative to the largest of the forces in balance.
@@ -72,6 +73,7 @@ class SolveReport:
     residual: float
     counts: StatusCounts | None
     residuals: tuple[float, ...] = ()
+    solver: str = ""
 
 
 class StepSolver(Protocol):
@@ -80,10 +82,12 @@ class StepSolver(Protocol):
     Attributes:
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
+        options: Its tolerances and limits.
     """
 
     system: MatrixSystem
     name: str
+    options: SolverOptions
 
     def solve(
         self,

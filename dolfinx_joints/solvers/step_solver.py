@@ -59,13 +59,13 @@ class SolveReport:
     """How a solve went.
 
     Attributes:
-        solver: Which solver it was, as in `StepSolver`.
         iterations: Newton iterations (1 for a linear solve).
         factorizations: Matrices factored on the way.
         residual: Last residual, relative to the largest of the forces in balance.
         counts: Joint points by status, None without joints.
         residuals: The residual at the start and after each iteration of the monolithic solver,
             empty of others, relative to the same.
+        solver: Name of the solver, see `StepSolver`.
     """
 
     iterations: int

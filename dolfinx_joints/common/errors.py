@@ -53,6 +53,8 @@ class ConvergenceError(JointsError, RuntimeError):
         stage: name of the stage, for example ``"static"`` or ``"earthquake"``.
         step: number of the step within the stage.
         time: time at the end of the step [s].
+        reached: load factor that is in equilibrium, the share of the way from the loads before a
+            ramp, or before a step in time, to those at its end.
         iteration: iterations done.
         residual: the norm that was compared with ``tolerance``.
         tolerance: largest residual accepted.
@@ -62,11 +64,13 @@ class ConvergenceError(JointsError, RuntimeError):
         joint: name of the joint with the largest residual.
         yielding: number of points of plastic cells at their limit.
         law: kind of a joint law that gave numbers that are not finite, in ``joint``.
+        remedy: what may help, one sentence.
     """
 
     stage: str | None = None
     step: int | None = None
     time: float | None = None
+    reached: float | None = None
     iteration: int | None = None
     residual: float | None = None
     tolerance: float | None = None
@@ -76,6 +80,7 @@ class ConvergenceError(JointsError, RuntimeError):
     joint: str | None = None
     yielding: int | None = None
     law: str | None = None
+    remedy: str | None = None
 
     def __post_init__(self) -> None:
         """Build the message."""
@@ -92,6 +97,8 @@ class ConvergenceError(JointsError, RuntimeError):
         if self.time is not None:
             subject += f" at t = {self.time:.6g} s"
         text = f"{subject} did not converge"
+        if self.reached is not None:
+            text += f" beyond the load factor {self.reached:.4g}"
         if self.iteration is not None:
             text += f" in {self.iteration} iteration{'' if self.iteration == 1 else 's'}"
         details = []
@@ -109,4 +116,5 @@ class ConvergenceError(JointsError, RuntimeError):
         if self.yielding is not None:
             details.append(f"{self.yielding} points of the bulk at their limit")
         text = text[0].upper() + text[1:]
-        return f"{text}{': ' if details else ''}{'; '.join(details)}."
+        text = f"{text}{': ' if details else ''}{'; '.join(details)}."
+        return text if self.remedy is None else f"{text} {self.remedy}"

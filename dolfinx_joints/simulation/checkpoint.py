@@ -244,6 +244,7 @@ class CheckpointKeeper:
             inactive=tuple(tree["inactive"]),
             absent=tuple(tree["absent"]),
             missing=tuple(tree.get("missing", ())),
+            cuts=tree.get("cuts", 0),
         )
 
     def _stage(self, tree: Tree) -> StageRecord:

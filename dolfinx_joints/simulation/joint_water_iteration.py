@@ -32,7 +32,7 @@ class JointWaterIteration:
 
     def __init__(self, water: JointWaters, solver: StepSolver) -> None:
         """Take the water and the solver."""
-        self._water, self._solver, self._step = water, solver, 0
+        self._water, self._solver, self.name = water, solver, solver.name
 
     def solve(
         self,
@@ -43,7 +43,6 @@ class JointWaterIteration:
         rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` and the water; ``b`` is left with its forces (collective)."""
-        self._step += 1
         start, seen = x.copy(), [self._water.codes]
         while True:
             response, report = self._solver.solve(effective, b, x, state, rule)
@@ -56,8 +55,8 @@ class JointWaterIteration:
             if again or len(seen) == MOST_SOLVES:
                 worst = int(np.argmax(toggled))
                 raise JointsError(
-                    f"The water in the joint {self._water.joints[worst]!r} does not settle in step "
-                    f"{self._step} of the static stage: after {len(seen)} iterations "
+                    f"The water in the joint {self._water.joints[worst]!r} does not settle in a "
+                    f"static stage: after {len(seen)} iterations "
                     f"{toggled[worst]} of its points still change between wet and dry; take more "
                     "load steps, a larger aperture, or a given Uplift."
                 )

@@ -25,10 +25,11 @@ class StaticState:
         displacement: u [m].
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
-        reports: How the solves went, one per load step.
+        reports: How the solves went, one per load step, or more where steps were cut.
         inactive: Names of the joints that carried nothing and have not been grouted since.
         absent: Cell groups of the blocks that were not there.
         missing: Loads of the model that did not act.
+        cuts: Increments of the loads that did not converge and were cut in halves.
     """
 
     displacement: PETSc.Vec
@@ -38,6 +39,7 @@ class StaticState:
     inactive: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    cuts: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,13 +22,13 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.construction import with_inactive
 from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
+from dolfinx_joints.simulation.load_increments import LoadIncrements
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
-from dolfinx_joints.time_integration.substeps import located
 
 
 def march(
@@ -79,7 +79,6 @@ def march(
         if joints is not None and before.joints:
             joints = before.joints.state
     if system.water is not None and joints is not None:
-        system.water.enter(joints.gap)
         solver = JointWaterIteration(system.water, solver)
     fixed = system.constrained
     reports: list[SolveReport] = []
@@ -94,12 +93,17 @@ def march(
             inactive=stage.inactive if stage else (),
             absent=stage.absent if stage else (),
             missing=tuple(type(one).__name__ for one in absent),
+            cuts=increments.cuts,
         )
 
     elastic_force, load, b, x = (u.duplicate() for _ in range(4))
     system.stiffness.mult(u, elastic_force)
     carried, fixed_before = _carried(internal_forces, before, elastic_force), u.getArray()[fixed]
-    for step, (time, share) in enumerate(path, start=1):
+    increments = LoadIncrements(path)
+    for increment in increments:
+        time, share = increment.time, increment.share
+        if system.water is not None and joints is not None:
+            system.water.enter(joints.gap)
         system.load(time or 0.0, load, scale=share)
         at_supports = system.prescribed(time or 0.0, scale=share)
         if carried is not None and share < 1.0:
@@ -113,14 +117,17 @@ def march(
             products = Products(system, STATIC, b, x, response)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
-            raise located(failure, stage="static", step=step, time=time) from None
+            increments.cut(failure, _remedy(failure, kind, solver.name, increments.reached))
+            continue
+        if time is not None and increment.whole:  # the next step in time starts from these loads
+            carried, fixed_before = b + elastic_force, u.getArray()[fixed] + x.getArray()[fixed]
         u.axpy(1.0, x)
         elastic_force.axpy(1.0, products.stiffness)
         if response:
             joints = response.state
             watch.see(joints.gap)
         reports.append(report)
-        if reached is not None:
+        if reached is not None and increment.whole:
             reached(time or 0.0, state())
     watch.warn("in a static stage")
     if stage is not None:
@@ -151,6 +158,20 @@ def _holding(
         return np.where(held, there, found)
 
     return replace(system, constrained=every, values=values)
+
+
+def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -> str | None:
+    """What helps against a failure at the shortest increment, by the solver and load factor."""
+    if failure.law is not None:
+        return None
+    limit = "The joints or the bulk may carry no more: more strength or supports, or less load."
+    if reached == 0.0:
+        limit = "Is each block held by supports, springs or joints pressed enough not to slide?"
+    if kind != "auto":
+        return f'solver="auto" takes the solver that works. {limit}'
+    if solver != "condensed":
+        return f"SolverOptions(max_iterations=100) or softer joints may go further. {limit}"
+    return limit
 
 
 def _carried(

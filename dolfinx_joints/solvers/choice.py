@@ -12,6 +12,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.first_that_works import FirstThatWorks
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
@@ -34,9 +35,9 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
-            condensed forms, monolithic elsewhere, and in statics where nothing but joints of
-            finite stiffness supports blocks: near the limit of what they carry it goes further.
-            ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
+            condensed forms, monolithic elsewhere; in statics monolithic as well where condensed
+            does not converge and no joint is rigid. ``forms`` is monolithic with the joints by
+            interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
@@ -62,8 +63,8 @@ def make_solver(
     if missing:
         return NewtonSolver(system, options)
     solver = InterfaceSolver(system, _for_steps(options, contact, static_steps))
-    if static_steps and kind == "auto" and not rigid and solver.has_loose_blocks():
-        return NewtonSolver(system, options)
+    if static_steps and kind == "auto" and not rigid:
+        return FirstThatWorks(solver, lambda: NewtonSolver(system, options))
     return solver
 
 

@@ -28,6 +28,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
+from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 from dolfinx_joints.solvers.tangent import Tangent
 
@@ -120,12 +121,13 @@ class NewtonSolver:
         response, norm = balance.evaluate(balance.change)
         balance.accept()
         factorizations, iteration, norms = 0, 0, [norm]
+        line_search = LineSearch(options.max_cuts)
         while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
                 raise solve_failure(internal_forces, response, state, iteration, residual, options)
             factorizations += self._correct(internal_forces, tangent, response, balance)
-            response, norm = self._search(balance, norm)
+            response, norm = self._search(balance, norm, line_search.cuts(norm))
             balance.accept()
             iteration += 1
             norms.append(norm)
@@ -141,6 +143,7 @@ class NewtonSolver:
             residual=norm / (balance.scale or 1.0),
             counts=internal_forces.counts(response),
             residuals=tuple(each / (balance.scale or 1.0) for each in norms),
+            solver=self.name,
         )
 
     def _correct(
@@ -178,10 +181,10 @@ class NewtonSolver:
         start.copy(balance.change)
         return response, norm
 
-    def _search(self, balance: _Balance, norm: float) -> tuple[Response, float]:
+    def _search(self, balance: _Balance, norm: float, cuts: int) -> tuple[Response, float]:
         """Take the correction, halved while it does not make the residual smaller."""
         start, tried = balance.change.copy(), []
-        for cut in range(self.options.max_cuts + 1):
+        for cut in range(cuts + 1):
             balance.change.waxpy(-(0.5**cut), self._correction, start)
             answer = balance.evaluate(balance.change)
             tried.append((answer[1], 0.5**cut))
@@ -254,4 +257,6 @@ def solve_without_joints(
 ) -> SolveReport:
     """A linear solve with the report of `NewtonSolver.solve` (collective)."""
     factored = matrix.solve_linear(b, x, unconstrained)
-    return SolveReport(iterations=1, factorizations=int(factored), residual=0.0, counts=None)
+    return SolveReport(
+        iterations=1, factorizations=int(factored), residual=0.0, counts=None, solver="linear"
+    )

@@ -65,6 +65,7 @@ class SolveReport:
         counts: Joint points by status, None without joints.
         residuals: The residual at the start and after each iteration of the monolithic solver,
             empty of others, relative to the same.
+        solver: Name of the solver, see `StepSolver`.
     """
 
     iterations: int
@@ -72,6 +73,7 @@ class SolveReport:
     residual: float
     counts: StatusCounts | None
     residuals: tuple[float, ...] = ()
+    solver: str = ""
 
 
 class StepSolver(Protocol):
@@ -80,10 +82,12 @@ class StepSolver(Protocol):
     Attributes:
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
+        options: Its tolerances and limits.
     """
 
     system: MatrixSystem
     name: str
+    options: SolverOptions
 
     def solve(
         self,

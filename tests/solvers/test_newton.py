@@ -53,7 +53,11 @@ def test_without_joints_a_solve_is_linear():
         response, report = solver.solve(STATIC, b, x, None)
         assert response is None
         assert report == SolveReport(
-            iterations=1, factorizations=factorizations, residual=0.0, counts=None
+            iterations=1,
+            factorizations=factorizations,
+            residual=0.0,
+            counts=None,
+            solver="linear",
         )
         assert x.array[0] == pytest.approx(0.5, rel=1e-15)
 

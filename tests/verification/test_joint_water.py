@@ -466,7 +466,7 @@ def test_water_that_does_not_settle_is_said():
     model = model_of(blocks(), water, held=("base", "top"))
     points = model.operator.num_points
     sentence = (
-        rf"The water in the joint 'joint' does not settle in step 1 of the static stage: after 2 "
+        rf"The water in the joint 'joint' does not settle in a static stage: after 2 "
         rf"iterations {points} of its points still change between wet and dry"
     )
     with pytest.raises(dj.JointsError, match=sentence):

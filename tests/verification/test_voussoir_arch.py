@@ -385,3 +385,10 @@ def test_least_friction(voussoirs, thickness):
     limit = limit_friction(voussoirs, thickness, chords=1)
     assert stands(thickness, voussoirs, friction=limit * (1.0 + 1e-3))
     assert not stands(thickness, voussoirs, friction=limit * (1.0 - 1e-3))
+
+
+def test_springs_that_blocks_move_on_without_end_are_no_equilibrium():
+    """Below the limit: 200 km away the residual was 5e-15, of forces that rounding had eaten."""
+    falling = dj.Simulation(simulation(0.1, 16).model, solver="condensed")
+    with pytest.raises(dj.ConvergenceError):
+        falling.statics()

@@ -29,7 +29,6 @@ from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
-    STATIC,
     Cache,
     EffectiveMatrix,
     MatrixCoefficients,
@@ -38,6 +37,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
+from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 
 Floats = NDArray[np.float64]
@@ -101,11 +101,6 @@ class InterfaceSolver:
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
-    def has_loose_blocks(self) -> bool:
-        """Whether statics has blocks that nothing but joints supports; factors K (collective)."""
-        condensed: Condensed = self._condensed((STATIC, 1.0))
-        return condensed.loose
-
     def solve(
         self,
         effective: MatrixCoefficients,
@@ -143,6 +138,7 @@ class InterfaceSolver:
             factorizations=int(factored),
             residual=relative,
             counts=self._contact.counts(found.response.status),
+            solver=self.name,
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -251,7 +247,7 @@ class InterfaceSolver:
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         enough = 1e-14 if step.condensed.static else 0.01 * tolerance
-        before = at
+        before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = float(np.abs(at.residual).max(initial=0.0))
@@ -259,12 +255,14 @@ class InterfaceSolver:
             relative, rounding = size / scale, step.rounding(at) / scale
             accepted = max(tolerance, min(rounding, 1e-6))
             if step.condensed.springs is not None:
-                # What springs carry on a mechanism drowns the joints' forces.
-                accepted = tolerance if rounding <= tolerance else 0.0
+                accepted = tolerance
+                if rounding > tolerance:
+                    # What springs carry on a mechanism drowns the joints' forces.
+                    relative = max(relative, rounding)
             # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
             if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
-            given_up = iteration == self.options.max_iterations or not np.isfinite(size)
+            given_up = iteration == self.options.max_iterations or not 0.0 < size < np.inf
             if given_up and relative <= accepted:
                 return at, iteration, relative
             if given_up:
@@ -281,13 +279,15 @@ class InterfaceSolver:
             correction = step.condensed.corrections.solve(
                 left, at.tangent, max(inner, 0.3 * enough / relative)
             )
-            before, at = at, self._smoothed(step, self._search(step, at, correction))
+            before, at = at, self._smoothed(step, self._search(step, at, correction, line_search))
             iteration += 1
 
-    def _search(self, step: JointStep, at: Iterate, correction: Correction) -> Iterate:
+    def _search(
+        self, step: JointStep, at: Iterate, correction: Correction, line_search: LineSearch
+    ) -> Iterate:
         """Take the correction, halved while it does not make the residual smaller."""
         norm, smallest = float(np.linalg.norm(at.residual)), np.inf
-        for cut in range(self.options.max_cuts + 1):
+        for cut in range(line_search.cuts(norm) + 1):
             share = 0.5**cut
             trial = step.evaluate(
                 at.force - share * correction.step, at.coupled - share * correction.coupled

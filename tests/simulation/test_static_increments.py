@@ -1,0 +1,165 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Static stages that arrive: solvers that take over, increments that are cut, what a failure says.
+
+ ________________
+|       |       |
+|_______|_______|   5 m    four blocks that meet at a cross
+|       |       |
+|_______|_______|   5 m
+  5 m      5 m
+"""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+from dolfinx.mesh import CellType, create_rectangle, locate_entities, locate_entities_boundary
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.geometry.section_table import SectionTable
+from dolfinx_joints.geometry.sections_dam import sections_dam
+from dolfinx_joints.simulation.load_increments import LoadIncrements
+
+G = 9.80665  # [m/s^2]
+DENSITY = 2400.0  # [kg/m^3]
+CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=DENSITY)
+
+
+def law(normal, shear, angle):
+    return dj.FrictionNoTension(
+        normal_stiffness=normal, shear_stiffness=shear * normal, friction_angle_deg=angle
+    )
+
+
+def square(comm, joint_law, *, cut, cells, shape, loads=(), corners=(10.0, 10.0)):
+    """A rectangle in plane strain on a fixed base, cut at x = 5 m ("x") and y = 5 m ("y")."""
+    mesh = create_rectangle(comm, [(0.0, 0.0), corners], cells, shape)
+    mesh.topology.create_connectivity(1, 2)
+    planes = {"x": lambda x: np.isclose(x[0], 5.0), "y": lambda x: np.isclose(x[1], 5.0)}
+    joints = {f"joint_{axis}": locate_entities(mesh, 1, planes[axis]) for axis in cut}
+    ends = {"base": (1, 0.0), "top": (1, corners[1])}
+    groups = {
+        name: locate_entities_boundary(mesh, 1, lambda x, a=axis, v=at: np.isclose(x[a], v))
+        for name, (axis, at) in ends.items()
+    }
+    return dj.Model(
+        dj.split_mesh(mesh, joints=joints, groups=groups),
+        material=CONCRETE,
+        joints=joint_law,
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(), *loads],
+        plane="strain",
+    )
+
+
+def check(model, static, weight, friction):
+    """The supports carry the weight [N]; joints push, within the Coulomb cone."""
+    total = sum(model.resultant(static.reaction, support.group) for support in model.supports)
+    assert total[-1] == pytest.approx(weight, rel=1e-9)
+    normal, shear = static.joints.traction[:, 0], static.joints.traction[:, 1:]
+    every = model.operator.comm.allgather(float(np.abs(normal).max(initial=0.0)))
+    assert normal.max(initial=0.0) <= 0.0
+    excess = np.linalg.norm(shear, axis=1) + friction * normal
+    assert excess.max(initial=0.0) <= 1e-9 * max(every)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("stiffness", [1e11, 1e13])
+@pytest.mark.parametrize("solver", ["auto", "condensed", "monolithic"])
+def test_four_blocks_that_meet_at_a_cross(comm, stiffness, solver):
+    """Corrections halved until the residual falls crept towards a kink, in both solvers."""
+    friction = law(stiffness, 1.0, 89.0)
+    model = square(comm, friction, cut="xy", cells=(4, 4), shape=CellType.triangle)
+    static = dj.Simulation(model, solver=solver).statics()
+    check(model, static, DENSITY * G * 100.0, np.tan(np.radians(89.0)))
+    # The vertical joint opens in its upper half, as the blocks grow wide at their feet.
+    assert vars(model.contact.counts(static.joints.status)) == {"open": 4, "stick": 8, "slip": 0}
+
+
+@pytest.fixture(scope="module")
+def dam_file(comm, tmp_path_factory):
+    """A dam with vertical joints and one under it; nothing else holds its blocks."""
+    table = SectionTable(
+        {
+            "elevation": np.array([320.0, 345.0, 370.0]),
+            "extrados_radius": np.array([45.0, 62.0, 80.0]),
+            "crown_thickness": np.array([9.0, 6.5, 3.5]),
+            "left_thickness": np.array([11.0, 8.0, 4.0]),
+            "right_thickness": np.array([11.5, 8.2, 4.0]),
+            "left_angle": np.array([20.0, 34.0, 46.0]),
+            "right_angle": np.array([24.0, 38.0, 50.0]),
+            "centre_x": np.array([45.0, 50.0, 60.0]),
+        }
+    )
+    path = comm.bcast(tmp_path_factory.mktemp("dam") / "dam.msh" if comm.rank == 0 else None)
+    options = {"size": 10.0, "order": 1, "joints": 5, "foundation": 40.0, "spread": 20.0}
+    on_root(comm, lambda: sections_dam(path, table, perimetral=True, **options))
+    return path
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_dam_on_a_perimetral_joint_arrives(comm, read, dam_file, steps):
+    """Where the monolithic solver does not at 1e12 Pa/m, in steps however short."""
+    rock = dj.Elastic(young=20e9, poisson=0.25, density=2600.0)
+    model = dj.Model(
+        read(dam_file),
+        material={"concrete": CONCRETE, "foundation": rock},
+        joints=law(1e12, 0.4, 45.0),
+        supports=[dj.Fixed(group="foundation_outer")],
+        loads=[dj.Gravity(), dj.HydrostaticPressure(group="upstream", level=365.0)],
+    )
+    static = dj.Simulation(model).statics(steps=steps)
+    assert (static.cuts, len(static.reports)) == (0, steps)
+    assert {report.solver for report in static.reports} == {"condensed"}
+    system = model.system()
+    load = system.load(0.0, system.stiffness.createVecRight()).getArray()
+    check(model, static, -comm.allreduce(load[2::3].sum()), 1.0)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("solver", ["auto", "condensed"])
+def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
+    """A block of weight W takes mu W; pushed by mu W / 0.6 it slides at a load factor of 0.6."""
+    friction = np.tan(np.radians(30.0))
+    push = dj.Traction(group="top", value=(friction * DENSITY * G * 5.0 / 0.6, 0.0))
+    model = square(
+        comm,
+        law(1e11, 0.4, 30.0),
+        cut="y",
+        cells=(4, 4),
+        shape=CellType.quadrilateral,
+        loads=[push],
+    )
+    simulation = dj.Simulation(model, solver=solver)
+    simulation.statics(loads=[model.loads[0]])
+    with pytest.raises(dj.ConvergenceError) as failure:
+        simulation.statics()
+    # In increments of 1/64, 38 of which are in equilibrium; the last ones need the second solver.
+    reached, text = failure.value.reached, str(failure.value)
+    assert reached == 38 / 64 if solver == "auto" else 0.5 < reached < 38 / 64
+    assert f"step 1, did not converge beyond the load factor {reached:.4g} in " in text
+    assert "worst joint 'joint_y'" in text
+    assert "may carry no more" in text
+    assert ('solver="auto"' in text) == (solver != "auto")
+
+
+def test_increments_are_halved_and_grow_again():
+    """A ramp of two steps, then one in time, whose shares count from its own start."""
+    increments, ends = LoadIncrements([(None, 0.5), (None, 1.0), (2.0, 1.0)]), []
+    spoilt = {0, 1, 4}  # attempts that fail
+    for attempt, increment in enumerate(increments):
+        if attempt in spoilt:
+            increments.cut(dj.ConvergenceError(), None)
+            continue
+        ends.append((increment.time, increment.share, increment.whole))
+    # Cut to a quarter of the first step: 1/8; as 1/4 is half a step, halves fit from there on.
+    assert ends[:2] == [(None, 0.125, False), (None, 0.25, False)]
+    assert [end for end in ends if end[2]] == [
+        (None, 0.5, True),
+        (None, 1.0, True),
+        (2.0, 1.0, True),
+    ]
+    assert increments.cuts == 3

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import Results
-from dolfinx_joints.postprocessing.axes import BLUE, GREY, RED, decorate, legend, new_axes
+from dolfinx_joints.postprocessing.axes import decorate, legend, new_axes
 from dolfinx_joints.postprocessing.joint_surface import (
     LABELS,
     JointSurface,
@@ -18,6 +18,7 @@ from dolfinx_joints.postprocessing.joint_surface import (
     traction_value,
     tractions,
 )
+from dolfinx_joints.postprocessing.palette import BLUE, GREY, RED
 from dolfinx_joints.results.arguments import record_number
 
 if TYPE_CHECKING:

@@ -18,8 +18,6 @@ from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BLUE, RED, GREY = "#08519c", "#b2182b", "#8c8c8c"
-
 Inches = Annotated[float, at.Interval(ge=0.5, le=100.0), at.Unit("inch")]
 Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A joint as a drawing: the patch of each point in the joint's plane, its values and colours."""
+"""A joint as a drawing: the patch of each point in a plane, its values and colours."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.measures import open_points
+from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
+from dolfinx_joints.postprocessing.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -20,19 +22,26 @@ MapQuantity = Literal["normal", "tangential", "ratio", "opening", "slip", "state
 Floats = NDArray[np.floating[Any]]
 
 LABELS = {
-    "normal": r"normal traction $t_n$ [MPa], compression $< 0$",
+    "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
     "tangential": r"tangential traction $|t_s|$ [MPa]",
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
+_ELEVATION = "elevation [m]"
+_BENT = 0.8  # square of the mean normal's length: below it a joint bends by more than 27 degrees
+
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
     "slip": "tangential gap [mm]",
     "state": "state of the points",
 }
+STATES = {"open": OPEN, "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
 
 
 class JointSurface:
-    """A joint in its mean plane: points, facets and the patch of each point, all (.., 2) [m].
+    """A joint laid into a plane: points, facets and the patch of each point, all (.., 2) [m].
+
+    The plane is the mean plane of the joint; a joint that bends more than a little, such as the
+    perimetral one of a dam, is unrolled.
 
     Args:
         results: the run.
@@ -42,12 +51,14 @@ class JointSurface:
         points: joint points in the plane, shape (n, 2), [m].
         facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
         corners: the same in space, shape (facets, 3 or 4, 3), [m].
-        axes: unit vectors across and up the plane, rows, shape (2, 3).
+        axes: unit vectors across and up the mean plane, rows, shape (2, 3).
         labels: what to write on the two axes.
+        ends: what lies to the left, the right, the bottom and the top; empty where it needs none.
+        upright: whether the ordinate is an elevation, the same as that of other joints.
     """
 
     def __init__(self, results: Results, joint: str) -> None:
-        """Project the points and the facets of the mesh that carry them."""
+        """Project or unroll the facets of the mesh that carry the points."""
         results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         frames = results.static(f"joints/{joint}/frames")
@@ -55,17 +66,38 @@ class JointSurface:
         areas = results.static(f"joints/{joint}/areas")
         _, self._facet_of_point = np.unique(facet, return_inverse=True)
         weight = np.bincount(self._facet_of_point, areas)
-        self._centres = np.stack(
-            [np.bincount(self._facet_of_point, areas * x) / weight for x in points.T], axis=1
+        self._centres, normals = (
+            np.stack([np.bincount(self._facet_of_point, areas * x) / weight for x in of.T], axis=1)
+            for of in (points, frames[:, 0])
         )
         self._corners = results.static("mesh/nodes")[results.static("mesh/surface")]
-        axes, self.labels = _plane_axes(frames[:, 0].mean(axis=0))
-        self.axes: Floats = axes
         self.corners: Floats = self._corners[self._nearest(1)]
-        own = self.corners @ axes.T
-        origin = np.array([own[..., 0].min(), 0.0])
-        self.points: Floats = points @ axes.T - origin
-        self.facets: Floats = own - origin
+        axes = tangent_axes(self.corners)
+        shape = _Bilinear(np.einsum("fci,fki->fck", self.corners, axes))
+        own = np.einsum("pi,pki->pk", points, axes[self._facet_of_point])
+        self._local = shape.inverse(own, self._facet_of_point)
+        mean = areas @ frames[:, 0] / areas.sum()
+        self._lay(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
+
+    def _lay(self, normal: Floats, laid: Unrolled | None) -> None:
+        """Take the places in the plane, and what is to be written there."""
+        flat = np.linalg.norm(normal) > 1e-9
+        axes, labels = _plane_axes(normal if flat else np.array([0.0, 0.0, 1.0]))
+        self.axes: Floats = axes
+        across = "upstream", "downstream"
+        banks = "right bank", "left bank"
+        if laid is None:
+            plane = self.corners @ axes.T
+            self.facets: Floats = plane - [plane[..., 0].min(), 0.0]
+            self.labels = labels
+            self.upright = labels[1] == _ELEVATION
+            self.ends = (*(across if abs(axes[0, 0]) > 0.5 else banks), "", "")
+        else:
+            self.facets = laid.corners
+            self.upright = False
+            self.labels = ("developed length [m]", "developed width [m]")
+            self.ends = (*across, "", "") if laid.upright else (*banks, *across[::-1])
+        self.points: Floats = _Bilinear(self.facets)(self._local, self._facet_of_point)
 
     def sides(self) -> NDArray[np.integer[Any]]:
         """Numbers of the boundary facets of both sides, shape (2 facets,)."""
@@ -84,14 +116,12 @@ class JointSurface:
         return self._patches(_Bilinear(self.corners))
 
     def _patches(self, target: _Bilinear) -> list[Floats]:
-        shape = _Bilinear(self.facets)
-        local = shape.inverse(self.points, self._facet_of_point)
         patches: list[Floats] = []
         for i, facet in enumerate(self._facet_of_point):
-            polygon = shape.reference
+            polygon = target.reference
             for other in np.flatnonzero(self._facet_of_point == facet):
                 if other != i:
-                    polygon = _nearer_part(polygon, local[i], local[other])
+                    polygon = _nearer_part(polygon, self._local[i], self._local[other])
             patches.append(target(polygon, np.full(len(polygon), facet)))
         return patches
 
@@ -157,7 +187,7 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
     up /= np.linalg.norm(up)
     across = np.cross(up, normal)
     across *= 1.0 if (across[0] if abs(across[0]) > 1e-9 else across[1]) > 0.0 else -1.0
-    name = "elevation [m]" if up[2] > 0.9999 else "distance up the joint [m]"
+    name = _ELEVATION if up[2] > 0.9999 else "distance up the joint [m]"
     return np.stack([across, up]), ("horizontal distance [m]", name)
 
 
@@ -207,24 +237,17 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
     return np.where(is_open, np.nan, traction_value(traction, quantity))
 
 
-def colours(*, dark_is_low: bool = False) -> ListedColormap:
-    """Light to dark, also in grey, never near black, which means open.
+def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
+    """Range of the colours of a quantity, zero included."""
+    return (-0.5, 2.5) if quantity == "state" else colour_limits(values)
 
-    Args:
-        dark_is_low: the small values are the dark ones, for what is largest where it is most
-            negative.
-    """
-    from matplotlib import colormaps
+
+def map_colours(quantity: MapQuantity, limits: tuple[float, float]) -> ListedColormap:
+    """Colours of a quantity: around zero where it has a sign, else light to dark."""
     from matplotlib.colors import ListedColormap
 
-    shades = colormaps["viridis"](np.linspace(0.12, 1.0, 256))
-    chosen = ListedColormap(shades if dark_is_low else shades[::-1])
-    chosen.set_bad("black")
-    return chosen
-
-
-def colour_limits(values: Floats) -> tuple[float, float]:
-    """Range of the values that are not NaN, zero included."""
-    closed = values[np.isfinite(values)]
-    low, high = float(closed.min(initial=0.0)), float(closed.max(initial=0.0))
-    return (low, high) if high > low else (-1.0, 0.0)
+    if quantity == "state":
+        return ListedColormap(list(STATES.values()))
+    if quantity == "normal":
+        return signed_colours(limits)
+    return colours(dark_is_low=quantity == "ratio")

@@ -20,9 +20,6 @@ from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import response_spectrum
 from dolfinx_joints.motions.spectrum_matching import SpectrumMatch, component_numbers
 from dolfinx_joints.postprocessing.axes import (
-    BLUE,
-    GREY,
-    RED,
     DampingRatio,
     Periods,
     decorate,
@@ -30,6 +27,7 @@ from dolfinx_joints.postprocessing.axes import (
     new_axes,
     plain_periods,
 )
+from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, RED
 from dolfinx_joints.results.arguments import COMPONENTS, Component
 
 if TYPE_CHECKING:
@@ -39,7 +37,7 @@ Floats = NDArray[np.floating[Any]]
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
 _UNITS = {"acceleration": "g", "velocity": "m/s", "displacement": "m"}
-_COLOURS = {"x": BLUE, "y": RED, "z": "#238b45"}
+_COLOURS = {"x": BLUE, "y": RED, "z": GREEN}
 _AXES = {"x": "stream", "y": "cross-valley", "z": "up"}
 
 

@@ -33,9 +33,6 @@ from dolfinx_joints.motions.spectra import (
     response_spectrum,
 )
 from dolfinx_joints.postprocessing.axes import (
-    BLUE,
-    GREY,
-    RED,
     DampingRatio,
     Periods,
     decorate,
@@ -52,16 +49,11 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
     reference_displacement,
 )
-from dolfinx_joints.postprocessing.joint_surface import (
-    LABELS,
-    JointSurface,
-    Quantity,
-    colour_limits,
-    colours,
-    traction_value,
-    tractions,
-)
+from dolfinx_joints.postprocessing.joint_maps import draw_map
+from dolfinx_joints.postprocessing.joint_maps import joint_maps as joint_maps
+from dolfinx_joints.postprocessing.joint_surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
+from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, ORANGE, RED, colour_limits
 from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,
@@ -77,15 +69,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.floating[Any]]
 
 _ENERGY_STYLES = {
-    "kinetic": ("-", "#4292c6"),
+    "kinetic": ("-", "#56b4e9"),
     "strain": ("-", BLUE),
-    "joint": ("-", "#41ab5d"),
+    "joint": ("-", GREEN),
     "input": ("-", "black"),
     WAVES: ("-", "#a65628"),
-    "viscous": ("--", "#fd8d3c"),
+    "viscous": ("--", ORANGE),
     "friction": ("--", RED),
     "plastic": ("--", "#a50f15"),
-    "numerical": ("-.", "#807dba"),
+    "numerical": ("-.", "#7b3294"),
     "error": (":", GREY),
 }
 
@@ -238,30 +230,19 @@ def joint_traction(
     """Map of the traction over a joint, one patch for each joint point, open ones black.
 
     A joint is drawn in its mean plane, horizontal distance (growing downstream) against
-    elevation. The ratio is -|t_s|/|t_n|, which is -tan(friction angle) where the joint slides.
+    elevation; one that bends is unrolled. The ratio is -|t_s|/|t_n|, which is
+    -tan(friction angle) where the joint slides. `joint_maps` draws all joints.
     """
-    from matplotlib.collections import LineCollection, PolyCollection
-
     results, number, moment = chosen_state(results, time, index, stage)
     surface = JointSurface(results, joint)
     ax = ax or new_axes(width=4.6, height=5.6)
-    traction, is_open = tractions(results, joint, number)
-    values = np.where(is_open, np.nan, traction_value(traction, quantity))
-    patches = PolyCollection(
-        surface.patches(), array=values, cmap=colours(dark_is_low=quantity != "tangential")
-    )
-    patches.set(edgecolor="face", linewidth=0.3)
-    patches.set_clim(*colour_limits(values))
-    ax.add_collection(patches)
-    ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
-    ax.set_aspect("equal")
-    ax.autoscale_view()
-    decorate(ax, *surface.labels, grid=False)
+    values = map_value(results, joint, quantity, number)
+    patches = draw_map(ax, surface, values, quantity, colour_limits(values))
     ax.set_title(f"{joint} {moment}")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
-    colour_bar.set_label(LABELS[quantity])
+    colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
     areas = results.static(f"joints/{joint}/areas")
-    _open_legend(ax, float(areas[is_open].sum() / areas.sum()))
+    _open_legend(ax, float(areas[np.isnan(values)].sum() / areas.sum()))
     return ax
 
 
@@ -275,8 +256,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     time = results.time("energy")
     ax = ax or new_axes(height=3.6)
     largest = max(float(np.abs(values).max(initial=0.0)) for values in terms.values())
-    units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
-    factor, unit = next(((f, u) for f, u in units if largest >= f), (1.0, "J"))
+    factor, unit = energy_unit(largest)
     for term, values in terms.items():
         style, colour = _ENERGY_STYLES[term]
         label, through = term, through_boundaries(results)
@@ -309,6 +289,12 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def energy_unit(largest: float) -> tuple[float, str]:
+    """Joules of the unit in which an energy is at least one, and the name of the unit."""
+    units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
+    return next(((factor, unit) for factor, unit in units if largest >= factor), (1.0, "J"))
+
+
 def runs(
     results: Results, reference: Results | None, labels: tuple[str, str]
 ) -> list[tuple[Results, dict[str, Any]]]:
@@ -317,7 +303,7 @@ def runs(
     own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
         return [own]
-    return [(reference, {"color": "#f4a261", "linewidth": 1.3, "label": labels[1]}), own]
+    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), own]
 
 
 def _frames(drawn: list[tuple[Results, dict[str, Any]]], relative_to: str | None) -> str:

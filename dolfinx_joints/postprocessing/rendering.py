@@ -52,6 +52,16 @@ class Camera:
         placed: Floats = np.asarray(points) @ np.stack([self.right, self.up], axis=1)
         return placed
 
+    @property
+    def side(self) -> str:
+        """Where the eye is: x points downstream, y to the left bank."""
+        x, y, z = self.towards
+        if abs(z) > 0.9:
+            return "above" if z > 0.0 else "below"
+        if abs(x) >= abs(y):
+            return "downstream" if x > 0.0 else "upstream"
+        return "the left bank" if y > 0.0 else "the right bank"
+
 
 class Scene:
     """Layers of surfaces and lines, rendered together.
@@ -226,6 +236,7 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
         ax.set_axis_off()
+        ax.set_title(f"from {camera.side}", fontsize="small", fontstyle="italic", pad=12.0)
         _triad(ax, camera, extent)
     return figure, axes
 
@@ -269,8 +280,8 @@ def colour_bar(
     from matplotlib.colors import Normalize
 
     shown = ScalarMappable(Normalize(*limits), cmap)
-    bar = figure.colorbar(shown, ax=list(axes), shrink=0.8, aspect=25, pad=0.02)
-    bar.set_label(label)
+    bar = figure.colorbar(shown, ax=list(axes), shrink=0.9, aspect=25, pad=0.02)
+    bar.set_label(label.replace(", ", "\n"))
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:

@@ -4,10 +4,11 @@
 
 Every function returns a figure of matplotlib, for ``plots.save``. Bodies are drawn off screen by
 VTK without perspective; no screen is needed. The eye stands at an azimuth from downstream (x)
-towards y, one for each picture, and an elevation above the horizon. The arrows in a corner are the
-axes, to the scale of the picture. Of the states that is drawn which is nearest to ``time`` [s] or,
-without it, has the number ``index``, or the static ``stage`` of a name or number. Tractions keep
-the sign of the files: compression is negative.
+towards y (left bank), one for each picture, and an elevation above the horizon. The arrows in a
+corner are the axes, to the scale of the picture. Of the states that is drawn which is nearest to
+``time`` [s] or, without it, has the number ``index``, or the static ``stage`` of a name or number.
+Tractions and stresses are positive where they pull, and drawn in red there, in blue where they
+press.
 """
 
 from __future__ import annotations
@@ -24,11 +25,20 @@ from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.joint_surface import (
     MAP_LABELS,
+    STATES,
     JointSurface,
     MapQuantity,
+    map_colours,
+    map_limits,
+    map_value,
+)
+from dolfinx_joints.postprocessing.palette import (
+    CONCRETE,
+    OPEN,
+    RED,
     colour_limits,
     colours,
-    map_value,
+    signed_colours,
 )
 from dolfinx_joints.postprocessing.rendering import (
     Camera,
@@ -50,10 +60,9 @@ Ints = NDArray[np.integer[Any]]
 Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a picture each
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
-_CONCRETE, _JOINT, _LINE = "#d9d5cc", "#b2182b", "#4d4d4d"
+_LINE = "#4d4d4d"
 _OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 _UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
-_STATES = {"open": "black", "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
 
 
 @checked
@@ -73,16 +82,16 @@ def mesh(
         "show_edges": True,
         "edge_color": _LINE,
     }
-    scene.surface(nodes, surface, color=_CONCRETE, line_width=2.0, **shade)
+    scene.surface(nodes, surface, color=CONCRETE, line_width=2.0, **shade)
     points = {}
     for joint in results.joints:
         points[joint], faces = _separate(JointSurface(results, joint).corners)
         radius = 2.5e-3 * _size(nodes)
-        scene.edges(points[joint], faces, sharper_than_deg=None, radius=radius, color=_JOINT)
+        scene.edges(points[joint], faces, sharper_than_deg=None, radius=radius, color=RED)
     figure, axes = draw(scene, cameras)
     for ax, camera in zip(axes, cameras, strict=True):
         for joint, name in names.items():
-            write(ax, _top(points[joint], camera), name, _JOINT)
+            write(ax, _top(points[joint], camera), name, RED)
     count = f"{len(surface)} facets on the boundary, {len(nodes)} nodes"
     if "cells" in results.metadata:
         count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
@@ -100,10 +109,10 @@ def deformed(
     stage: int | str | None = None,
     scale: float | None = None,
     relative_to: str | None = None,
-    azimuth_deg: float = _DOWNSTREAM,
+    azimuths_deg: Azimuths = (_DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Deformed surface coloured by the size of its displacement, faces of open joints red.
+    """Deformed surface coloured by the size of its displacement, faces and names of joints red.
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
     by a round number by which the largest becomes about 6 % of the model's size. They are those
@@ -111,7 +120,7 @@ def deformed(
     ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour bar says which.
     """
     results, number, moment = chosen_state(results, time, index, stage)
-    camera = Camera(azimuth_deg, elevation_deg)
+    cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     nodes, surface = _boundary(results)
     displacement, frame = nodal_displacement(results, number, relative_to)
     size = 1e3 * np.linalg.norm(displacement, axis=1)
@@ -124,9 +133,13 @@ def deformed(
         moved, outer, nodal=size, cmap=colours(), clim=limits, show_edges=True, edge_color=_LINE
     )
     if sides.size:
-        scene.surface(moved, surface[sides], color=_JOINT, lighting=False)
+        scene.surface(moved, surface[sides], color=RED, lighting=False)
     scene.edges(nodes, outer, **_OUTLINE)
-    figure, axes = draw(scene, [camera])
+    figure, axes = draw(scene, cameras)
+    for joint, name in _short_names(results.joints).items():
+        corners = moved[surface[JointSurface(results, joint).sides()]].reshape(-1, 3)
+        for ax, camera in zip(axes, cameras, strict=True):
+            write(ax, _top(corners, camera), name, RED)
     colour_bar(figure, axes, colours(), limits, f"displacement [mm], {frame}")
     title = f"deformed shape {moment}, displacements x {factor:g}"
     figure.suptitle(title + _widest(results, number), fontsize="medium")
@@ -149,9 +162,9 @@ def joint_map(
     """Values on the joints, a patch for each joint point, inside the outline of the body.
 
     The joints of a dam are seen nearly from the edge wherever the eye is. So each upright joint is
-    turned about the vertical through its middle until it faces the eye, upstream edge to the
+    rotated about the vertical through its middle until its face is seen, upstream edge to the
     left; not with ``turned=False``. In maps of tractions and states, open points are black. The
-    ratio is -|t_s|/|t_n|, the slip the tangential gap.
+    ratio is -|t_s|/|t_n|, the slip the tangential gap. `plots.joint_maps` has a panel for each.
     """
     camera = Camera(azimuth_deg, elevation_deg)
     results, number, moment = chosen_state(results, time, index, stage)
@@ -162,7 +175,9 @@ def joint_map(
     for name in joints:
         results.check_joint(name)
     values = {name: map_value(results, name, quantity, number) for name in joints}
-    style, limits = _map_style(quantity, np.concatenate(list(values.values())))
+    together = np.concatenate(list(values.values()))
+    limits = map_limits(quantity, together)
+    cmap = map_colours(quantity, limits)
     scene, tops = Scene(), {}
     scene.edges(nodes, _outer(results, surface), **_OUTLINE)
     for name, of_points in values.items():
@@ -170,19 +185,21 @@ def joint_map(
         points, faces = _separate(joint_surface.patches_in_space())
         if turned:
             points = _turned(points, joint_surface.axes, camera)
-        scene.surface(points, faces, of_faces=of_points, clim=limits, **style)
+        edges = {"show_edges": True, "edge_color": "#b3b3b3"}
+        scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
         tops[name] = _top(points, camera)
     figure, axes = draw(scene, [camera])
     for name, label in _short_names(joints).items():
         write(axes[0], tops[name], label, "black")
     if quantity == "state":
-        legend(axes[0], dict(_STATES))
+        legend(axes[0], dict(STATES))
     else:
-        if quantity not in ("opening", "slip"):
-            legend(axes[0], {"open": "black"})
-        colour_bar(figure, axes, style["cmap"], limits, MAP_LABELS[quantity])
-    what = ("joints" if joint is None else joint) + (", turned to the eye," if turned else "")
-    figure.suptitle(f"{what} {moment}" + _widest(results, number), fontsize="medium")
+        if np.isnan(together).any():
+            legend(axes[0], {"open": OPEN})
+        colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
+    what = "joints" if joint is None else joint
+    how = "\neach upright joint rotated in its place to show its face" if turned else ""
+    figure.suptitle(f"{what} {moment}{_widest(results, number)}{how}", fontsize="medium")
     return figure
 
 
@@ -203,22 +220,22 @@ def envelope(
     nodes, surface = _boundary(results)
     values = np.full(len(nodes), np.nan)
     values[results.static("envelopes/nodes")] = 1e-6 * results.series("envelopes", name, -1)
-    limits = _data_limits(values)
-    cmap = colours(dark_is_low=name.endswith("min"))
+    low, high = _data_limits(values)
+    limits = colour_limits(values)
+    cmap = signed_colours(limits)
     scene = Scene()
     style: dict[str, Any] = {
         "cmap": cmap,
         "clim": limits,
-        "nan_color": _CONCRETE,
+        "nan_color": CONCRETE,
         "edge_color": _LINE,
     }
     scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
     figure, axes = draw(scene, cameras)
-    colour_bar(figure, axes, cmap, limits, "[MPa], tension > 0")
+    colour_bar(figure, axes, cmap, limits, "stress [MPa], tension > 0")
     stress, end = name.split("_")
     what = f"{'largest' if end == 'max' else 'smallest'} {stress} stress"
-    title = f"{what}: {limits[0]:.2f} to {limits[1]:.2f} MPa"
-    figure.suptitle(title, fontsize="medium")
+    figure.suptitle(f"{what}: {low:.2f} to {high:.2f} MPa", fontsize="medium")
     return figure
 
 
@@ -261,9 +278,11 @@ def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
 
 
 def _top(points: Floats, camera: Camera) -> Floats:
-    """Middle of the highest points, in the picture."""
-    highest = points[:, 2] >= points[:, 2].max() - 1e-6 * _size(points)
-    return camera.project(points[highest].mean(axis=0))
+    """Middle of the highest points, in the picture; of a joint with two ends of the right one."""
+    size = _size(points)
+    highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
+    top: Floats = highest[highest[:, 0] >= highest[:, 0].max() - 0.2 * size].mean(axis=0)
+    return top
 
 
 def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
@@ -308,13 +327,3 @@ def _widest(results: Results, number: int) -> str:
         return ""
     joint = max(widest, key=lambda name: widest[name])
     return f"\nwidest opening {widest[joint]:.2f} mm, {joint}" if widest[joint] > 0.0 else ""
-
-
-def _map_style(quantity: MapQuantity, values: Floats) -> tuple[dict[str, Any], tuple[float, float]]:
-    """How patches are coloured, and the range of the colours."""
-    if quantity == "state":
-        from matplotlib.colors import ListedColormap
-
-        return {"cmap": ListedColormap(list(_STATES.values()))}, (-0.5, 2.5)
-    limits = colour_limits(values)
-    return {"cmap": colours(dark_is_low=quantity in ("normal", "ratio"))}, limits

@@ -190,7 +190,7 @@ def test_traction_maps_show_values_and_black_where_open(
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("horizontal distance [m]", "elevation [m]")
     colour_bar = ax.figure.axes[-1].get_ylabel()
     assert ("[-]" if quantity == "ratio" else "[MPa]") in colour_bar
-    assert ("compression" in colour_bar) == (quantity == "normal")
+    assert ("tension" in colour_bar) == (quantity == "normal")
 
 
 def test_patches_tile_the_joint(results: Results) -> None:

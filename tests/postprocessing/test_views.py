@@ -13,7 +13,8 @@ from written_runs import write_run as written_run
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots, rendering, views
-from dolfinx_joints.postprocessing.joint_surface import colours
+from dolfinx_joints.postprocessing.joint_surface import map_colours
+from dolfinx_joints.postprocessing.palette import signed_colours
 from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
@@ -124,6 +125,16 @@ def test_a_camera_sees_right_and_up() -> None:
     np.testing.assert_allclose(back, [-1.0, 0.0], atol=1e-15)
     above = rendering.Camera(0.0, 90.0).project(np.eye(3))
     np.testing.assert_allclose(above, [[0, -1], [1, 0], [0, 0]], atol=1e-15)
+
+
+def test_pictures_say_from_where_they_are_taken(results: Results, scenes) -> None:
+    # x points downstream, y to the left bank.
+    sides = [rendering.Camera(azimuth, 10.0).side for azimuth in (0.0, 90.0, 160.0, 270.0)]
+    assert sides == ["downstream", "the left bank", "upstream", "the right bank"]
+    assert [rendering.Camera(0.0, e).side for e in (90.0, -90.0)] == ["above", "below"]
+    for figure in (views.mesh(results), views.deformed(results, azimuths_deg=(160.0, -25.0))):
+        titles = [ax.get_title() for ax in figure.axes[:2]]
+        assert titles == ["from upstream", "from downstream"]
 
 
 def test_a_square_is_where_its_extent_says() -> None:
@@ -279,12 +290,13 @@ def test_maps_hold_the_values_of_the_points(
     image = picture(figure)
     low, high = limits
     each = share(image, BLACK) if np.isnan(expected[3]) else 0.0
-    cmap = colours(dark_is_low=quantity in ("normal", "ratio"))
+    cmap = map_colours(quantity, limits)
     for value in np.unique(np.array(expected)[np.isfinite(expected)]):
         colour = 255 * np.array(cmap((value - low) / (high - low))[:3])
         points = np.count_nonzero(np.isclose(expected, value))
         assert share(image, colour) > 0.02 * points
     assert (each > 0.02) == (quantity in ("normal", "tangential", "ratio"))
+    assert (figure.axes[0].get_legend() is not None) == np.isnan(expected[3])  # of what is open
 
 
 def test_a_joint_turned_to_the_eye_shows_its_width(results: Results, scenes) -> None:
@@ -367,7 +379,7 @@ def test_envelope_has_the_range_of_its_data(results: Results, scenes) -> None:
     assert style["clim"] == pytest.approx((0.0, 6.0))  # the top, at 8 m, is missing
     assert np.isnan(data.point_data["value"]).sum() == 8
     assert figure.get_suptitle() == "largest principal stress: 0.00 to 6.00 MPa"
-    lowest = 255 * np.array(colours()(0.0)[:3])
+    lowest = 255 * np.array(signed_colours((0.0, 6.0))(0.0)[:3])
     for number in range(2):
         assert share(picture(figure, number), lowest, within=12.0) > 0.01
         assert share(picture(figure, number), WHITE) < 0.8

@@ -1,0 +1,182 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Maps of all joints of a run as one figure, a panel for each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.postprocessing.axes import decorate
+from dolfinx_joints.postprocessing.joint_surface import (
+    MAP_LABELS,
+    STATES,
+    JointSurface,
+    MapQuantity,
+    map_colours,
+    map_limits,
+    map_value,
+)
+from dolfinx_joints.postprocessing.palette import GREY, OPEN
+from dolfinx_joints.results.arguments import chosen_state
+from dolfinx_joints.results.reader import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.floating[Any]]
+
+# Inches.
+_WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
+_GAP, _TITLE, _BELOW = 0.35, 0.3, 0.7
+_BAR, _HIGHEST = 0.85, 4.2
+_IN_A_ROW = 6
+
+
+@checked
+def joint_maps(
+    results: Results,
+    quantity: MapQuantity = "normal",
+    *,
+    joints: Sequence[str] | None = None,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+) -> Figure:
+    """Values on joints in the colours of one bar, a panel for each joint, a patch for each point.
+
+    Joints in a vertical plane stand side by side to the same scale, upstream to the left, above
+    one axis of elevations; others follow below them, those that bend unrolled. Of the states that
+    is drawn which is nearest to ``time`` [s] or, without it, has the number ``index``, or the
+    static ``stage`` of a name or number. In maps of tractions open points are black; the slip is
+    the tangential gap.
+    """
+    results, number, moment = chosen_state(results, time, index, stage)
+    names = results.joints if joints is None else list(joints)
+    if not names:
+        raise ValueError(f"{results.path} has no joints to draw.")
+    surfaces = {name: JointSurface(results, name) for name in names}
+    values = {name: map_value(results, name, quantity, number) for name in names}
+    limits = map_limits(quantity, np.concatenate(list(values.values())))
+    figure, panels, bar = _laid_out(surfaces)
+    for name, ax in panels.items():
+        draw_map(ax, surfaces[name], values[name], quantity, limits)
+        ax.set_title(name, fontsize="medium", loc="left")
+        if surfaces[name].upright:
+            ax.set_xlabel("[m]")
+        if not ax.yaxis.get_tick_params()["labelleft"]:
+            ax.set_ylabel("")
+    what = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
+    figure.suptitle(f"{what} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
+    _explain(bar, quantity, limits, any(np.isnan(v).any() for v in values.values()))
+    return figure
+
+
+def draw_map(
+    ax: Axes,
+    surface: JointSurface,
+    values: Floats,
+    quantity: MapQuantity,
+    limits: tuple[float, float],
+) -> PolyCollection:
+    """Draw the patches of a joint's points, black where a value is NaN, and name its ends."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    patches = PolyCollection(surface.patches(), array=values, cmap=map_colours(quantity, limits))
+    patches.set(edgecolor="face", linewidth=0.3)
+    patches.set_clim(*limits)
+    ax.add_collection(patches)
+    ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    decorate(ax, *surface.labels, grid=False)
+    for end, place, across in zip(surface.ends, _PLACES, _ALIGNED, strict=True):
+        style: dict[str, Any] = {"ha": across, "fontsize": "small", "fontstyle": "italic"}
+        ax.annotate(
+            end, place, (0, -38 if place[1] == 0 else 3), "axes fraction", "offset points", **style
+        )
+    return patches
+
+
+_PLACES = ((0.0, 0.0), (1.0, 0.0), (0.5, 0.0), (0.5, 1.0))
+_ALIGNED = ("left", "right", "center", "center")
+
+
+def _laid_out(
+    surfaces: Mapping[str, JointSurface],
+) -> tuple[Figure, dict[str, Axes], Axes]:
+    """A figure, axes for each joint, and axes for the colour bar."""
+    from matplotlib.figure import Figure
+
+    rows = list(_rows(surfaces))
+    boxes = {name: _box(surface) for name, surface in surfaces.items()}
+    heights = []
+    for row in rows:
+        low, high = _range(boxes[name][1] for name in row)
+        width = max(right - left for left, right in (boxes[name][0] for name in row))
+        room = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
+        heights.append((low, high, min(room / width, _HIGHEST / (high - low))))
+    total = 0.3 + _BAR + sum(_TITLE + (b - a) * scale + _BELOW for a, b, scale in heights)
+    figure = Figure(figsize=(_WIDTH, total))
+    panels, top = {}, total - 0.3
+    for row, (low, high, scale) in zip(rows, heights, strict=True):
+        height = (high - low) * scale
+        bottom = top - _TITLE - height
+        width = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
+        for column, name in enumerate(row):
+            x = _LEFT + column * (width + _GAP)
+            place = (x / _WIDTH, bottom / total, width / _WIDTH, height / total)
+            ax = panels[name] = figure.add_axes(place)
+            middle, half = 0.5 * sum(boxes[name][0]), 0.5 * width / scale
+            ax.set(xlim=(middle - half, middle + half), ylim=(low, high), autoscale_on=False)
+            ax.tick_params(labelleft=column == 0)
+        top = bottom - _BELOW
+    bar = figure.add_axes((_LEFT / _WIDTH, 0.5 / total, 0.5, 0.15 / total))
+    return figure, panels, bar
+
+
+def _rows(surfaces: Mapping[str, JointSurface]) -> Iterator[list[str]]:
+    """Upright joints several to a row, each of the others in a row of its own."""
+    upright = [name for name, surface in surfaces.items() if surface.upright]
+    count = -(-len(upright) // _IN_A_ROW)
+    yield from (list(part) for part in np.array_split(np.array(upright, dtype=object), count or 1))
+    yield from ([name] for name in surfaces if name not in upright)
+
+
+def _box(surface: JointSurface) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ranges of the two coordinates with a small margin [m]."""
+    low, high = (f(surface.facets.reshape(-1, 2), axis=0) for f in (np.min, np.max))
+    margin = 0.02 * float((high - low).max())
+    (left, bottom), (right, top) = low - margin, high + margin
+    return (float(left), float(right)), (float(bottom), float(top))
+
+
+def _range(ranges: Iterator[tuple[float, float]]) -> tuple[float, float]:
+    each = np.array(list(ranges))
+    return float(each[:, 0].min()), float(each[:, 1].max())
+
+
+def _explain(
+    bar: Axes, quantity: MapQuantity, limits: tuple[float, float], some_open: bool
+) -> None:
+    """The colour bar, or the names of the states, and of the black where there is some."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.patches import Patch
+
+    plain = dict(STATES) if quantity == "state" else {"open": OPEN} if some_open else {}
+    handles = [Patch(color=colour, label=label) for label, colour in plain.items()]
+    if quantity == "state":
+        bar.set_axis_off()
+        bar.legend(handles=handles, loc="center left", frameon=False, ncols=len(handles))
+        return
+    shown = ScalarMappable(Normalize(*limits), map_colours(quantity, limits))
+    bar.figure.colorbar(shown, cax=bar, orientation="horizontal", label=MAP_LABELS[quantity])
+    if handles:
+        bar.legend(handles=handles, loc="center left", bbox_to_anchor=(1.05, 0.5), frameon=False)

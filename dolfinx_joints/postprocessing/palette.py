@@ -1,0 +1,63 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Colours of all pictures: of lines, of sizes (light to dark), of values with a sign (around 0)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.colors import ListedColormap
+
+Floats = NDArray[np.floating[Any]]
+
+BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8c8c8c"
+
+# Of the run that is compared with, of the run that is shown, and of others. They differ in
+# darkness as well, for print and colour-blind readers.
+RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
+
+CONCRETE, OPEN = "#d9d5cc", "black"
+
+
+def colours(*, dark_is_low: bool = False) -> ListedColormap:
+    """Nearly white to dark blue, lighter to darker in grey too; black means open.
+
+    Args:
+        dark_is_low: the small values are the dark ones, for what is largest where it is most
+            negative.
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    shades = colormaps["YlGnBu"](np.linspace(0.0, 1.0, 256))
+    chosen = ListedColormap(shades[::-1] if dark_is_low else shades)
+    chosen.set_bad(OPEN)
+    return chosen
+
+
+def signed_colours(limits: tuple[float, float]) -> ListedColormap:
+    """Blue below zero, nearly white at zero, red above; as dark at -a as at a.
+
+    Args:
+        limits: smallest and largest value, zero between them.
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    low, high = limits
+    largest = max(abs(low), abs(high)) or 1.0
+    places = 0.5 + 0.5 * np.linspace(low, high, 256) / largest
+    chosen = ListedColormap(colormaps["RdBu_r"](places))
+    chosen.set_bad(OPEN)
+    return chosen
+
+
+def colour_limits(values: Floats) -> tuple[float, float]:
+    """Range of the values that are not NaN, zero included."""
+    closed = values[np.isfinite(values)]
+    low, high = float(closed.min(initial=0.0)), float(closed.max(initial=0.0))
+    return (low, high) if high > low else (-1.0, 0.0)

@@ -1,0 +1,89 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A panel for each joint: an upright one and one around a valley."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_unrolled import FACETS, RADIUS, WIDTH, valley
+from written_runs import JOINT, NODES, SURFACE
+
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing.palette import signed_colours
+from dolfinx_joints.results.layout import declare_states
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.writer import ResultsWriter
+
+pytest.importorskip("matplotlib")
+
+PRESSED = np.array([-4e6, -2e6, 0.0, 1e6])  # of the upright joint; the third point is open
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    """Cubes of 2 m with a joint between them, and a round joint with a point on each facet."""
+    corners, normals = valley(70.0)
+    frames = np.stack([normals, np.cross(normals, [1.0, 0.0, 0.0]), 0 * normals], axis=1)
+    frames[:, 2] = [1.0, 0.0, 0.0]
+    chord = 2.0 * RADIUS * np.sin(np.radians(70.0) / FACETS)
+    around = {
+        "points": corners.mean(axis=1),
+        "frames": frames,
+        "areas": np.full(FACETS, chord * WIDTH),
+        "facet": np.arange(FACETS),
+    }
+    nodes = np.concatenate([NODES + np.array([0.0, 0.0, 100.0]), corners.reshape(-1, 3)])
+    nodes = np.concatenate([nodes, corners.reshape(-1, 3)])  # both sides
+    first = len(NODES) + np.arange(4 * FACETS).reshape(-1, 4)
+    surface = np.concatenate([SURFACE, first, first + 4 * FACETS])
+    upright = JOINT | {"points": JOINT["points"] + np.array([0.0, 0.0, 100.0])}
+    with ResultsWriter(tmp_path / "run.h5", {"point_names": []}) as writer:
+        declare_states(writer, nodes, surface, {"joint_1": upright, "joint_around": around})
+        writer.start()
+        zero = np.zeros((FACETS, 3))
+        record = {
+            "displacement": 0.0 * nodes,
+            "joints/joint_1/gap": np.array([[0, 0, 0], [0, 3e-3, 4e-3], [2e-3, 0, 0], [0, 0, 0]]),
+            "joints/joint_1/traction": PRESSED[:, None] * [1.0, 0.0, 0.0],
+            "joints/joint_around/gap": zero,
+            "joints/joint_around/traction": zero - [8e6, 0.0, 0.0],
+        }
+        writer.append("states", 0.5, record)
+        writer.finish("complete", {})
+    return Results(tmp_path / "run.h5")
+
+
+def test_each_joint_has_a_panel_with_the_values_of_the_file(results: Results) -> None:
+    figure = plots.joint_maps(results, "normal")
+    upright, around, bar = figure.axes
+    assert [ax.get_title(loc="left") for ax in (upright, around)] == results.joints
+    shown = np.ma.filled(upright.collections[0].get_array(), np.nan)
+    np.testing.assert_allclose(shown, [-4.0, -2.0, np.nan, 1.0])  # MPa
+    np.testing.assert_allclose(around.collections[0].get_array(), -8.0)
+    assert bar.get_xlabel() == "normal traction $t_n$ [MPa], tension $> 0$"
+    assert bar.get_xlim() == pytest.approx((-8.0, 1.0))
+    assert [text.get_text() for text in bar.get_legend().get_texts()] == ["open"]
+    assert figure.get_suptitle() == "normal traction at t = 0.500 s"
+    cmap = upright.collections[0].get_cmap()
+    pressed, pulled = cmap(0.0), cmap(1.0)
+    assert pressed[2] > pressed[0]  # blue
+    assert pulled[0] > pulled[2]  # red
+    assert min(signed_colours((-8.0, 1.0))(8.0 / 9.0)[:3]) > 0.9  # zero is nearly white
+    slip = plots.joint_maps(results, "slip")
+    np.testing.assert_allclose(slip.axes[0].collections[0].get_array(), [0.0, 5.0, 0.0, 0.0])
+    assert slip.axes[2].get_legend() is None  # nothing is black
+
+
+def test_upstream_and_downstream_are_named(results: Results) -> None:
+    upright, around, _ = plots.joint_maps(results, "opening").axes
+    ends = [{t.get_text(): t.xy for t in ax.texts if t.get_text()} for ax in (upright, around)]
+    assert ends[0] == {"upstream": (0.0, 0.0), "downstream": (1.0, 0.0)}
+    assert ends[1]["upstream"] == (0.5, 1.0)
+    assert ends[1]["right bank"] == (0.0, 0.0)
+    # The joint in its plane keeps its elevations, the round one has its length along the valley.
+    patches = np.concatenate([p.vertices for p in upright.collections[0].get_paths()])
+    assert (patches[:, 1].min(), patches[:, 1].max()) == pytest.approx((100.0, 102.0))
+    patches = np.concatenate([p.vertices for p in around.collections[0].get_paths()])
+    length = FACETS * 2.0 * RADIUS * np.sin(np.radians(70.0) / FACETS)
+    np.testing.assert_allclose(np.ptp(patches, axis=0), [length, WIDTH])

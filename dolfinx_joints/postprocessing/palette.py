@@ -33,7 +33,7 @@ def colours(*, dark_is_low: bool = False) -> ListedColormap:
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    shades = colormaps["YlGnBu"](np.linspace(0.0, 1.0, 256))
+    shades = colormaps["GnBu"](np.linspace(0.0, 1.0, 256))
     chosen = ListedColormap(shades[::-1] if dark_is_low else shades)
     chosen.set_bad(OPEN)
     return chosen

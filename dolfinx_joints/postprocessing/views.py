@@ -278,10 +278,10 @@ def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
 
 
 def _top(points: Floats, camera: Camera) -> Floats:
-    """Middle of the highest points, in the picture; of a joint with two ends of the right one."""
+    """The rightmost of the highest points, in the picture."""
     size = _size(points)
     highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
-    top: Floats = highest[highest[:, 0] >= highest[:, 0].max() - 0.2 * size].mean(axis=0)
+    top: Floats = highest[np.argmax(highest[:, 0])]
     return top
 
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the whole body: the view in space, envelopes of its stresses."""
+"""Sections of a report on the whole body: the view in space, stresses, mesh."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
 from dolfinx_joints.postprocessing.joint_surface import JointSurface
+from dolfinx_joints.postprocessing.palette import colours
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
     Html,
@@ -25,7 +26,6 @@ from dolfinx_joints.report.page import (
     table,
     text,
 )
-from dolfinx_joints.report.response_sections import largest_moment
 from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.reader import Results
 
@@ -58,6 +58,7 @@ def space(content: Content) -> Section:
         return Section("space", title, [paragraph("The models are plane: no view in space.")])
     if content.reference:
         runs = [run for run in (content.main, content.reference) if run in runs] or runs
+    runs.sort(key=lambda run: run is not content.main)
     scenes = [scene(run) for run in runs]
     content.drawings.scene.extend(scenes)
     options = "".join(
@@ -78,58 +79,46 @@ def space(content: Content) -> Section:
         '<div class="plot" style="height:520px" role="img" aria-label="The deformed body in '
         f'space"></div><figcaption>{text(caption)}</figcaption></figure>'
     )
-    return Section("space", title, [view, *_pictures(content, runs[0])])
+    return Section("space", title, [view])
 
 
-def _pictures(content: Content, run: Run) -> list[Html]:
-    """Mesh and largest deformation of a run, for print."""
-    time, moment = largest_moment(run), "the last record"
-    if run.has("histories", "displacement"):
-        moment = f"the largest displacement of {run.results.point_names[0]} from the static state"
-    drawn = {
-        "mesh": (views.mesh(run.results), f"Finite-element mesh of {run.label}."),
-        "deformed": (
-            views.deformed(run.results, time=time),
-            f"Deformed shape of {run.label} at t = {time:.3f} s, {moment}.",
-        ),
-    }
-    if run.results.joints:
-        drawn["openings"] = (
-            views.joint_map(run.results, "opening", time=time),
-            f"Opening of the joints of {run.label} at t = {time:.3f} s.",
-        )
-    return [_picture(content, name, *each) for name, each in drawn.items()]
-
-
-def _picture(content: Content, name: str, drawn: Any, caption: str) -> Html:
-    path = content.save(name, drawn, dpi=100)
-    return figure([content.drawings.picture(path, caption)], caption)
-
-
-def envelopes(content: Content) -> Section:
-    """Largest stresses over time at the boundary."""
-    title = "Stress envelopes"
+def stresses(content: Content) -> Section:
+    """Largest stresses over time at the boundary, of the main run as pictures."""
+    title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
     if not runs:
-        return nothing("envelopes", title, "stress envelopes")
+        return nothing("stresses", title, "stress envelopes")
     each = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in each)] for name in each[0]]
-    head = ["largest over time and boundary [MPa]", *(run.label for run in runs)]
-    pieces = [table("Extremes of the stresses", head, rows)]
-    for run in content.compared:
-        if run in runs:
-            known = [name for name, value in each[runs.index(run)].items() if value == value]
-            drawn = [_envelope(content, run, name) for name in known]
-            pieces.append(details(f"Envelopes of {run.label}", drawn))
-    return Section("envelopes", title, pieces)
+    head = ["largest and smallest over time and boundary [MPa]", *(run.label for run in runs)]
+    pieces = [table("Extremes of the stresses, tension > 0", head, rows)]
+    run = content.main if content.main in runs else runs[0]
+    known = [name for name, value in each[runs.index(run)].items() if not np.isnan(value)]
+    if not run.plane:
+        shown = [_envelope(content, run, name) for name in known]
+        pieces += shown[:2]
+        if shown[2:]:
+            pieces.append(details("Arch and cantilever stresses", shown[2:]))
+    return Section("stresses", title, pieces)
 
 
 def _envelope(content: Content, run: Run, name: str) -> Html:
-    number = list(content.runs).index(run) + 1
-    caption = f"Envelope {name.replace('_', ', ')} of {run.label}, from upstream and downstream."
-    return _picture(
-        content, f"{name}_{number}", views.envelope(run.results, cast(EnvelopeName, name)), caption
-    )
+    quantity, end = name.split("_")
+    what = {"max": "Largest", "min": "Smallest"}[end]
+    caption = f"{what} {quantity} stress over the run at each point of the boundary, {run.label}."
+    path = content.save(name, views.envelope(run.results, cast(EnvelopeName, name)), dpi=130)
+    return figure([content.drawings.picture(path, caption)], caption, wide=True)
+
+
+def mesh(content: Content) -> Section:
+    """The mesh of the main run and the names of its joints."""
+    run = content.main
+    if run.plane or not {"mesh/nodes", "mesh/surface"} <= set(run.results.statics):
+        return nothing("mesh", "Mesh", "mesh of a body in space")
+    caption = f"Finite-element mesh of {run.label}, with the names of its joints."
+    path = content.save("mesh", views.mesh(run.results), dpi=130)
+    picture = content.drawings.picture(path, caption)
+    return Section("mesh", "Mesh", [figure([picture], caption, wide=True)])
 
 
 def scene(run: Run) -> dict[str, Any]:
@@ -160,7 +149,16 @@ def scene(run: Run) -> dict[str, Any]:
         "largest": 1e3 * float(sizes.max()) or 1.0,
         "widest": 1e3 * float(openings.max()) or 1.0,
         "records": rows,
+        "colours": _colour_scale(),
     }
+
+
+def _colour_scale() -> list[list[Any]]:
+    """Colours of sizes, of the pictures too, as the page's script reads them."""
+    from matplotlib.colors import to_hex
+
+    places = [float(place) for place in np.linspace(0.0, 1.0, 11)]
+    return [[place, to_hex(colours()(place))] for place in places]
 
 
 def _frame(results: Results, used: Integers, number: int) -> dict[str, Any]:

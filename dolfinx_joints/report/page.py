@@ -23,19 +23,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dolfinx_joints.postprocessing.palette import RUNS
+
 Cell = Any  # a number, a text, None, or a piece of HTML
 Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
 
-# The first runs differ in darkness and width as well, for print and colour-blind readers.
-_LINES: tuple[dict[str, Any], ...] = (
-    {"color": "#e69f00", "width": 2.2},
-    {"color": "#08306b", "width": 1.2},
-    {"color": "#009e73", "width": 1.4, "dash": "dash"},
-    {"color": "#b2182b", "width": 1.4, "dash": "dot"},
-    {"color": "#7b3294", "width": 1.4, "dash": "dashdot"},
-    {"color": "#56b4e9", "width": 1.4},
-    {"color": "#8c6d00", "width": 1.4, "dash": "dash"},
-    {"color": "#444444", "width": 1.4, "dash": "dot"},
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"width": 2.2},
+    {"width": 1.2},
+    {"width": 1.4, "dash": "dash"},
+    {"width": 1.4, "dash": "dot"},
+    {"width": 1.4, "dash": "dashdot"},
+    {"width": 1.4},
+    {"width": 1.4, "dash": "dash"},
+    {"width": 1.4, "dash": "dot"},
 )
 _SHOWN = 2  # runs beyond these start hidden
 
@@ -115,6 +116,11 @@ def plain(value: Cell) -> str:
     return str(value)
 
 
+def valued(value: float, where: str) -> Html:
+    """A number, and below it where and when."""
+    return Html(f'{text(value)} <span class="where">{text(where)}</span>')
+
+
 def paragraph(content: Cell, kind: str = "") -> Html:
     """A paragraph."""
     return Html(f"<p{_class(kind)}>{text(content)}</p>")
@@ -131,12 +137,11 @@ def heading(content: Cell) -> Html:
     return Html(f"<h3>{text(content)}</h3>")
 
 
-def figure(pictures: Sequence[Html], caption: str) -> Html:
-    """Pictures side by side above their caption."""
-    return Html(
-        f'<figure><div class="maps">{"".join(pictures)}</div>'
-        f"<figcaption>{text(caption)}</figcaption></figure>"
-    )
+def figure(pictures: Sequence[Html], caption: str, *, wide: bool = False) -> Html:
+    """Pictures side by side above their caption; wide ones scroll where there is little room."""
+    shown = "".join(pictures)
+    kind = _scrolling(caption, "wide") if wide else '<div class="maps">'
+    return Html(f"<figure>{kind}{shown}</div><figcaption>{text(caption)}</figcaption></figure>")
 
 
 def details(title: str, pieces: Sequence[Html], *, opened: bool = False) -> Html:
@@ -159,8 +164,7 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
     )
     body = "".join(_row(row, kinds) for row in rows)
     return Html(
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{text(caption)}"><table>'
-        f"<caption>{text(caption)}</caption>"
+        f"{_scrolling(caption)}<table><caption>{text(caption)}</caption>"
         f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -258,6 +262,12 @@ def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings:
     )
 
 
+def _scrolling(label: str, kind: str = "") -> str:
+    """Start of an element that scrolls where it is too wide; the page's script says so then."""
+    label = text(label)
+    return f'<div class="scroll {kind}" tabindex="0" role="region" aria-label="{label}">'
+
+
 def _row(row: Sequence[Cell], kinds: Sequence[str]) -> str:
     if len(row) == 1:
         span = f'scope="colgroup" class="group" colspan="{len(kinds)}"'
@@ -311,7 +321,7 @@ def _trace(
         "y": floats(np.asarray(y)),
         "xaxis": "x",
         "yaxis": axis,
-        "line": _LINES[place % len(_LINES)],
+        "line": {"color": RUNS[place % len(RUNS)], **_STYLES[place % len(_STYLES)]},
         "hovertemplate": "%{y:.4g}",
     }
 

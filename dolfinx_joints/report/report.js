@@ -109,7 +109,7 @@ class Scene {
     });
     const body = {
       type: "mesh3d", x, y, z, i: run.triangles.i, j: run.triangles.j, k: run.triangles.k,
-      intensity: size, cmin: 0, cmax: run.largest, colorscale: [[0, "#efece4"], [0.5, "#6baed6"], [1, "#08306b"]],
+      intensity: size, cmin: 0, cmax: run.largest, colorscale: run.colours,
       showscale: !through, colorbar: bar("displacement [mm]"), opacity: through ? 0.12 : 1,
       flatshading: true, hovertemplate: "%{intensity:.4g} mm<extra></extra>",
       lighting: { ambient: 0.65, diffuse: 0.6, specular: 0.05 },
@@ -122,7 +122,7 @@ class Scene {
       type: "mesh3d", x, y, z, i: run.joints.i, j: run.joints.j, k: run.joints.k,
       intensity: Array.from(run.joints.cells, (cell) => frame.opening[cell]),
       intensitymode: "cell", cmin: 0, cmax: run.widest, visible: through,
-      colorscale: [[0, "#d9d9d9"], [0.02, "#fdd49e"], [0.5, "#ef6548"], [1, "#7f0000"]],
+      colorscale: run.colours,
       showscale: true, colorbar: bar("joint opening [mm]"), flatshading: true,
       hovertemplate: "%{intensity:.4g} mm<extra></extra>", lighting: { ambient: 1, diffuse: 0 },
     };
@@ -136,7 +136,7 @@ class Scene {
     const layout = {
       margin: { l: 0, r: 0, t: 0, b: 70 }, uirevision: "kept", paper_bgcolor: "#fff",
       scene: {
-        xaxis: axis("x [m]"), yaxis: axis("y [m]"), zaxis: axis("z [m]"), aspectmode: "data",
+        xaxis: axis("x [m], downstream"), yaxis: axis("y [m], left bank"), zaxis: axis("z [m]"), aspectmode: "data",
         camera: { eye: { x: 1.7 * far, y: -0.9 * far, z: 0.8 * far }, center },
       },
     };
@@ -148,7 +148,23 @@ class Scene {
   }
 }
 
+/** What is wider than the page scrolls within itself, and says so. */
+function sayWhatScrolls() {
+  const look = new ResizeObserver((entries) => {
+    for (const { target } of entries) {
+      target.classList.toggle("hides", target.scrollWidth > target.clientWidth + 1);
+    }
+  });
+  document.querySelectorAll(".scroll").forEach((element) => look.observe(element));
+}
+
+/** On paper nothing can be opened. */
+window.addEventListener("beforeprint", () => {
+  document.querySelectorAll("details").forEach((element) => { element.open = true; });
+});
+
 async function drawReport() {
+  sayWhatScrolls();
   const data = JSON.parse(document.getElementById("data").textContent, revive);
   const wanted = Object.keys(data.plots).length + data.scene.length;
   if (wanted) {

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the response: displacements of points, response spectra, joints."""
+"""Sections of a report on the earthquake: displacements of points, accelerations, spectra."""
 
 from __future__ import annotations
 
@@ -23,18 +23,14 @@ from dolfinx_joints.postprocessing.frames import (
     ground_motion,
     ground_name,
     has_ground_motion,
-    reference_displacement,
 )
 from dolfinx_joints.report.page import (
     Curve,
     Html,
     Section,
     details,
-    figure,
-    heading,
     panels,
     paragraph,
-    plain,
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, components, nothing
@@ -44,12 +40,14 @@ FREQUENCIES = 15.0  # end of the frequency axes [Hz]
 PERIODS = np.geomspace(0.03, 3.0, 80)
 SPECTRUM_DAMPING = 0.05
 
+_DISPLACEMENTS = "Earthquake: displacements"
+
 
 def displacements(content: Content) -> Section:
     """Histories and Fourier amplitudes of each point, with their peaks."""
     runs = [run for run in content.runs if run.moves]
     if not runs:
-        return nothing("displacements", "Displacements", "histories of two records or more")
+        return nothing("displacements", _DISPLACEMENTS, "histories of two records or more")
     pieces = [
         paragraph(
             f"Displacements are {_frames(runs)} and counted from the static state, the "
@@ -85,14 +83,14 @@ def displacements(content: Content) -> Section:
             pictures = _pictures(content, kind, name, number)
             plotted.append(content.drawings.plot(f"{kind}-{number + 1}", spec, caption, pictures))
         pieces.append(details(f"Plots of {name}", plotted, opened=number == 0))
-    return Section("displacements", "Displacements", pieces)
+    return Section("displacements", _DISPLACEMENTS, pieces)
 
 
 def response_spectra(content: Content) -> Section:
     """Absolute accelerations and response spectra of points and ground."""
     runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
-    title = "Accelerations and response spectra"
+    title = "Earthquake: accelerations and response spectra"
     if not runs:
         return nothing("accelerations", title, "accelerations")
     rows: list[list[Any]] = []
@@ -125,123 +123,6 @@ def response_spectra(content: Content) -> Section:
     rows = [[*row, *[None] * (len(head) - len(row))] for row in rows]
     pieces.insert(0, table("Largest absolute accelerations", head, rows))
     return Section("accelerations", title, pieces)
-
-
-def joints(content: Content) -> Section:
-    """Table of the joints' measures and maps of their tractions."""
-    runs = [run for run in content.runs if run.results.joints and run.has("states")]
-    if not runs:
-        return nothing("joints", "Joints", "joints with recorded states")
-    pieces: list[Html] = []
-    head = ["joint", *(title for title, _, _ in _JOINT_COLUMNS)]
-    for run in runs:
-        rows = [
-            [name, *(factor * found[key] for _, factor, key in _JOINT_COLUMNS)]
-            for name, found in measures.joint_measures(run.results).items()
-        ]
-        pieces.append(table(f"Joints of {run.label}", head, rows))
-    pieces.append(
-        paragraph(
-            "Opening is the positive part of the normal gap. Slip is the tangential displacement "
-            "of the two sides against each other from the static state, whether they touch or "
-            "not. Residual values are what the last second's mean adds to the static state. "
-            "Shares are of area and time.",
-            "note",
-        )
-    )
-    run = content.main if content.main in runs else runs[0]
-    pieces += _maps(content, run)
-    return Section("joints", "Joints", pieces)
-
-
-# Title, factor and name of each measure of a joint.
-_JOINT_COLUMNS = (
-    ("static opening [mm]", 1e3, "opening_static"),
-    ("largest opening [mm]", 1e3, "opening_max"),
-    ("residual opening [mm]", 1e3, "opening_residual"),
-    ("widest at [s]", 1.0, "opening_time"),
-    ("largest slip [mm]", 1e3, "slip_max"),
-    ("residual slip [mm]", 1e3, "slip_residual"),
-    ("largest slip at [s]", 1.0, "slip_time"),
-    ("open [%]", 100.0, "share_open"),
-    ("sliding [%]", 100.0, "share_sliding"),
-    ("largest pressure [MPa]", 1e-6, "pressure_max"),
-)
-
-
-def _maps(content: Content, run: Run) -> list[Html]:
-    """Maps of the tractions on all joints at the largest displacement of the first point."""
-    if run.plane:
-        return [paragraph("The model is plane: its joints are lines, of which no maps are drawn.")]
-    time = largest_moment(run)
-    pieces = [heading(f"Tractions of {run.label} at t = {time:.3f} s")]
-    pieces.append(
-        paragraph(
-            "The moment of the largest recorded displacement of the first point. Compression is "
-            "negative; open areas are black.",
-            "note",
-        )
-    )
-    for number, joint in enumerate(run.results.joints):
-        pictures = []
-        for quantity in ("normal", "tangential", "ratio"):
-            drawn = plots.joint_traction(run.results, joint, quantity, time=time)
-            path = content.save(f"joint_{number + 1}_{quantity}", drawn, dpi=80)
-            alt = f"Map of the {quantity} traction on {joint}, with open areas black"
-            if quantity == "ratio":
-                alt = f"Map of the ratio of shear to normal traction on {joint}"
-            pictures.append(content.drawings.picture(path, alt))
-        shown = figure(
-            pictures, f"{joint}: normal and tangential traction, and their ratio with its sign."
-        )
-        pieces.append(details(joint, [shown]))
-    return pieces
-
-
-def largest_moment(run: Run) -> float:
-    """Time of the state nearest to the largest displacement of the first point [s]."""
-    moments = run.results.time("states")
-    if not run.has("histories", "displacement"):
-        return float(moments[-1])
-    u = _moved(run)[:, 0]
-    largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
-    time = float(run.results.time("histories")[largest])
-    return float(moments[run.results.nearest("states", time)])
-
-
-def largest_displacement(run: Run) -> str | None:
-    """Text on the largest displacement of a monitor point."""
-    if not run.has("histories", "displacement"):
-        return None
-    u = _moved(run)
-    size = np.linalg.norm(u - u[:1], axis=2)
-    row, point = np.unravel_index(int(np.argmax(size)), size.shape)
-    time = float(run.results.time("histories")[row])
-    name = run.results.point_names[int(point)]
-    frame = "" if run.results.relative else f", {frame_name(run.results, run.relative_to)}"
-    return f"{plain(1e3 * float(size[row, point]))} mm at {name}, t = {plain(time)} s{frame}"
-
-
-def _moved(run: Run) -> Floats:
-    """Displacements of the monitor points as the report shows them, (records, points, 3), [m]."""
-    u = run.results.series("histories", "displacement")
-    moved: Floats = u - reference_displacement(run.results, run.relative_to)[:, None]
-    return moved
-
-
-def widest_opening(run: Run) -> str | None:
-    """Text on the largest opening of a joint."""
-    if not run.results.joints:
-        return "has no joints"
-    if not run.has("states"):
-        return None
-    found = measures.joint_measures(run.results)
-    name = max(found, key=lambda joint: found[joint]["opening_max"])
-    most = found[name]
-    return (
-        f"{plain(1e3 * most['opening_max'])} mm on {name}, t = {plain(most['opening_time'])} s, "
-        f"and a slip of up to {plain(1e3 * max(m['slip_max'] for m in found.values()))} mm"
-    )
 
 
 def _points(runs: Iterable[Run]) -> list[str]:

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.postprocessing.frames import usual_reference
+from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.arguments import Component
 from dolfinx_joints.results.reader import Results
@@ -118,12 +120,25 @@ def components(runs: Iterable[Run]) -> list[Component]:
 
 
 def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
-    """Of two runs the one without joints and the one with; None and the first run of others."""
+    """Of two runs the one without joints and the one with; of others None and the first with."""
     with_joints = [run for run in runs if run.results.joints]
     if len(runs) == 2 and len(with_joints) == 1:
         (main,) = with_joints
         return next(run for run in runs if run is not main), main
-    return None, runs[0]
+    return None, (with_joints or list(runs))[0]
+
+
+def largest_moment(run: Run) -> tuple[float, str]:
+    """Time of the state nearest to the largest displacement of the first point [s], in words."""
+    moments = run.results.time("states")
+    if not run.has("histories", "displacement"):
+        return float(moments[-1]), "the last record"
+    u = run.results.series("histories", "displacement")[:, 0]
+    u = u - reference_displacement(run.results, run.relative_to)
+    largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
+    time = float(run.results.time("histories")[largest])
+    words = f"the largest displacement of {run.results.point_names[0]} from the static state"
+    return float(moments[run.results.nearest("states", time)]), words
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import damage_reported
-from dolfinx_joints.report import sections
+from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
 
@@ -60,7 +60,7 @@ def write(
         drawings = Drawings(picture_folder(target))
         content = Content(ordered, drawings, main, reference)
         shown = sections.ordered(content, added, of_body=with_3d)
-        top = [*sections.alerts(runs), *sections.summary(content, added.note)]
+        top = opening.opening(content, added.note, of_body=with_3d)
         html = page(_title(runs), top, shown, drawings)
         partial = target.with_name(f"{target.name}.partial")
         partial.write_text(html, encoding="utf-8")

@@ -1,0 +1,121 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Largest values of a run with their times and places, from its results file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.postprocessing.envelopes import EnvelopeName
+from dolfinx_joints.postprocessing.measures import (
+    acceleration_history,
+    displacement_history,
+    joint_history,
+)
+from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.results.arguments import COMPONENTS
+from dolfinx_joints.results.reader import Results
+
+Floats = NDArray[np.floating[Any]]
+
+_AS_HIGH = 0.01  # of the height of all monitor points: lower points are not on the crest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peak:
+    """A largest value.
+
+    Attributes:
+        value: In SI units, with its sign.
+        time: When, NaN where that is not known [s].
+        name: Of the monitor point and its component, such as ``crest x``; of others empty.
+        place: Coordinates, shape (3,), NaN where it belongs to no point [m].
+    """
+
+    value: float
+    time: float = np.nan
+    name: str = ""
+    place: Floats = field(default_factory=lambda: np.full(3, np.nan))
+
+
+def crest_points(results: Results) -> list[str]:
+    """Names of the highest monitor points: within 1 % of the height from the lowest of them up."""
+    if "histories/points" not in results.statics or not results.point_names:
+        return []
+    points = results.static("histories/points")
+    height = points[:, 2 if np.ptp(points[:, 2]) > 0.0 else 1]
+    high = height >= height.max() - _AS_HIGH * np.ptp(height)
+    return [name for name, is_high in zip(results.point_names, high, strict=True) if is_high]
+
+
+def displacement_peak(
+    results: Results, points: Sequence[str], relative_to: str | None = None
+) -> Peak:
+    """Largest component of the displacement of points, as `displacement_history` has it [m]."""
+    history = partial(displacement_history, relative_to=relative_to)
+    return _largest(results, points, history)
+
+
+def acceleration_peak(results: Results, points: Sequence[str]) -> Peak:
+    """Largest component of the absolute acceleration of points [m/s^2]."""
+    return _largest(results, points, acceleration_history)
+
+
+def joint_peaks(results: Results, joint: str) -> dict[str, Peak]:
+    """Largest ``opening`` and ``slip`` of a joint over the states [m], smallest ``safety`` [-].
+
+    The safety is that of `joint_resultants`, its value NaN where none is known.
+    """
+    time, *values = joint_history(results, joint)
+    places = results.static(f"joints/{joint}/points")
+    found = {}
+    for name, of_points in zip(("opening", "slip"), values, strict=True):
+        row, point = np.unravel_index(int(np.argmax(of_points)), of_points.shape)
+        value = float(of_points[row, point])
+        found[name] = Peak(value=value, time=float(time[row]), place=places[point])
+    forces = joint_resultants(results, joint)
+    assert forces.time is not None
+    safety = np.where(np.isnan(forces.sliding_safety), np.inf, forces.sliding_safety)
+    least = int(np.argmin(safety))
+    known = bool(np.isfinite(safety[least]))
+    found["safety"] = (
+        Peak(value=float(safety[least]), time=float(forces.time[least]))
+        if known
+        else Peak(value=np.nan)
+    )
+    return found
+
+
+def stress_peak(results: Results, name: EnvelopeName) -> Peak:
+    """Largest (``.._max``) or smallest of an envelope, at any time [Pa]; NaN without one."""
+    if name not in results.streams.get("envelopes", []) or not results.rows("envelopes"):
+        return Peak(value=np.nan)
+    values = results.series("envelopes", name, -1)
+    if np.isnan(values).all():
+        return Peak(value=np.nan)
+    at = int(np.nanargmax(values) if name.endswith("max") else np.nanargmin(values))
+    place = results.static("mesh/nodes")[results.static("envelopes/nodes")[at]]
+    return Peak(value=float(values[at]), place=place)
+
+
+def _largest(
+    results: Results, points: Sequence[str], history: Callable[..., tuple[Floats, Floats]]
+) -> Peak:
+    """The largest of all components of points."""
+    best = Peak(value=np.nan)
+    places = results.static("histories/points")
+    for point in points:
+        for component in COMPONENTS:
+            time, values = history(results, point, component)
+            if values.size and not abs(values).max() <= abs(best.value):
+                at = int(np.argmax(np.abs(values)))
+                place = places[results.point_index(point)]
+                value, when = float(values[at]), float(time[at])
+                best = Peak(value=value, time=when, name=f"{point} {component}", place=place)
+    return best

@@ -1,0 +1,116 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Section of a report on the joints: measures, histories, maps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.report.page import (
+    Curve,
+    Html,
+    Section,
+    details,
+    figure,
+    panels,
+    paragraph,
+    table,
+)
+from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
+
+# Title, factor and name of each measure of a joint.
+_COLUMNS = (
+    ("static opening [mm]", 1e3, "opening_static"),
+    ("largest opening [mm]", 1e3, "opening_max"),
+    ("residual opening [mm]", 1e3, "opening_residual"),
+    ("widest at [s]", 1.0, "opening_time"),
+    ("largest slip [mm]", 1e3, "slip_max"),
+    ("residual slip [mm]", 1e3, "slip_residual"),
+    ("largest slip at [s]", 1.0, "slip_time"),
+    ("open [%]", 100.0, "share_open"),
+    ("sliding [%]", 100.0, "share_sliding"),
+    ("largest pressure [MPa]", 1e-6, "pressure_max"),
+)
+_SAFEST = 5.0  # end of the axis of safeties
+
+
+def joints(content: Content) -> Section:
+    """Table of the joints' measures, their histories, and maps with a panel for each."""
+    runs = [run for run in content.runs if run.results.joints and run.has("states")]
+    if not runs:
+        return nothing("joints", "Joints", "joints with recorded states")
+    pieces: list[Html] = []
+    head = ["joint", *(title for title, _, _ in _COLUMNS)]
+    for run in runs:
+        rows = [
+            [name, *(factor * found[key] for _, factor, key in _COLUMNS)]
+            for name, found in measures.joint_measures(run.results).items()
+        ]
+        pieces.append(table(f"Motion of the joints ({run.label})", head, rows))
+    pieces.append(
+        paragraph(
+            "Residual values are what the last second's mean adds to the static state. Shares are "
+            "of area and time.",
+            "note",
+        )
+    )
+    run = content.main if content.main in runs else runs[0]
+    pieces.append(_histories(content, run))
+    return Section("joints", "Joints", pieces + _maps(content, run))
+
+
+def _histories(content: Content, run: Run) -> Html:
+    """Largest opening and slip and the safety of each joint over time."""
+    curves: list[list[Curve]] = [[], [], []]
+    for joint in run.results.joints:
+        time, opening, slip = measures.joint_history(run.results, joint)
+        curves[0].append((joint, time, 1e3 * opening.max(axis=1)))
+        curves[1].append((joint, time, 1e3 * slip.max(axis=1)))
+        forces = joint_resultants(run.results, joint)
+        assert forces.time is not None
+        safety = forces.sliding_safety
+        curves[2].append((joint, forces.time, np.where(np.isinf(safety), np.nan, safety)))
+    titles = ["opening [mm]", "slip [mm]", "safety [-]"]
+    spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
+    spec["layout"]["yaxis3"]["range"] = [0.0, _SAFEST]
+    caption = (
+        f"Largest opening and slip among the points of each joint of {run.label}, and its safety "
+        f"against sliding up to {_SAFEST:g}."
+    )
+    return content.drawings.plot("joint-histories", spec, caption)
+
+
+def _maps(content: Content, run: Run) -> list[Html]:
+    """Maps of all joints: pressure in the static state and in the earthquake, opening, slip."""
+    if run.plane:
+        return [paragraph("The model is plane: its joints are lines, of which no maps are drawn.")]
+    found = measures.joint_measures(run.results)
+    widest, farthest = (
+        max((f[f"{name}_max"], f[f"{name}_time"]) for f in found.values())[1]
+        for name in ("opening", "slip")
+    )
+    time, moment = largest_moment(run)
+    start = float(run.results.time("states")[0])
+    drawn: list[tuple[str, Any, float, str]] = [
+        ("static", "normal", start, "Normal traction in the static state"),
+        ("normal", "normal", time, f"Normal traction at {moment}"),
+        ("opening", "opening", widest, "Opening when a joint is widest"),
+        ("slip", "slip", farthest, "Tangential gap at the largest slip"),
+        ("tangential", "tangential", time, f"Tangential traction at {moment}"),
+        ("state", "state", time, f"State of the points at {moment}"),
+    ]
+    if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
+        drawn.pop()
+    shown = [_map(content, run, *each) for each in drawn]
+    return [*shown[:3], details("Further maps", shown[3:])]
+
+
+def _map(content: Content, run: Run, name: str, quantity: Any, time: float, words: str) -> Html:
+    picture = plots.joint_maps(run.results, quantity, time=time)
+    caption = f"{words}, {run.label} at t = {time:.3f} s."
+    path = content.save(f"joints_{name}", picture, dpi=100)
+    return figure([content.drawings.picture(path, caption)], caption, wide=True)

@@ -1,0 +1,191 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a report opens with: the dam, the numbers that matter, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dolfinx_joints.common.constants import (
+    LARGE_ENERGY_ERROR,
+    LARGE_LOCAL_ERROR,
+    STANDARD_GRAVITY,
+)
+from dolfinx_joints.postprocessing import peaks, views
+from dolfinx_joints.postprocessing.frames import frame_name
+from dolfinx_joints.postprocessing.peaks import Peak
+from dolfinx_joints.report.page import (
+    Cell,
+    Html,
+    bullets,
+    figure,
+    heading,
+    paragraph,
+    plain,
+    table,
+    valued,
+)
+from dolfinx_joints.report.runs import Content, Run, largest_moment
+
+UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
+
+JOINT_NOTE = (
+    "Opening is the positive part of the normal gap. Slip is the tangential displacement of the "
+    "two sides against each other from the static state. Safety is that of the whole joint "
+    "against sliding, friction and bond over shear force; a dash where it is not defined. Places "
+    "are x (downstream), y (left bank) and z (up)."
+)
+
+
+def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
+    """Alerts, the jointed dam, tables of what matters, warnings, in this order."""
+    runs = content.compared
+    pieces = alerts(content.runs)
+    pieces.append(paragraph(f"{_runs(content)} {note}".rstrip(), "note"))
+    if of_body:
+        pieces += _dam(content)
+    rows = [[title, *(of(run) for run in runs)] for title, of in _ROWS]
+    rows = [row for row in rows if any(cell is not None for cell in row[1:])]
+    if rows:
+        pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
+    pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
+    if any(run.results.joints for run in runs):
+        pieces.append(paragraph(JOINT_NOTE, "note"))
+    found = [sentence for run in content.runs for sentence in doubts(run)]
+    pieces.append(heading("Warnings"))
+    pieces.append(bullets(found or ["None."]))
+    pieces.append(paragraph(_BOUNDS, "note"))
+    return [Html(f'<div class="opening">{"".join(pieces)}</div>')]
+
+
+_BOUNDS = (
+    f"A run is doubtful where its energy error is above {LARGE_ENERGY_ERROR:.0%} of the largest "
+    f"energy or the local error of one step above {LARGE_LOCAL_ERROR:.0%} of the largest "
+    "displacement, and where it did not reach its end."
+)
+
+
+def alerts(runs: Sequence[Run]) -> list[Html]:
+    """Runs that did not reach their end, above everything else."""
+    unfinished = [paragraph(ending(run)) for run in runs if not run.results.complete]
+    return (
+        [Html(f'<div class="alert" role="alert">{"".join(unfinished)}</div>')] if unfinished else []
+    )
+
+
+def doubts(run: Run) -> list[str]:
+    """Sentences on the doubts about a run."""
+    found = [] if run.results.complete else [ending(run)]
+    summary = run.results.summary
+    energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))
+    if energy > LARGE_ENERGY_ERROR:
+        found.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
+    if local > LARGE_LOCAL_ERROR:
+        found.append(f"{run.label}: a step errs by {local:.2%} of the largest displacement.")
+    recorded = summary.get("warnings", [])
+    return found + [f"{run.label}: {text}" for text in recorded]
+
+
+def ending(run: Run) -> str:
+    """How a run that is not complete ended."""
+    steps = run.results.metadata.get("steps")
+    done = f"at t = {run.end:.4g} s"
+    if steps is not None and run.has("histories"):
+        done += f", after {run.results.rows('histories') - 1} of {steps} steps"
+    words = {
+        "running": f"still runs, or was killed; its last record is {done}",
+        "stopped": f"was stopped {done}",
+        "failed": f"failed {done}",
+    }
+    reason = run.results.summary.get("error")
+    return f"{run.label} {words[run.results.status]}{f' ({reason})' if reason else ''}."
+
+
+def _runs(content: Content) -> str:
+    """Sentences on the runs."""
+    others = len(content.runs) - len(content.compared)
+    further = f" and {others} further run{'s' if others > 1 else ''}" if others else ""
+    each = ", ".join(f"{run.label} ({plain(run.end)} s)" for run in content.compared)
+    shown = f" Pictures show {content.main.label}." if len(content.runs) > 1 else ""
+    return f"Runs: {each}{further}.{shown}"
+
+
+def _dam(content: Content) -> list[Html]:
+    """The deformed dam at its largest displacement, from upstream and downstream."""
+    run = content.main
+    needed = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
+    if not needed or run.plane or not run.has("states", "displacement"):
+        return []
+    time, moment = largest_moment(run)
+    drawn = views.deformed(run.results, time=time, azimuths_deg=(UPSTREAM, DOWNSTREAM))
+    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red."
+    path = content.save("dam", drawn, dpi=140)
+    return [figure([content.drawings.picture(path, caption)], caption, wide=True)]
+
+
+def _crest_displacement(run: Run) -> Cell:
+    """Largest displacement of the highest monitor points."""
+    points = peaks.crest_points(run.results)
+    if not points or not run.moves:
+        return None
+    peak = peaks.displacement_peak(run.results, points, run.relative_to)
+    frame = "" if run.results.relative else f", {frame_name(run.results, run.relative_to)}"
+    return valued(1e3 * peak.value, f"{peak.name}, {plain(peak.time)} s{frame}")
+
+
+def _crest_acceleration(run: Run) -> Cell:
+    """Largest absolute acceleration of the highest monitor points."""
+    points = peaks.crest_points(run.results)
+    needed = ["acceleration"] + ["ground_acceleration"] * run.results.relative
+    if not points or not run.moves or not run.has("histories", *needed):
+        return None
+    peak = peaks.acceleration_peak(run.results, points)
+    share = plain(abs(peak.value) / STANDARD_GRAVITY)
+    return valued(peak.value, f"{peak.name}, {plain(peak.time)} s, {share} g")
+
+
+def _stress(name: str) -> Callable[[Run], Cell]:
+    """Cell of the extreme of an envelope."""
+
+    def cell(run: Run) -> Cell:
+        peak = peaks.stress_peak(run.results, name)  # type: ignore[arg-type]
+        return None if np.isnan(peak.value) else valued(1e-6 * peak.value, f"at {place(peak)}")
+
+    return cell
+
+
+def _energy_error(run: Run) -> Cell:
+    value = run.results.summary.get("energy_error")
+    return None if value is None else valued(float(value), "of the largest energy")
+
+
+_ROWS: tuple[tuple[str, Callable[[Run], Cell]], ...] = (
+    ("crest displacement from the static state [mm]", _crest_displacement),
+    ("crest acceleration, absolute [m/s²]", _crest_acceleration),
+    ("largest tension [MPa]", _stress("principal_max")),
+    ("largest compression [MPa]", _stress("principal_min")),
+    ("energy error", _energy_error),
+)
+
+
+def _joints(run: Run) -> Html:
+    """Table of the largest opening and slip and the smallest safety of each joint."""
+    rows: list[list[Cell]] = []
+    for joint in run.results.joints:
+        found = peaks.joint_peaks(run.results, joint)
+        moved = [
+            valued(1e3 * found[name].value, f"{plain(found[name].time)} s at {place(found[name])}")
+            for name in ("opening", "slip")
+        ]
+        safety = found["safety"]
+        least = None if np.isnan(safety.value) else valued(safety.value, f"{plain(safety.time)} s")
+        rows.append([joint, *moved, least])
+    head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety"]
+    return table(f"Joints ({run.label})", head, rows)
+
+
+def place(peak: Peak) -> str:
+    """Coordinates as text."""
+    return f"({', '.join(plain(round(float(x), 1) + 0.0) for x in peak.place)}) m"

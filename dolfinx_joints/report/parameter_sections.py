@@ -1,0 +1,172 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Section of a report on what entered the runs, as tables: materials, laws, loads, steps, mesh."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dolfinx_joints.report.page import Cell, Html, Section, table
+from dolfinx_joints.report.runs import Content, Run
+
+Named = tuple[str, dict[str, Any]]  # what it is, and its parameters
+Groups = dict[str, dict[str, Any]]  # values by heading and parameter
+
+# Title and factor of parameters that have a unit.
+_UNITS = {
+    "young": ("Young's modulus [GPa]", 1e-9),
+    "poisson": ("Poisson's ratio", 1.0),
+    "density": ("density [kg/m³]", 1.0),
+    "normal_stiffness": ("normal stiffness k_n [GPa/m]", 1e-9),
+    "shear_stiffness": ("shear stiffness k_s [GPa/m]", 1e-9),
+    "friction_angle_deg": ("friction angle [°]", 1.0),
+    "dilatancy_angle_deg": ("dilatancy angle [°]", 1.0),
+    "cohesion": ("cohesion [MPa]", 1e-6),
+    "tensile_strength": ("tensile strength [MPa]", 1e-6),
+    "level": ("level [m]", 1.0),
+    "depth": ("depth [m]", 1.0),
+    "gravity": ("gravity [m/s²]", 1.0),
+    "mass_factor": ("factor on the mass [1/s]", 1.0),
+    "stiffness_factor": ("factor on the stiffness [s]", 1.0),
+    "time step": ("time step [s]", 1.0),
+    "time_step": ("time step [s]", 1.0),
+    "size": ("cell size [m]", 1.0),
+    "order": ("degree of the elements", 1.0),
+    "active_height": ("joints active below this share of the height", 1.0),
+    "shear_ratio": ("k_s / k_n", 1.0),
+    "gap": ("initial gap [m]", 1.0),
+    "scale": ("factor on the motion", 1.0),
+    "displacements": ("displacements in the file", 1.0),
+    "rotate": ("turn of the horizontal axes [°]", 1.0),
+}
+_MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
+_ELSEWHERE = {"point_names", "units", "laws", "manifest", *_MESH}
+
+
+def parameters(content: Content) -> Section:
+    """Materials, laws, loads, steps, mesh, facts and programs, one column for each run."""
+    runs = content.runs
+    made = [run.results.metadata.get("manifest") or {} for run in runs]
+    tables = {
+        "Materials": [_objects(m.get("material", {}).items()) for m in made],
+        "Laws of the joints": [_objects(_shared(m.get("joint_laws", {}))) for m in made],
+        "Loads": [_objects(_numbered(m.get("loads", []))) for m in made],
+        "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
+        "Damping": [_objects([("", m.get("damping"))]) for m in made],
+        "Steps and solver": [_objects(m.get("settings", {}).items()) for m in made],
+        "Facts of the run": [{"": _facts(run)} for run in runs],
+        "Mesh": [{"": _mesh(run)} for run in runs],
+        "Programs and machine": [{"": _programs(m)} for m in made],
+    }
+    head = ["", *(run.label for run in runs)]
+    pieces = [_table(title, head, groups) for title, groups in tables.items()]
+    return Section("parameters", "Parameters", [piece for piece in pieces if piece])
+
+
+def parsed(text: Any) -> Named:
+    """Class and parameters of an object as Python shows it; other values have no parameters."""
+    try:
+        call = ast.parse(re.sub(r"<([^<>]*)>", r"'\1'", str(text)), mode="eval").body
+    except (SyntaxError, ValueError):
+        return str(text), {}
+    if not isinstance(call, ast.Call):
+        return str(text), {}
+    values = {word.arg: _value(word.value) for word in call.keywords if word.arg}
+    values |= {f"argument {i}": _value(node) for i, node in enumerate(call.args, 1)}
+    return ast.unparse(call.func), values
+
+
+def _value(node: ast.expr) -> Any:
+    """Number or text of a parameter."""
+    try:
+        found = ast.literal_eval(node)
+    except (ValueError, TypeError):
+        return ast.unparse(node)
+    return found if isinstance(found, int | float | str | None) else ast.unparse(node)
+
+
+def _objects(named: Iterable[tuple[str, Any]]) -> Groups:
+    """Parameters by heading; what has none is a parameter itself."""
+    found: Groups = {}
+    for name, value in named:
+        if isinstance(value, str):
+            kind, values = parsed(value)
+            given = {k: v for k, v in values.items() if v is not None}
+            if given:
+                found.setdefault(f"{name}: {kind}" if name else kind, {}).update(given)
+            else:
+                found.setdefault("", {})[name or kind] = kind if name else "yes"
+        elif value is not None:
+            found.setdefault("", {})[name] = value
+    return found
+
+
+def _shared(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Laws by the joints that have them."""
+    joints: dict[str, list[str]] = {}
+    for joint, law in laws.items():
+        joints.setdefault(str(law), []).append(joint)
+    return [(", ".join(names), law) for law, names in joints.items()]
+
+
+def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
+    """Things by a number where several are of a kind."""
+    listed = list(things)
+    kinds = [parsed(thing)[0] for thing in listed]
+    numbers = [str(kinds[: i + 1].count(kind)) for i, kind in enumerate(kinds)]
+    return [
+        (number if kinds.count(kind) > 1 else "", thing)
+        for number, kind, thing in zip(numbers, kinds, listed, strict=True)
+    ]
+
+
+def _facts(run: Run) -> dict[str, Any]:
+    return {k: v for k, v in run.results.metadata.items() if k not in _ELSEWHERE}
+
+
+def _mesh(run: Run) -> dict[str, Any]:
+    facts, statics = run.results.metadata, run.results.statics
+    found = {title: facts.get(key) for key, title in _MESH.items()}
+    for title, name in (("nodes in the file", "mesh/nodes"), ("boundary facets", "mesh/surface")):
+        found[title] = len(run.results.static(name)) if name in statics else None
+    return found | {"joints": len(run.results.joints)}
+
+
+def _programs(made: Mapping[str, Any]) -> dict[str, Any]:
+    found = dict(made.get("versions", {}))
+    found |= {key: made[key] for key in ("system", "host") if key in made}
+    if "command" in made:
+        found["command"] = " ".join(map(str, made["command"]))
+    return found | made.get("petsc_options", {})
+
+
+def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
+    """A table of the values of all runs, None without any."""
+    rows: list[list[Cell]] = []
+    for heading in dict.fromkeys(h for run in groups for h in run):
+        names = dict.fromkeys(n for run in groups for n in run.get(heading, {}))
+        values = [[name, *(run.get(heading, {}).get(name) for run in groups)] for name in names]
+        known = [_in_unit(row) for row in values if any(cell is not None for cell in row[1:])]
+        if known:
+            rows += [[heading]] * bool(heading) + known
+    return table(title, head, rows) if rows else None
+
+
+def _in_unit(row: list[Any]) -> list[Cell]:
+    """A row of a parameter with its title, in the unit named there."""
+    title, factor = _UNITS.get(row[0], (str(row[0]).replace("_", " "), 1.0))
+    scaled = [
+        cell * factor if factor != 1.0 and isinstance(cell, int | float) else cell
+        for cell in row[1:]
+    ]
+    return [title, *(_plain(cell) for cell in scaled)]
+
+
+def _plain(cell: Any) -> Cell:
+    """A number or a text; anything else as text."""
+    if isinstance(cell, int | float | str | None):
+        return cell
+    return ", ".join(map(str, cell)) if isinstance(cell, list | tuple) else str(cell)

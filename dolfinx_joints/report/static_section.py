@@ -1,0 +1,111 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Section of a report on the static stages: displacements, joints, stresses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
+from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.report.page import Cell, Html, Section, paragraph, table
+from dolfinx_joints.report.runs import Content, Run, nothing
+
+# Title, factor and name of what is shown of a joint.
+_OF_JOINT = (
+    ("largest opening [mm]", 1e3, "opening_max"),
+    ("largest tangential gap [mm]", 1e3, "slip_max"),
+    ("normal force [MN], pressure > 0", 1e-6, "normal_force"),
+    ("shear force [MN]", 1e-6, "shear_force"),
+    ("safety against sliding", 1.0, "sliding_safety"),
+    ("area under pressure [%]", 100.0, "contact"),
+    ("largest pressure [MPa]", 1e-6, "pressure_max"),
+    ("force of water in it [MN]", 1e-6, "water_force"),
+)
+
+
+def statics(content: Content) -> Section:
+    """Tables of the static stages of the compared runs, a column for each stage."""
+    title = "Statics"
+    each = [(run, stages(run)) for run in content.compared]
+    pieces: list[Html] = []
+    for run, found in each:
+        pieces += _tables(run, found) if found else []
+    if not pieces:
+        return nothing("statics", title, "static state")
+    note = (
+        "Displacements are counted from the unloaded body. Files without named stages show the "
+        "state that the earthquake starts from."
+    )
+    return Section("statics", title, [paragraph(note, "note"), *pieces])
+
+
+def stages(run: Run) -> list[StaticStage]:
+    """The static stages of a run or, of files without any, the first record."""
+    found = measures.static_stages(run.results)
+    if found or not run.has("histories", "displacement"):
+        return found
+    moved = run.results.series("histories", "displacement", 0)
+    names = run.results.point_names
+    joints = run.results.joints if run.has("states") else []
+    return [
+        StaticStage(
+            name="static state",
+            load_time=float(run.results.time("histories")[0]),
+            displacement=dict(zip(names, moved, strict=True)),
+            reaction={},
+            joints={joint: _first(run, joint) for joint in joints},
+            stresses={},
+        )
+    ]
+
+
+def _first(run: Run, joint: str) -> StageJoint:
+    """A joint at the first record."""
+    gap = run.results.series("states", f"joints/{joint}/gap", 0)
+    traction = run.results.series("states", f"joints/{joint}/traction", 0)
+    forces = joint_resultants(run.results, joint)
+    water = 0.0
+    if forces.water_force is not None:
+        water = float(forces.water_force[0] @ forces.geometry.normal)
+    return StageJoint(
+        normal_force=float(forces.normal_force[0]),
+        shear_force=float(forces.shear_force[0]),
+        sliding_safety=float(forces.sliding_safety[0]),
+        contact=float(forces.contact[0]),
+        opening_max=float(gap[:, 0].max(initial=0.0)),
+        slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
+        pressure_max=float((-traction[:, 0]).max(initial=0.0)),
+        water_force=water,
+    )
+
+
+def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
+    """Displacements, joints and stresses of a run, one stage after the other."""
+    moved: list[list[Cell]] = []
+    joints: list[list[Cell]] = []
+    for stage in found:
+        moved += [[stage.name]] + [
+            [point, *(1e3 * float(u) for u in values[: len(run.components)])]
+            for point, values in stage.displacement.items()
+        ]
+        joints += [[stage.name]] + [
+            [name, *(factor * float(getattr(joint, key)) for _, factor, key in _OF_JOINT)]
+            for name, joint in stage.joints.items()
+        ]
+    pieces = []
+    if found[0].displacement:
+        head = ["point", *(f"{component} [mm]" for component in run.components)]
+        pieces.append(table(f"Static displacements ({run.label})", head, moved))
+    if found[0].joints:
+        head = ["joint", *(title for title, _, _ in _OF_JOINT)]
+        pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
+    names = list(found[0].stresses)
+    rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in found]
+    if any(not np.isnan(value) for row in rows for value in row[1:]):
+        head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
+        pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
+    return pieces

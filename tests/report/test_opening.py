@@ -1,0 +1,185 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Numbers of the first tables of a report, read back from its cells and compared with the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_report import Page
+from written_runs import (
+    ENVELOPE_NAMES,
+    JOINT,
+    NODES,
+    SURFACE,
+    WEIGHT,
+    write_envelopes,
+    write_run,
+    write_stages,
+)
+
+from dolfinx_joints import report
+from dolfinx_joints.postprocessing import measures, peaks
+from dolfinx_joints.report import parameter_sections
+from dolfinx_joints.results.layout import declare_states
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.writer import ResultsWriter
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("plotly")
+
+
+def cells_of(paths: list[Path], folder: Path) -> list[str]:
+    """Texts of the cells of a report without pictures of the body, signs and spaces plain."""
+    out = report.write(paths, folder / "out.html", with_3d=False)
+    cells = Page(out.read_text(encoding="utf-8")).cells
+    return [cell.replace("\N{MINUS SIGN}", "-").replace("\u202f", " ") for cell in cells]
+
+
+def after(cells: list[str], heading: str, name: str, count: int) -> list[str]:
+    """The cells of the row of a name in the table with a heading."""
+    row = cells.index(name, cells.index(heading)) + 1
+    return cells[row : row + count]
+
+
+def test_what_matters_is_what_the_file_holds(tmp_path):
+    files = [write_run(tmp_path / f"{n}.h5", n) for n in ("linear", "joints")]
+    cells = cells_of(files, tmp_path)
+    for name in ("crest displacement from the static state [mm]", "energy error"):
+        assert name in cells
+    with Results(files[1]) as results:
+        point = "mid-crest"
+        best = max(
+            "xyz", key=lambda c: abs(measures.displacement_history(results, point, c)[1]).max()
+        )
+        time, u = measures.displacement_history(results, point, best)
+        at = int(np.argmax(np.abs(u)))
+        shown = after(cells, "linear", "crest displacement from the static state [mm]", 2)[1]
+        value, where = shown.split(" ", 1)
+        assert float(value) == pytest.approx(1e3 * u[at], rel=1e-3)  # mm
+        assert where == f"{point} {best}, {time[at]:.4g} s"
+        # 1.3 mm sin(2 pi 5.22 t), sampled in steps of 0.01 s.
+        assert abs(float(value)) == pytest.approx(1.3, rel=5e-3)
+        largest = max(abs(measures.acceleration_history(results, point, c)[1]).max() for c in "xyz")
+        shown = after(cells, "linear", "crest acceleration, absolute [m/s²]", 2)[1]
+        assert abs(float(shown.split(" ")[0])) == pytest.approx(largest, rel=1e-3)
+        assert float(shown.split(", ")[2].removesuffix(" g")) == pytest.approx(
+            largest / 9.80665, rel=1e-3
+        )
+
+
+def test_joints_have_values_times_and_places(tmp_path):
+    cells = cells_of([write_run(tmp_path / "joints.h5")], tmp_path)
+    opening, slip, safety = after(cells, "smallest safety", "joint_1", 3)
+    # 3 mm at the end at the upper points; the first of them is named.
+    assert opening == "3 1 s at (0.5, 0, 1.5) m"
+    assert slip.startswith("0 0 s")
+    assert safety == "–"  # the file knows no friction angle
+
+
+def test_peaks_of_a_joint_are_those_of_measures(tmp_path):
+    with Results(write_run(tmp_path / "joints.h5")) as results:
+        found = peaks.joint_peaks(results, "joint_1")
+        measured = measures.joint_measures(results)["joint_1"]
+    for name in ("opening", "slip"):
+        assert found[name].value == measured[f"{name}_max"]
+        assert found[name].time == measured[f"{name}_time"]
+
+
+def test_the_crest_is_the_highest_points(tmp_path):
+    points = [[0.0, 0.0, 10.0], [0.0, 5.0, 9.95], [0.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": list("abcd")}) as writer:
+        writer.static("histories/points", points, "m", "points")
+        writer.start()
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        assert peaks.crest_points(results) == ["a", "b"]
+
+
+def test_largest_tension_has_its_place(tmp_path):
+    stress = np.linspace(-1e6, 2e6, len(NODES))
+    path = write_envelopes(tmp_path / "e.h5", {"principal_max": stress, "principal_min": -stress})
+    with Results(path) as results:
+        peak = peaks.stress_peak(results, "principal_max")
+        assert peak.value == 2e6
+        np.testing.assert_array_equal(peak.place, NODES[-1])
+        assert peaks.stress_peak(results, "principal_min").value == -2e6
+        assert np.isnan(peaks.stress_peak(results, "arch_max").value)
+    assert len(ENVELOPE_NAMES) == 6
+    cells = cells_of([path], tmp_path)
+    x, y, z = NODES[-1]
+    assert after(cells, "e", "largest tension [MPa]", 1) == [f"2 at ({x:g}, {y:g}, {z:g}) m"]
+    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2 at ")
+
+
+def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        declare_states(writer, NODES, SURFACE, {"joint_1": JOINT})
+        writer.start()
+        writer.finish("complete", {})
+    cells = cells_of([tmp_path / "r.h5"], tmp_path)
+    assert "smallest safety" not in cells
+
+
+def test_static_stages_are_tables_with_their_units(tmp_path):
+    cells = cells_of([write_stages(tmp_path / "s.h5")], tmp_path)
+    assert after(cells, WEIGHT, "crest", 3) == ["0", "0", "-1"]  # mm
+    assert after(cells, "winter", "crest", 3) == ["0", "0", "-2"]
+    head = cells[cells.index("joint") + 1 :]
+    row = dict(zip(head, after(cells[cells.index("joint") :], WEIGHT, "joint_1", 8), strict=False))
+    # 4 m^2 bear 2 MPa and 0.5 MPa along x; at 45 degrees the safety is 8 MN / 2 MN.
+    assert row["normal force [MN], pressure > 0"] == "8"
+    assert row["shear force [MN]"] == "2"
+    assert row["safety against sliding"] == "4"
+    assert row["largest tangential gap [mm]"] == "0.005"
+    assert row["largest pressure [MPa]"] == "2"
+    row = dict(
+        zip(head, after(cells[cells.index("joint") :], "winter", "joint_1", 8), strict=False)
+    )
+    assert row["largest opening [mm]"] == "3"
+    assert row["area under pressure [%]"] == "50"
+    assert row["normal force [MN], pressure > 0"] == "4"
+    assert row["force of water in it [MN]"] == "0.2"
+
+
+def test_a_file_without_stages_shows_its_first_record(tmp_path):
+    cells = cells_of([write_run(tmp_path / "joints.h5")], tmp_path)
+    assert after(cells, "static state", "mid-crest", 3) == ["0", "0", "0"]
+    # The lower two points are pressed by 1 micrometre at 1e11 Pa/m: 0.1 MPa on 2 m^2.
+    head = cells[cells.index("joint", cells.index("static state")) + 1 :]
+    found = after(
+        cells[cells.index("joint", cells.index("static state")) :], "static state", "joint_1", 8
+    )
+    row = dict(zip(head, found, strict=False))
+    assert row["largest pressure [MPa]"] == "0.1"
+    assert row["area under pressure [%]"] == "50"
+    assert row["normal force [MN], pressure > 0"] == "0.2"
+
+
+def test_parameters_are_tables_in_their_units(tmp_path):
+    made = {
+        "material": {"concrete": "Elastic(young=24000000000.0, poisson=0.2, density=2400.0)"},
+        "joint_laws": {f"joint_{i}": "FrictionNoTension(normal_stiffness=2e10)" for i in (1, 2)},
+        "loads": ["Gravity(acceleration=None)", "Water(level=12.5, factor=<function always>)"],
+        "settings": {"time step": 0.01, "time scheme": "EnergyConsistent()", "solver": "auto"},
+    }
+    path = write_run(tmp_path / "run.h5", facts={"manifest": made}, seconds=0.05)
+    cells = cells_of([path], tmp_path)
+    assert after(cells, "concrete: Elastic", "Young's modulus [GPa]", 1) == ["24"]
+    assert after(cells, "concrete: Elastic", "density [kg/m³]", 1) == ["2400"]
+    law = "joint_1, joint_2: FrictionNoTension"
+    assert after(cells, law, "normal stiffness k_n [GPa/m]", 1) == ["20"]
+    assert after(cells, "Water", "level [m]", 1) == ["12.5"]
+    assert after(cells, "Water", "factor", 1) == ["function always"]
+    assert after(cells, "Water", "time scheme", 1) == ["EnergyConsistent"]
+    assert "Gravity" in cells
+    assert not any("{" in cell for cell in cells)
+
+
+def test_objects_are_parsed():
+    parsed = parameter_sections.parsed
+    assert parsed("Law(a=1.5, b=None, c=[1, 2])") == ("Law", {"a": 1.5, "b": None, "c": "[1, 2]"})
+    assert parsed("no python here(") == ("no python here(", {})
+    assert parsed("Turn(30.0)") == ("Turn", {"argument 1": 30.0})

@@ -185,7 +185,7 @@ def joint_map(
         points, faces = _separate(joint_surface.patches_in_space())
         if turned:
             points = _turned(points, joint_surface.axes, camera)
-        edges = {"show_edges": True, "edge_color": "#b3b3b3"}
+        edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
         scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
         tops[name] = _top(points, camera)
     figure, axes = draw(scene, [camera])

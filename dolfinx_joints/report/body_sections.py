@@ -90,8 +90,8 @@ def stresses(content: Content) -> Section:
         return nothing("stresses", title, "stress envelopes")
     each = [measures.stress_extremes(run.results) for run in runs]
     rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in each)] for name in each[0]]
-    head = ["largest and smallest over time and boundary [MPa]", *(run.label for run in runs)]
-    pieces = [table("Extremes of the stresses, tension > 0", head, rows)]
+    head = ["[MPa]", *(run.label for run in runs)]
+    pieces = [table("Largest and smallest over time and boundary, tension > 0", head, rows)]
     run = content.main if content.main in runs else runs[0]
     known = [name for name, value in each[runs.index(run)].items() if not np.isnan(value)]
     if not run.plane:

@@ -175,15 +175,19 @@ def _joints(run: Run) -> Html:
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
         found = peaks.joint_peaks(run.results, joint)
-        moved = [
-            valued(1e3 * found[name].value, f"{plain(found[name].time)} s at {place(found[name])}")
-            for name in ("opening", "slip")
-        ]
+        moved = [_millimetres(found[name]) for name in ("opening", "slip")]
         safety = found["safety"]
         least = None if np.isnan(safety.value) else valued(safety.value, f"{plain(safety.time)} s")
         rows.append([joint, *moved, least])
     head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety"]
     return table(f"Joints ({run.label})", head, rows)
+
+
+def _millimetres(peak: Peak) -> Cell:
+    """An opening or a slip; what never moved has no time and place."""
+    if not peak.value:
+        return 0
+    return valued(1e3 * peak.value, f"{plain(peak.time)} s at {place(peak)}")
 
 
 def place(peak: Peak) -> str:

@@ -105,7 +105,7 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
     names = list(found[0].stresses)
     rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in found]
-    if any(not np.isnan(value) for row in rows for value in row[1:]):
+    if any(not np.isnan(value) for stage in found for value in stage.stresses.values()):
         head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
     return pieces

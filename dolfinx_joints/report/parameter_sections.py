@@ -43,7 +43,7 @@ _UNITS = {
     "rotate": ("turn of the horizontal axes [°]", 1.0),
 }
 _MESH = {"dofs": "degrees of freedom", "cells": "cells", "joint_points": "joint points"}
-_ELSEWHERE = {"point_names", "units", "laws", "manifest", *_MESH}
+_ELSEWHERE = {"point_names", "points", "units", "laws", "manifest", *_MESH}
 
 
 def parameters(content: Content) -> Section:

@@ -248,7 +248,7 @@ def test_absolute_displacements_are_drawn_without_those_of_the_base(tmp_path: Pa
         on_crest = views.deformed(waves, time=1.0, relative_to="mid-crest")
     outer = scenes[0].layers[0][0]
     np.testing.assert_allclose(np.unique(outer.point_data["value"]), [0.0, 2.0], atol=1e-9)
-    assert figure.axes[-1].get_ylabel() == "displacement [mm], relative to the mean of the base"
+    assert figure.axes[-1].get_ylabel() == "displacement [mm]\nrelative to the mean of the base"
     # 6 % of the diagonal of 4.9 m over 2 mm is 147, and 100 the round number below it.
     assert "displacements x 100\n" in figure.get_suptitle()
     # The crest is 1.3 mm x sin(2 pi 5.22) from the free surface at that time.
@@ -357,7 +357,9 @@ def test_pictures_of_a_static_stage(tmp_path: Path, scenes) -> None:
     """By its name, with its values: the pressed joint, the cube that moved, the joint half open."""
     with Results(write_stages(tmp_path / "stages.h5")) as results:
         figure = views.joint_map(results, "normal", stage=WEIGHT)
-        assert f" after {WEIGHT}" in figure.get_suptitle()
+        assert figure.get_suptitle().startswith(
+            f"joints after {WEIGHT}\neach upright joint rotated"
+        )
         np.testing.assert_allclose(scenes[-1].layers[1][0].cell_data["value"], -2.0)  # MPa
         figure = views.deformed(results, stage="winter", scale=100.0)
         assert figure.get_suptitle().startswith("deformed shape after winter, displacements x 100")

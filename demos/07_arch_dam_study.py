@@ -1,0 +1,278 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+# ---
+
+# %% [markdown]
+# # An arch dam, from its sections to the report
+#
+# What a dam office does with a dam: its shape from a table of sections, blocks that stand alone
+# until their joints are grouted, a full reservoir, a cold winter, an earthquake that comes out of
+# the rock; once as a monolith, once with its joints; then a small study of what is not known well.
+#
+#     ./with-dolfinx python3 demos/07_arch_dam_study.py
+#     ./with-dolfinx python3 demos/07_arch_dam_study.py --record DIRECTORY   # of three AT2 files
+#     ./with-dolfinx mpirun -n 2 python3 demos/07_arch_dam_study.py --steps 50
+
+# %%
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.geometry.sections_dam import sections_dam
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.report.writing import write as write_report
+from dolfinx_joints.study import Study, Table, read_table, write_csv
+
+COMM = MPI.COMM_WORLD
+OUT = Path("output/07_arch_dam_study")
+DT = 0.01  # [s]
+
+
+def say(text: str) -> None:
+    """Print once, whatever the number of ranks."""
+    if COMM.rank == 0:
+        print(text, flush=True)
+
+
+# %% [markdown]
+# ## Shape and mesh
+#
+# Three horizontal sections between the foot at 320 m and the crest at 370 m, a joint every 25 m of
+# the crest, rock to a depth of 50 m, and a perimetral joint between dam and rock.
+
+# %%
+SECTIONS = """\
+elevation, extrados_radius, centre_x, left_angle, right_angle, \
+crown_thickness, left_thickness, right_thickness
+320, 45, 45, 20, 24, 9.0, 11.0, 11.5
+345, 62, 50, 34, 38, 6.5, 8.0, 8.2
+370, 80, 60, 46, 50, 3.5, 4.0, 4.0
+"""
+CREST = 370.0  # [m]
+CROWN = (-20.0, 0.0, CREST)  # upstream edge of the crest [m]
+
+
+def make_mesh(folder: Path, size: float, order: int) -> Path:
+    """The mesh file of dam and rock, made on rank 0."""
+
+    def make() -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        sections = folder / "sections.csv"
+        sections.write_text(SECTIONS)
+        return sections_dam(
+            folder / "dam.msh",
+            sections,
+            size=size,
+            order=order,
+            joints=5,
+            foundation=50.0,
+            spread=30.0,
+            perimetral=True,
+        )
+
+    return on_root(COMM, make)
+
+
+# %% [markdown]
+# ## Model
+#
+# The rock stands on dashpots. Its weight is left out: it has settled before the dam was built. The
+# temperature is that of the concrete against the one at which the joints were grouted.
+
+# %%
+ROCK = dj.Elastic(young=30e9, poisson=0.25, density=2600.0)
+CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
+WEIGHT = dj.Gravity(cells="concrete")
+WATER = dj.HydrostaticPressure(group="upstream", level=CREST - 2.0)
+WINTER = dj.Temperature(value=4.0, reference=9.0, expansion=1e-5, cells="concrete")
+
+
+def make_model(
+    mesh: Path, *, joints: bool = True, friction: float = 40.0, stiffness: float = 1e11
+) -> dj.Model:
+    """The dam with its joints, or the same as a monolith."""
+    law = dj.FrictionNoTension(
+        normal_stiffness=stiffness, shear_stiffness=0.4 * stiffness, friction_angle_deg=friction
+    )
+    return dj.Model(
+        dj.read_msh(mesh, COMM, joints=None if joints else []),
+        material={"concrete": CONCRETE, "foundation": ROCK},
+        joints=law if joints else None,
+        supports=[dj.ViscousBoundary(group="foundation_outer")],
+        loads=[WEIGHT, WATER, WINTER],
+        added_mass=[dj.WestergaardMass(group="upstream", level=CREST - 2.0)],
+        damping=dj.stiffness_proportional(ratio=0.05, frequency=5.0),
+    )
+
+
+# %% [markdown]
+# ## Construction, water, winter
+#
+# The blocks stand on the perimetral joint and carry their weight each by itself. Then the
+# contraction joints are grouted, the reservoir is filled, and the winter comes.
+
+
+# %%
+def build_up(simulation: dj.Simulation) -> None:
+    """The static stages."""
+    jointed = simulation.model.contact is not None
+    alone = ["joint_perimetral"] if jointed else "active"
+    simulation.statics(loads=[WEIGHT], joints=alone, name="weight")
+    if jointed:
+        simulation.grout(name="grouting")
+    simulation.statics(loads=[WEIGHT, WATER], name="full reservoir")
+    simulation.statics(name="winter")
+
+
+# %% [markdown]
+# ## Earthquake
+#
+# The record was taken at the surface: half of its velocity is the wave that rises in the rock.
+
+
+# %%
+def make_motion(record: str | None, steps: int) -> dj.Motion:
+    """The record of a folder, or an artificial one, without drift."""
+    if record is None:
+        motion = dj.synthetic_motion(seed=1976, duration=DT * steps, peaks_g=(0.35, 0.3, 0.25))
+    else:
+        motion = dj.read_record(record).band_passed(0.2, 25.0).resampled(DT)
+    return motion.baseline_corrected(3)
+
+
+def shake(simulation: dj.Simulation, motion: dj.Motion, steps: int) -> dj.Outcome:
+    """The dynamic stage."""
+    waves = dj.FreeField(
+        groups=["foundation_outer"], incident=dj.incident_wave(motion), surface=CREST
+    )
+    return simulation.dynamics(dt=DT, steps=steps, loads=[waves])
+
+
+def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Outcome:
+    """All stages, with a results file, and a folder for ParaView beside it."""
+    monitors = [
+        dj.ResultsMonitor(
+            results,
+            points={"crown": CROWN, "foot": (0.0, 0.0, 320.0)},
+            every=5,
+            overwrite=True,
+            resultants=True,
+            envelopes=True,
+        ),
+        dj.FieldMonitor(results.with_suffix(".bp"), every=20),
+    ]
+    simulation = dj.Simulation(model, monitors=monitors)
+    build_up(simulation)
+    outcome = shake(simulation, motion, steps)
+    say(simulation.report(outcome))
+    return outcome
+
+
+# %% [markdown]
+# ## A study of four
+#
+# Friction angle and stiffness of the joints are not known well: two values of each, every case in
+# a process of its own.
+
+
+# %%
+def case(
+    folder: Path, *, friction: float, stiffness: float, mesh: str, record: str | None, steps: int
+) -> dict[str, float]:
+    """One row of the table."""
+    model = make_model(Path(mesh), friction=friction, stiffness=stiffness)
+    results = Path(folder) / "run.h5"
+    run(model, make_motion(record, steps), steps, results)
+    with dj.Results(results) as file:
+        joints = measures.joint_measures(file)
+        return {
+            "opening_mm": 1e3 * max(joint["opening_max"] for joint in joints.values()),
+            "slip_mm": 1e3 * max(joint["slip_max"] for joint in joints.values()),
+            "slip_residual_mm": 1e3 * max(joint["slip_residual"] for joint in joints.values()),
+        }
+
+
+def study(mesh: Path, record: str | None, steps: int, out: Path) -> Table:
+    """Run the cases and write their table."""
+    cases = {
+        f"friction {friction:g}, k_n {stiffness:g}": {
+            "friction": friction,
+            "stiffness": stiffness,
+            "mesh": str(mesh.resolve()),
+            "record": record,
+            "steps": steps,
+        }
+        for friction in (35.0, 45.0)
+        for stiffness in (5e10, 2e11)
+    }
+    print(Study(out / "study", case, cases).run(workers=2))
+    table = read_table(out / "study")
+    write_csv(table, out / "study.csv")
+    return table
+
+
+# %% [markdown]
+# ## What the office reads
+#
+# The report opens in any browser, the tables in any spreadsheet, the `.bp` folders in ParaView.
+
+
+# %%
+def read(out: Path) -> None:
+    """Report and tables of both runs, and the largest openings and slips."""
+    files = [out / "monolith.h5", out / "joints.h5"]
+    print(f"report: {write_report(files, out / 'report.html')}")
+    for path in files:
+        with dj.Results(path) as results:
+            dj.write_csv(results, out / f"{path.stem}_tables", overwrite=True)
+    with dj.Results(files[1]) as results:
+        for stage in measures.static_stages(results):
+            print(f"{stage.name}: crown moves {1e3 * stage.displacement['crown'][0]:.1f} mm")
+        for joint, found in measures.joint_measures(results).items():
+            print(
+                f"{joint}: opens by up to {1e3 * found['opening_max']:.2f} mm at "
+                f"{found['opening_time']:g} s, slides by up to {1e3 * found['slip_max']:.2f} mm"
+            )
+
+
+def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
+    """Options of the command line."""
+    parser = Parser(description="An arch dam, from its sections to the report.")
+    parser.add_argument("--size", type=float, default=12.0, help="cell size [m] (default 12)")
+    parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="element order")
+    parser.add_argument("--steps", type=at_least(1), default=400, help="steps of 0.01 s")
+    parser.add_argument("--record", help="directory with three AT2 files of one record")
+    parser.add_argument("--out", type=Path, default=OUT, help="where files are written")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run everything."""
+    options = parse_arguments(arguments)
+    mesh = make_mesh(options.out, options.size, options.order)
+    motion = make_motion(options.record, options.steps)
+    for name, joints in (("monolith", False), ("joints", True)):
+        outcome = run(
+            make_model(mesh, joints=joints), motion, options.steps, options.out / f"{name}.h5"
+        )
+        assert outcome.energy_error < 1e-9
+    on_root(COMM, lambda: read(options.out))
+    if COMM.size == 1:
+        study(mesh, options.record, options.steps, options.out)
+
+
+if __name__ == "__main__":
+    dj.abort_on_error(COMM)
+    main()

@@ -19,6 +19,7 @@ from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
@@ -46,10 +47,11 @@ class ResultsMonitor(Monitor):
 
     Every step: displacement and acceleration of the monitor points, acceleration of the ground,
     shares of open, sticking and sliding joint points, iterations, support reactions by group,
-    energies. Every ``every`` steps: nodal displacements, joint gaps, tractions and status, facet by
-    facet; the pressures of water in joints and broken bonds, where there are any. If asked for:
-    resultants of joints and blocks at every step, and at the end envelopes of the stresses at the
-    boundary over all steps.
+    energies; of each joint the largest opening, slip and pressure and what its safety against
+    sliding is made of. Every ``every`` steps: nodal displacements, joint gaps, tractions and
+    status, facet by facet; the pressures of water in joints and broken bonds, where there are any.
+    If asked for: resultants of joints and blocks at every step, and at the end envelopes of the
+    stresses at the boundary over all steps.
 
     Args:
         path: The file.
@@ -110,6 +112,8 @@ class ResultsMonitor(Monitor):
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             if self._extras is not None:
                 self._extras.declare(writer, joints)
+            if self._extremes is not None:
+                self._extremes.declare(writer)
             if self._resultants is not None:
                 self._resultants.declare(writer)
             if self._envelopes is not None:
@@ -137,6 +141,9 @@ class ResultsMonitor(Monitor):
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._extras = PointExtras(model.contact, first) if model.contact else None
+        self._extremes = None
+        if first.joints is not None:
+            self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants:
             if model.contact is None:
@@ -147,6 +154,7 @@ class ResultsMonitor(Monitor):
     def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
+        gap = None if self._extremes is None else self._extremes.state_dict()
         records: dict[str, int] = {}
         with raised_together(self._comm):
             if self._writer is not None:
@@ -160,6 +168,7 @@ class ResultsMonitor(Monitor):
             "time": time,
             "velocity": velocity,
             "envelopes": columns,
+            "gap": gap,
         }
 
     @property
@@ -186,6 +195,8 @@ class ResultsMonitor(Monitor):
         self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
+        if self._extremes is not None:
+            self._extremes.load_state_dict(state_dict["gap"])
         with raised_together(self._comm):
             if self._comm.rank == 0:
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
@@ -217,6 +228,8 @@ class ResultsMonitor(Monitor):
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies)
+        if self._extremes is not None and record.joints is not None:
+            self._append("joints", record.time, self._extremes.values(record.joints))
         if self._resultants is not None:
             self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self.every == 0:

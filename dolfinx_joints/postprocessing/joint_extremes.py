@@ -18,8 +18,9 @@ from dolfinx_joints.results.reader import Results
 Floats = NDArray[np.floating[Any]]
 FrictionAngle = Annotated[float, at.Interval(ge=0.0, lt=90.0), at.Unit("degrees")]
 
-# Of the largest force on a joint over a run, that counts as none.
-NEGLIGIBLE = 1e-12
+# Of the largest force on a joint over a run, that counts as none; of sums of magnitudes, in which
+# what rounding makes at the points does not cancel.
+NEGLIGIBLE, NEGLIGIBLE_SUM = 1e-12, 1e-9
 
 # Share of the largest value that counts as the largest, so that of points which are alike but for
 # rounding the same one is found on any number of ranks: the first.
@@ -96,7 +97,7 @@ def safety_against_sliding(
         shear_sum: S, [N].
         bond: Cohesion times the area whose bond is intact, c A, [N].
     """
-    none = NEGLIGIBLE * np.max(np.abs(compression) + shear_sum, initial=0.0)
+    none = NEGLIGIBLE_SUM * np.max(np.abs(compression) + shear_sum, initial=0.0)
     strength = friction * np.maximum(compression, 0.0) + bond
     return ratio(strength, shear_sum, none)
 

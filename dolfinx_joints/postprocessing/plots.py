@@ -303,7 +303,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             extreme = min(worst) if what == "safety" else max(worst)
             joint, time, values = worst[extreme]
             when = time[np.argmax(values == extreme)]
-            label = f"{joint}: {extreme:.3g} {unit} at {when:.6g} s".replace(" - ", " ")
+            label = f"{joint}: {extreme:.3g}{' mm' if unit == 'mm' else ''} at {when:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
         decorate(ax, "time [s]" if what == "safety" else "", f"{what} [{unit}]")

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+
+from rings import quarter_ring
 
 from dolfinx_joints import (
     Checkpoints,
@@ -27,6 +30,7 @@ from dolfinx_joints import (
     Simulation,
     Traction,
     Uplift,
+    mesh_from_arrays,
 )
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.resultants import (
@@ -377,3 +381,19 @@ def test_a_body_without_joints_has_no_resultants(blocks_file, read, new_path):
         file_of(model, new_path("whole.h5"), resultants=True)
     with pytest.raises(MeshError, match="no resultants of joints"):
         JointForces(model)
+
+
+def test_a_curved_joint_is_safe_point_by_point(comm):
+    # A quarter of a cylinder pressed by p and sheared by s to and fro around it. Safety: mu p / s.
+    # The mean of the normal over a right angle is 2 sqrt(2) / pi of 1, 0.90: no plane joint.
+    jointed = mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
+    fixed = [Fixed(group="outside")]
+    model = Model(jointed, material=SOLID, joints=LAW, supports=fixed, quadrature="gauss")
+    joints = Simulation(model).statics().joints
+    shear = 1e6 * np.sign(model.operator.points[:, 0] - 1.0)
+    traction = np.column_stack([np.full(len(shear), -3e6), shear, np.zeros_like(shear)])
+    found = JointForces(model)(replace(joints, traction=traction))["joint"]
+    assert found.sliding_safety == pytest.approx(3.0 * MU, rel=1e-12)
+    assert found.geometry.flatness == pytest.approx(2.0 * math.sqrt(2.0) / math.pi, rel=1e-3)
+    assert "curved (flatness 0.90)" in found.geometry.warning
+    assert np.isnan(found.plane_safety)

@@ -97,7 +97,7 @@ def safety_against_sliding(
         shear_sum: S, [N].
         bond: Cohesion times the area whose bond is intact, c A, [N].
     """
-    none = NEGLIGIBLE_SUM * np.max(np.abs(compression) + shear_sum, initial=0.0)
+    none = NEGLIGIBLE_SUM * float(np.max(np.abs(compression) + shear_sum, initial=0.0))
     strength = friction * np.maximum(compression, 0.0) + bond
     return ratio(strength, shear_sum, none)
 

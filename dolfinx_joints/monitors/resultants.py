@@ -17,6 +17,7 @@ from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import joint_facet_points
+from dolfinx_joints.postprocessing.joint_extremes import compression_and_shear
 from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
@@ -70,7 +71,7 @@ class JointForces:
 
     Attributes:
         names: Names of the joints.
-        geometry: Centroid, mean normal and area of each joint.
+        geometry: Centroid, mean normal, area and flatness of each joint.
     """
 
     def __init__(self, model: Model) -> None:
@@ -86,6 +87,9 @@ class JointForces:
         ]
         self._centroids = np.array([g.centroid for g in self.geometry])
         self._laws = strengths(model.contact)
+        bonded = broken_joints(model.contact)
+        cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
+        self._cohesion = np.array(cohesion)[self._operator.joint]
 
     def __call__(
         self, joints: Response, pressure: Floats | None = None
@@ -97,12 +101,9 @@ class JointForces:
             pressure: Pressure of the water at the local joint points, shape (n,), [Pa]; without it
                 the part of the water is left out.
         """
-        operator = self._operator
-        contact = (joints.traction[:, 0] < 0.0) * operator.areas
-        cohesion = np.array([self._laws[name]["cohesion"] for name in self.names])
-        intact = (1 - broken(self._contact, joints)) * operator.areas
+        contact = (joints.traction[:, 0] < 0.0) * self._operator.areas
         parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
-        parts.append((cohesion[operator.joint] * intact)[:, None])
+        parts.append(self.sliding(joints))
         if pressure is not None:
             parts.append(self.about_centroids(self.water_forces(pressure)))
         sums = self._sums(np.hstack(parts))
@@ -110,7 +111,7 @@ class JointForces:
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
             row: Floats = sums[i]
             angle = self._laws[name]["friction_angle_deg"]
-            water = {"water_force": row[8:11], "water_moment": row[11:14]} if len(row) > 8 else {}
+            water = {"water_force": row[10:13], "water_moment": row[13:]} if len(row) > 10 else {}
             found[name] = JointResultants(
                 joint=name,
                 time=None,
@@ -118,7 +119,9 @@ class JointForces:
                 force=row[0:3],
                 moment=row[3:6],
                 contact=row[6] / geometry.area,
-                bond=row[7],
+                compression=row[7],
+                shear_sum=row[8],
+                bond=row[9],
                 friction=np.nan if angle is None else float(np.tan(np.deg2rad(angle))),
                 **water,
             )
@@ -132,6 +135,16 @@ class JointForces:
         """The same of the water, of a pressure of shape (n,) [Pa]."""
         normal: Floats = self._operator.frames[:, 0] * (self._operator.areas * pressure)[:, None]
         return normal
+
+    def sliding(self, joints: Response) -> Floats:
+        """What safety against sliding adds up at the local points, shape (n, 3), [N].
+
+        Columns: pressure, tension too where a bond holds; magnitude of the shear; cohesion of an
+        intact bond; each times the area.
+        """
+        cohesion = self._cohesion * (1 - broken(self._contact, joints))
+        forces = [*compression_and_shear(joints.traction, cohesion > 0.0), cohesion]
+        return np.column_stack(forces) * self._operator.areas[:, None]
 
     def about_centroids(self, force: Floats) -> Floats:
         """Forces (n, 3) and their moments about the centroids of their joints, shape (n, 6)."""
@@ -222,8 +235,6 @@ class ResultantsStream:
         """Find joints and blocks (collective)."""
         self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
         self._model, self._wet = model, wet
-        assert model.contact is not None
-        self._bonded = broken_joints(model.contact)
 
     def declare(self, writer: ResultsWriter) -> None:
         """Declare the stream and write the blocks; on the rank that writes."""
@@ -242,9 +253,6 @@ class ResultantsStream:
                 _declare(writer, f"joints/{name}", (3,), what, about, water=True)
             text = "share of the area under pressure"
             writer.series("resultants", f"joints/{name}/contact", (), "-", text)
-            if name in self._bonded:
-                text = "cohesion times the area whose bond is intact"
-                writer.series("resultants", f"joints/{name}/bond", (), "N", text)
         shape, about = (len(blocks.mass), 3), "about its centre, global axes"
         _declare(writer, "blocks", shape, "of the joints on each block", about)
         if self._wet:
@@ -259,7 +267,6 @@ class ResultantsStream:
         for name, one in self._joints(record.joints, pressure).items():
             parts = ["force", "moment", "contact"]
             parts += ["water_force", "water_moment"] if name in self._wet else []
-            parts += ["bond"] if name in self._bonded else []
             found |= {f"joints/{name}/{part}": getattr(one, part) for part in parts}
         sums = self._blocks(self._joints.forces(record.joints.traction))
         found |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}

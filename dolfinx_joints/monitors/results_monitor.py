@@ -21,6 +21,7 @@ from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.fields import Fields, StageFields
+from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
@@ -70,7 +71,8 @@ class ResultsMonitor(Monitor):
 
     Every step: displacement and acceleration of the monitor points, acceleration of the ground (of
     waves that rise the velocity of the free surface), shares of open, sticking and sliding joint
-    points, iterations, support reactions by group, energies. Every ``every`` steps: nodal
+    points, iterations, support reactions by group, energies; of each joint the largest opening,
+    slip and pressure and what its safety against sliding is made of. Every ``every`` steps: nodal
     displacements, joint gaps, tractions and status, facet by facet; the pressures of water in
     joints and broken bonds, where there are any. If asked for: resultants of joints and blocks at
     every step, and at the end envelopes of the stresses at the boundary over all steps.
@@ -177,6 +179,8 @@ class ResultsMonitor(Monitor):
             self._fields.declare(writer, "states", joints)
             if first.stages:
                 self._stage_fields.declare(writer, joints)
+            if self._extremes is not None:
+                self._extremes.declare(writer)
             if self._resultants is not None:
                 self._resultants.declare(writer)
             if self._envelopes is not None:
@@ -237,6 +241,9 @@ class ResultsMonitor(Monitor):
         if self._envelopes is not None:
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, first.wet_joints)
+        self._extremes = None
+        if first.joints is not None:
+            self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants:
             if model.contact is None:
@@ -247,6 +254,7 @@ class ResultsMonitor(Monitor):
     def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
         columns = None if self._envelopes is None else self._envelopes.gather()
+        gap = None if self._extremes is None else self._extremes.state_dict()
         records: dict[str, int] = {}
         with raised_together(self._comm):
             if self._writer is not None:
@@ -260,6 +268,7 @@ class ResultsMonitor(Monitor):
             "time": time,
             "velocity": velocity,
             "envelopes": columns,
+            "gap": gap,
         }
 
     @property
@@ -286,6 +295,8 @@ class ResultsMonitor(Monitor):
         self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
+        if self._extremes is not None:
+            self._extremes.load_state_dict(state_dict["gap"])
         with raised_together(self._comm):
             if self._comm.rank == 0:
                 if self._aside.exists():
@@ -321,6 +332,8 @@ class ResultsMonitor(Monitor):
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies)
+        if self._extremes is not None and record.joints is not None:
+            self._append("joints", record.time, self._extremes.values(record.joints))
         if self._resultants is not None:
             self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self.every == 0:

@@ -22,7 +22,11 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.postprocessing.measures import JOINT_MEASURES, joint_measures
+from dolfinx_joints.postprocessing.measures import (
+    JOINT_MEASURES,
+    joint_extremes,
+    joint_measures,
+)
 from dolfinx_joints.postprocessing.resultants import (
     RESULTANT_MEASURES,
     block_resultants,
@@ -57,13 +61,15 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     - ``energy.csv``: every step, the lines of the ledger;
     - ``joints.csv``: one row per joint, `measures.joint_measures` and
       `resultants.resultant_measures`;
+    - ``joint_extremes.csv``: a row per joint and record of `measures.joint_extremes`: every step;
     - ``resultants.csv``: a row per joint and record of `resultants.joint_resultants`;
     - ``blocks.csv``: a row per block and record, where the run recorded them;
     - ``envelopes.csv``: a row per vertex, where the run recorded them;
     - ``modes.csv``: a row per mode, of a file of modes.
 
     The normal force of a joint is positive where it presses, other forces are global components
-    on its + side.
+    on its + side. Where the flatness of a joint is below 0.95 its mean normal, and with it its
+    normal and its shear force, say little.
 
     Args:
         results: The run.
@@ -106,6 +112,7 @@ def tables_of(results: Results) -> dict[str, Table]:
             found["energy"] = _plain(results, "energy")
         if "states" in streams and results.joints:
             found["joints"] = _joints(results)
+            found["joint_extremes"] = _joint_extremes(results)
             found["resultants"] = _resultants(results)
         if "resultants" in streams:
             found["blocks"] = _blocks(results)
@@ -209,7 +216,7 @@ def _histories(results: Results) -> Table:
 def _joints(results: Results) -> Table:
     """Extremes by joint."""
     units = {"opening": "m", "slip": "m", "pressure": "Pa", "share": "-"}
-    units |= {"safety": "-", "normal": "N", "shear": "N", "contact": "-"}
+    units |= {"safety": "-", "normal": "N", "shear": "N", "contact": "-", "flatness": "-"}
     names = (*JOINT_MEASURES, *RESULTANT_MEASURES)
     header = ["joint"]
     for name in names:
@@ -224,8 +231,8 @@ def _joints(results: Results) -> Table:
 
 def _resultants(results: Results) -> Table:
     """Resultants of each joint at each record."""
-    parts, joints = [], results.joints
-    for joint in joints:
+    parts = {}
+    for joint in results.joints:
         one = joint_resultants(results, joint)
         assert one.time is not None
         columns: list[tuple[str, str, Any]] = [("time", "s", one.time)]
@@ -237,12 +244,34 @@ def _resultants(results: Results) -> Table:
         columns += _parts("shear force", "N", one.shear)
         columns.append(("shear force", "N", one.shear_force))
         columns.append(("sliding safety", "-", one.sliding_safety))
+        columns.append(("sliding safety of the resultants", "-", one.plane_safety))
         columns.append(("share of area under pressure", "-", one.contact))
         columns += _parts("normal force acts at", "m", one.line_of_action)
-        parts.append(_columns(columns))
-    header = ["joint", *parts[0].header]
-    rows = [[j, *row] for j, part in zip(joints, parts, strict=True) for row in part.rows]
-    return Table(header, rows)
+        columns.append(("flatness", "-", np.full(len(one.time), one.geometry.flatness)))
+        parts[joint] = _columns(columns)
+    return _by_joint(parts)
+
+
+def _joint_extremes(results: Results) -> Table:
+    """Largest opening, slip and pressure of each joint and its safety at each record."""
+    parts = {}
+    for joint in results.joints:
+        one = joint_extremes(results, joint)
+        columns: list[tuple[str, str, Any]] = [("time", "s", one.time)]
+        columns.append(("largest opening", "m", one.opening))
+        columns += _parts("largest opening at", "m", one.opening_at)
+        columns.append(("largest slip", "m", one.slip))
+        columns += _parts("largest slip at", "m", one.slip_at)
+        columns.append(("largest pressure", "Pa", one.pressure))
+        columns.append(("sliding safety", "-", one.safety))
+        parts[joint] = _columns(columns)
+    return _by_joint(parts)
+
+
+def _by_joint(parts: dict[str, Table]) -> Table:
+    """Tables of joints, alike, as one whose first column names the joint."""
+    header = ["joint", *next(iter(parts.values())).header]
+    return Table(header, [[joint, *row] for joint, part in parts.items() for row in part.rows])
 
 
 def _blocks(results: Results) -> Table:

@@ -32,6 +32,8 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
     reference_displacement,
 )
+from dolfinx_joints.postprocessing.joint_extremes import JointExtremes as JointExtremes
+from dolfinx_joints.postprocessing.joint_extremes import joint_extremes as joint_extremes
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
@@ -195,7 +197,7 @@ def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
 
 
 def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]:
-    """Opening and slip of the points of a joint.
+    """Opening and slip of the points of a joint at the stored states; see `joint_extremes` too.
 
     The opening is the positive part of the normal gap. The slip is the tangential displacement of
     the two sides against each other from the static state, the elastic part included, whether they
@@ -214,12 +216,15 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
 
 @checked
 def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, dict[str, float]]:
-    """Extremes of the motion of each joint over the records of the stream ``states``.
+    """Extremes of the motion of each joint.
 
-    Opening and slip are those of :func:`joint_history`. By joint:
+    By joint, of every step as in :func:`joint_extremes`:
 
     - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
       time, with their times ``opening_time``, ``slip_time`` and ``pressure_time`` [s];
+
+    and over the records of the stream ``states``, opening and slip as in :func:`joint_history`:
+
     - ``opening_static`` [m], the largest of the static state;
     - ``opening_residual`` and ``slip_residual`` [m]: the growth since the static state, the
       mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
@@ -232,7 +237,7 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
 
 
 def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
-    time, opening, slip = joint_history(results, joint)
+    time, opening, _ = joint_history(results, joint)
     gap = results.series("states", f"joints/{joint}/gap")
     traction = results.series("states", f"joints/{joint}/traction")
     areas = results.static(f"joints/{joint}/areas")
@@ -246,10 +251,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         "share_open": float((open_points(gap, traction) @ shares).mean()),
         "share_sliding": np.nan,
     }
-    for name, values in (("opening", opening), ("slip", slip), ("pressure", -traction[..., 0])):
-        largest = np.maximum(values, 0.0).max(axis=1)
+    extremes = joint_extremes(results, joint)
+    for name in ("opening", "slip", "pressure"):
+        largest = getattr(extremes, name)
         found[f"{name}_max"] = float(largest.max())
-        found[f"{name}_time"] = float(time[np.argmax(largest)])
+        found[f"{name}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
         found["share_sliding"] = float(((status == SLIDING) @ shares).mean())

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
@@ -52,7 +52,11 @@ from dolfinx_joints.postprocessing.frames import (
 from dolfinx_joints.postprocessing.joint_maps import draw_map
 from dolfinx_joints.postprocessing.joint_maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joint_surface import LABELS, JointSurface, Quantity, map_value
-from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
+from dolfinx_joints.postprocessing.measures import (
+    acceleration_history,
+    displacement_history,
+    joint_extremes,
+)
 from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, ORANGE, RED, colour_limits
 from dolfinx_joints.results.arguments import (
     COMPONENTS,
@@ -293,6 +297,46 @@ def energy_unit(largest: float) -> tuple[float, str]:
     """Joules of the unit in which an energy is at least one, and the name of the unit."""
     units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
     return next(((factor, unit) for factor, unit in units if largest >= factor), (1.0, "J"))
+
+
+def joint_histories(results: Results, *, figure: Figure | SubFigure | None = None) -> list[Axes]:
+    """Largest opening and slip of each joint [mm] and its safety against sliding, against time.
+
+    One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
+    the largest opening or slip or the smallest safety in colour; the legend says when and how
+    much. A joint slides at a safety of 1, dashed; what is above 10 is not shown.
+    """
+    from matplotlib.figure import Figure
+
+    check_results(results)
+    if not results.joints:
+        raise ResultsError(f"{results.path} has no joints to draw.")
+    every = {joint: joint_extremes(results, joint) for joint in results.joints}
+    drawn = figure or Figure(figsize=(6.3, 6.4), layout="compressed")
+    panels: list[Axes] = list(drawn.subplots(3, sharex=True))
+    units = {"opening": "mm", "slip": "mm", "safety": "-"}
+    for ax, (what, unit) in zip(panels, units.items(), strict=True):
+        worst: dict[float, tuple[str, Floats, Floats]] = {}
+        for joint, found in every.items():
+            values = getattr(found, what) * (1e3 if unit == "mm" else 1.0)
+            ax.plot(found.time, values, color="0.75", linewidth=0.7)
+            known = values[np.isfinite(values)]
+            if known.size:
+                extreme = known.min() if what == "safety" else known.max()
+                worst.setdefault(float(extreme), (joint, found.time, values))
+        if worst:
+            extreme = min(worst) if what == "safety" else max(worst)
+            joint, time, values = worst[extreme]
+            when = time[np.argmax(values == extreme)]
+            label = f"{joint}: {extreme:.3g}{' mm' if unit == 'mm' else ''} at {when:.6g} s"
+            ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
+            legend(ax, "above")
+        decorate(ax, "time [s]" if what == "safety" else "", f"{what} [{unit}]")
+        ax.margins(x=0.0)
+        ax.set_ylim(bottom=0.0)
+    panels[2].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
+    panels[2].set_ylim(0.0, min(10.0, max(2.0, panels[2].get_ylim()[1])))
+    return panels
 
 
 def runs(

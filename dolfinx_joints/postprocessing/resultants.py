@@ -8,24 +8,33 @@ joint with water are effective, the water's part is given beside it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.postprocessing.joint_extremes import (
+    NEGLIGIBLE,
+    FrictionAngle,
+    joint_extremes,
+    ratio,
+    recorded,
+    safety_against_sliding,
+    sliding_of_states,
+    sliding_series,
+    strength_of,
+)
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
 
-# Of the largest force on a joint over a run, that counts as none.
-NEGLIGIBLE = 1e-12
+# Normals that lie within about 18 degrees of their mean; below, a joint has no plane to speak of.
+NEARLY_PLANE = 0.95
 
 RESULTANT_MEASURES = (
     "safety_min",
@@ -34,6 +43,7 @@ RESULTANT_MEASURES = (
     "normal_force_min",
     "shear_force_max",
     "contact_min",
+    "flatness",
 )
 
 
@@ -46,11 +56,13 @@ class JointGeometry:
         normal: Mean normal, from the - to the + side, shape (3,); NaN where a joint closes on
             itself and has none.
         area: [m^2].
+        flatness: |integral of n| / area: 1 of a plane joint, 0 of a closed one.
     """
 
     centroid: Floats
     normal: Floats
     area: float
+    flatness: float
 
     @classmethod
     def of(cls, points: Floats, normals: Floats, areas: Floats) -> JointGeometry:
@@ -62,7 +74,24 @@ class JointGeometry:
         """Of the sums over the area of 1, of the position, and of the normal."""
         length = float(np.linalg.norm(normal))
         unit = normal / length if length > 1e-9 * area else np.full(3, np.nan)
-        return cls(centroid=first / area, normal=unit, area=float(area))
+        return cls(
+            centroid=first / area, normal=unit, area=float(area), flatness=length / float(area)
+        )
+
+    @property
+    def nearly_plane(self) -> bool:
+        """Whether the mean normal stands for the joint: a flatness of 0.95 or more."""
+        return self.flatness >= NEARLY_PLANE
+
+    @property
+    def warning(self) -> str:
+        """What to keep in mind of forces along the mean normal; empty of a nearly plane joint."""
+        if self.nearly_plane:
+            return ""
+        return (
+            f"curved (flatness {self.flatness:.2f}): its mean normal says little, and so do the "
+            "normal and the shear force; the sliding safety is that of its points"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,12 +123,15 @@ class JointResultants(_Resultants):
     Attributes:
         joint: Name.
         time: Times, [s]; None of a single state.
-        geometry: Centroid, mean normal, area.
+        geometry: Centroid, mean normal, area, flatness.
         force: Effective, in global axes, shape (..., 3), [N].
         moment: About the centroid, effective, shape (..., 3), [N m].
         water_force: Of the water in the joint, likewise; None without.
         water_moment: Likewise.
         contact: Share of the area under pressure, t_n < 0, shape (...).
+        compression: Integral of the pressure over the area, of tension too where a bond holds,
+            shape (...), [N].
+        shear_sum: Integral of the magnitude of the shear traction, shape (...), [N].
         bond: Cohesion times the area whose bond is intact, shape (...), [N].
         friction: mu, NaN where the law has no limit to the shear or is not known.
     """
@@ -108,12 +140,17 @@ class JointResultants(_Resultants):
     time: Floats | None
     geometry: JointGeometry
     contact: Floats
+    compression: Floats
+    shear_sum: Floats
     bond: Floats
     friction: float
 
     @property
     def normal_force(self) -> Floats:
-        """N along the mean normal, positive where it presses, shape (...), [N]."""
+        """N along the mean normal, positive where it presses, shape (...), [N].
+
+        Of a curved joint, see ``geometry.warning``, it is a component and not what presses.
+        """
         normal: Floats = self.force @ self.geometry.normal
         return normal
 
@@ -130,25 +167,32 @@ class JointResultants(_Resultants):
 
     @property
     def sliding_safety(self) -> Floats:
-        """(mu N + bond) / |V|, shape (...).
+        """Strength over shear, added up point by point: `safety_against_sliding`, shape (...)."""
+        return safety_against_sliding(self.friction, self.compression, self.shear_sum, self.bond)
 
-        It is infinite without shear, and NaN where nothing is transmitted or mu is not known.
-        A joint slides as a whole at 1; single points may slide before.
+    @property
+    def plane_safety(self) -> Floats:
+        """That of the resultants on the mean plane, (mu N + bond) / |V|, shape (...).
+
+        Of a plane joint never below ``sliding_safety``, as shear that balances itself within the
+        joint does not count, and the same where the joint is sheared in one direction. Infinite
+        without shear; NaN where nothing is transmitted, where mu is not known, and of joints that
+        are not nearly plane.
         """
+        if not self.geometry.nearly_plane:
+            return np.full(np.shape(self.contact), np.nan)
         strength = self.friction * np.maximum(self.normal_force, 0.0) + self.bond
         size = np.linalg.norm(self.force, axis=-1)
-        none = NEGLIGIBLE * np.max(size, initial=0.0)
-        shear = np.where(self.shear_force > none, self.shear_force, 0.0)
-        strength = np.where(strength <= none, 0.0, strength)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(strength / shear)
+        return ratio(strength, self.shear_force, NEGLIGIBLE * np.max(size, initial=0.0))
 
     @property
     def line_of_action(self) -> Floats:
         """Where the normal force acts, in the mean plane through the centroid, (..., 3), [m].
 
-        NaN without a normal force. Of a plane joint; of a curved one the place in its mean plane.
+        NaN without a normal force, and of joints that are not nearly plane.
         """
+        if not self.geometry.nearly_plane:
+            return np.full(np.shape(self.force), np.nan)
         n, normal = self.geometry.normal, self.normal_force
         size = np.linalg.norm(self.force, axis=-1)
         some = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
@@ -192,7 +236,7 @@ def joint_resultants(
     results: Results,
     joint: str,
     *,
-    friction_angle_deg: Annotated[float, at.Interval(ge=0.0, lt=90.0)] | None = None,
+    friction_angle_deg: FrictionAngle | None = None,
 ) -> JointResultants:
     """Resultants of a joint at every step if the run recorded them, else at its stored states.
 
@@ -206,19 +250,19 @@ def joint_resultants(
         ResultsError: There is no such joint.
     """
     results.check_joint(joint)
-    friction, cohesion = _strength(results, joint, friction_angle_deg)
+    friction, cohesion = strength_of(results, joint, friction_angle_deg)
     arrays, geometry = _geometry(results, joint)
     where = f"joints/{joint}"
-    recorded = f"{where}/force" in results.streams.get("resultants", [])
-    stream = "resultants" if recorded else "states"
-    rows = slice(results.rows(stream))  # a run that is still writing adds more
-    time = results.time(stream)[rows]
-    if recorded:
-        names = ("force", "moment", "water_force", "water_moment", "contact", "bond")
-        parts = _recorded(results, where, names, rows)
+    forces = f"{where}/force" in results.streams.get("resultants", [])
+    if forces and recorded(results, joint):
+        # A run that is still writing adds more.
+        stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
+        names = ("force", "moment", "water_force", "water_moment", "contact")
+        parts = _recorded(results, where, names, rows) | sliding_series(results, joint, rows)
     else:
-        parts = _from_fields(results, stream, where, arrays, geometry, cohesion, rows)
-    parts.setdefault("bond", np.zeros(len(time)))
+        stream, rows = "states", slice(results.rows("states"))
+        parts = _from_fields(results, stream, joint, arrays, geometry, cohesion, rows)
+    time = results.time(stream)[rows]
     return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
 
 
@@ -231,13 +275,11 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
         ResultsError: There is no such joint, or no stage.
     """
     results.check_joint(joint)
-    friction, cohesion = _strength(results, joint, None)
+    friction, cohesion = strength_of(results, joint, None)
     arrays, geometry = _geometry(results, joint)
     rows = slice(results.rows("statics"))
-    where = f"joints/{joint}"
-    parts = _from_fields(results, "statics", where, arrays, geometry, cohesion, rows)
+    parts = _from_fields(results, "statics", joint, arrays, geometry, cohesion, rows)
     time = results.series("statics", "load_time", rows)
-    parts.setdefault("bond", np.zeros(len(time)))
     return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
 
 
@@ -265,28 +307,30 @@ def block_resultants(results: Results) -> BlockResultants:
 
 
 def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
-    """Extremes of the resultants of each joint, over the records of `joint_resultants`.
+    """Extremes of the forces of each joint.
 
-    By joint: ``safety_min``, the smallest sliding safety, with its ``safety_time`` [s], both NaN
-    where no friction angle is known; ``normal_force_max``, ``normal_force_min``,
-    ``shear_force_max`` [N]; ``contact_min``, the smallest share of the area under pressure.
+    By joint: ``safety_min``, the smallest sliding safety of `joint_extremes`, with its
+    ``safety_time`` [s], both NaN where no friction angle is known; and over the records of
+    `joint_resultants`, ``normal_force_max``, ``normal_force_min``, ``shear_force_max`` [N], along
+    the mean normal; ``contact_min``, the smallest share of the area under pressure; ``flatness``.
     """
     check_results(results)
-    return {joint: _measures_of(joint_resultants(results, joint)) for joint in results.joints}
+    return {joint: _measures_of(results, joint) for joint in results.joints}
 
 
-def _measures_of(found: JointResultants) -> dict[str, float]:
-    assert found.time is not None
-    safety = found.sliding_safety
+def _measures_of(results: Results, joint: str) -> dict[str, float]:
+    found, extremes = joint_resultants(results, joint), joint_extremes(results, joint)
+    safety = extremes.safety
     known = np.flatnonzero(~np.isnan(safety))
     least = known[np.argmin(safety[known])] if known.size else None
     values = (
         np.nan if least is None else float(safety[least]),
-        np.nan if least is None else float(found.time[least]),
+        np.nan if least is None else float(extremes.time[least]),
         float(np.max(found.normal_force, initial=-np.inf)),
         float(np.min(found.normal_force, initial=np.inf)),
         float(np.max(found.shear_force, initial=-np.inf)),
         float(np.min(found.contact, initial=np.inf)),
+        found.geometry.flatness,
     )
     return dict(zip(RESULTANT_MEASURES, values, strict=True))
 
@@ -305,16 +349,6 @@ def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     return arrays, JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
 
 
-def _strength(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
-    law = results.law(joint)
-    angle = law.get("friction_angle_deg") if angle is None else angle
-    cohesion = float(law.get("cohesion", 0.0))
-    if angle is None:
-        return np.nan, cohesion
-    return math.tan(math.radians(angle)), cohesion
-
-
 def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
     """Those of the series below a name that the file has."""
     known = results.streams["resultants"]
@@ -328,14 +362,14 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
 def _from_fields(
     results: Results,
     stream: str,
-    where: str,
+    joint: str,
     arrays: _Arrays,
     geometry: JointGeometry,
     cohesion: float,
     rows: slice,
 ) -> dict[str, Any]:
     """Resultants from the tractions that a stream holds."""
-    series = results.streams[stream]
+    series, where = results.streams[stream], f"joints/{joint}"
     traction = results.series(stream, f"{where}/traction", rows)
     parts = _moved(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / geometry.area
@@ -343,9 +377,7 @@ def _from_fields(
         pressed = np.zeros_like(traction)
         pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
         parts |= _moved(arrays, geometry, pressed, "water_")
-    if f"{where}/broken" in series:
-        intact = results.series(stream, f"{where}/broken", rows) == 0
-        parts["bond"] = cohesion * (intact @ arrays.areas)
+    parts |= sliding_of_states(results, stream, joint, cohesion, rows)
     return parts
 
 

@@ -135,10 +135,10 @@ class DynamicRun:
             monitor.resume(self.model, "dynamic", self._steps, last, state_dict["monitors"][str(i)])
             self._started.append(monitor)
 
-    def take(self, dt: float) -> StepReport:
-        """Take a step and account for every substep of it."""
+    def take(self, dt: float, end: float) -> StepReport:
+        """Take a step of length dt to the time ``end`` [s] and account for every substep."""
         self._substeps = 0
-        for after, report, row in self._stepper.substeps(self.state, dt):
+        for after, report, row in self._stepper.substeps(self.state, dt, end):
             self._ledger.record(row)
             self.state = after
             if after.joints is not None:

@@ -53,7 +53,7 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepControl, located
+from dolfinx_joints.time_integration.substeps import StepControl, ends_of_steps, located
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
@@ -331,8 +331,7 @@ class Simulation:
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
-            began = start.time if start else 0.0
-            times = began + dt * np.arange(steps + 1)
+            times = ends_of_steps(start.time if start else 0.0, dt, steps)
             keeper = None
             if checkpoint is not None:
                 keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)
@@ -363,16 +362,16 @@ class Simulation:
             else:
                 run.resume(saved.state_dict, saved.origin)
             while run.step < steps:
-                self._step(run, dt)
+                self._step(run, dt, float(times[run.step + 1]))
                 self._save(keeper, run)
             self._watch.warn(f"by t = {run.state.time:.4g} s")
         return run.outcome()
 
-    def _step(self, run: DynamicRun, dt: float) -> None:
+    def _step(self, run: DynamicRun, dt: float, end: float) -> None:
         """One step, recorded by the monitors (collective)."""
         with self._phase("time steps"):
             try:
-                report = run.take(dt)
+                report = run.take(dt, end)
             except ConvergenceError as failure:
                 self._watch.warn(f"by t = {run.state.time:.4g} s")
                 raise located(failure, stage="dynamic", step=run.step + 1) from None

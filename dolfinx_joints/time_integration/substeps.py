@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -96,11 +97,15 @@ class Stepper:
         self._level = 0
 
     def substeps(
-        self, state: DynamicState, dt: float
+        self, state: DynamicState, dt: float, end: float | None = None
     ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
-        """Accepted substeps from ``state`` over dt [s] with their energies (collective)."""
+        """Accepted substeps from ``state`` over dt [s] with their energies (collective).
+
+        The last one ends at ``end`` [s]; the sum of both times unless given.
+        """
         finest = 2**self._control.max_halvings
-        start, done = state.time, 0  # done counts substeps of the shortest length
+        end = state.time + dt if end is None else end
+        done = 0  # counts substeps of the shortest length
         while done < finest:
             length = finest >> self._level
             shortest = length == 1
@@ -117,8 +122,8 @@ class Stepper:
                 self._level += 1
                 continue
             done += length
-            if done == finest and after.time != start + dt:
-                after = replace(after, time=start + dt)
+            if done == finest:
+                after = replace(after, time=end)
             state = after
             self._accept(state, report)
             yield state, report, row
@@ -204,6 +209,14 @@ class Stepper:
         self.counts.accepted += 1
         if self._control.tolerance is not None:
             self._largest = max(self._largest, float(state.displacement.norm()))
+
+
+def ends_of_steps(start: float, dt: float, steps: int) -> NDArray[np.float64]:
+    """Times from ``start`` at equal steps [s], shape (steps + 1,), to 15 digits.
+
+    So that they read 4.5 and not 4.499999999999926, as sums of steps do.
+    """
+    return np.array([float(f"{start + dt * step:.15g}") for step in range(steps + 1)])
 
 
 def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:

@@ -36,6 +36,8 @@ from dolfinx_joints import (
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
+from dolfinx_joints.postprocessing.measures import joint_extremes, joint_measures
+from dolfinx_joints.postprocessing.resultants import joint_resultants
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
@@ -145,6 +147,52 @@ def test_results_of_a_run(comm, wall_file, read, new_path):
             gap = results.series("states", "joints/joint_2/gap")[..., 0]
             t = results.series("states", "joints/joint_2/traction")[..., 0]
             np.testing.assert_allclose(t, 1e11 * np.minimum(gap, 0), rtol=1e-12, atol=1e-6)
+
+    on_root(comm, look)
+
+
+def test_extremes_of_joints_are_of_every_step(comm, wall_file, read, new_path):
+    # Against a second file of the same run that keeps all points at every step.
+    paths = new_path("thin.h5"), new_path("dense.h5")
+    monitors = [
+        ResultsMonitor(path, points=POINTS, every=every, resultants=every == 1)
+        for path, every in zip(paths, (100, 1), strict=True)
+    ]
+    shake(wall(read(wall_file())), monitors)
+
+    def look():
+        with Results(paths[0]) as thin, Results(paths[1]) as dense:
+            assert thin.rows("states") == 1
+            every = joint_measures(dense)
+            for joint in thin.joints:
+                where = f"joints/{joint}"
+                points = dense.static(f"{where}/points")
+                areas = dense.static(f"{where}/areas")
+                gap = dense.series("states", f"{where}/gap")
+                t = dense.series("states", f"{where}/traction")
+                found = joint_extremes(thin, joint)
+                # Times as they are read: 0.012, where 3 x 0.004 is 0.012 but for the last digit.
+                assert found.time.tolist() == [0.0, 0.004, 0.008, 0.012, 0.016, 0.02, 0.024]
+                slip = np.linalg.norm(gap[..., 1:] - gap[0, :, 1:], axis=-1)
+                for name, values in (("opening", np.maximum(gap[..., 0], 0.0)), ("slip", slip)):
+                    largest = values.max(axis=1)
+                    np.testing.assert_allclose(getattr(found, name), largest, rtol=1e-12)
+                    for row, place in enumerate(getattr(found, f"{name}_at")):
+                        if largest[row] == 0.0:
+                            assert np.isnan(place).all()
+                            continue
+                        here = np.linalg.norm(points - place, axis=1) < 1e-9
+                        assert values[row, here].max() == pytest.approx(largest[row], rel=1e-8)
+                    assert (
+                        joint_measures(thin)[joint][f"{name}_time"] == every[joint][f"{name}_time"]
+                    )
+                np.testing.assert_allclose(found.pressure, -t[..., 0].min(axis=1), rtol=1e-12)
+                safety = MU * (-t[..., 0] @ areas) / (np.linalg.norm(t[..., 1:], axis=-1) @ areas)
+                again = joint_resultants(dense, joint).sliding_safety
+                for each in (found.safety, again):
+                    # Infinite where the shear is that of rounding, as by symmetry at rest.
+                    np.testing.assert_allclose(np.minimum(each, 1e6), np.minimum(safety, 1e6))
+            assert max(m["opening_max"] for m in every.values()) > 0.0
 
     on_root(comm, look)
 

@@ -95,9 +95,9 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
     # Bit for bit: what is read back equals what the file holds.
     with Results(write_run(tmp_path / "r.h5")) as results:
         paths = write_csv(results, tmp_path / "new" / "tables")
-        names = ["histories", "energy", "joints", "resultants", "envelopes"]
+        names = ["histories", "energy", "joints", "joint_extremes", "resultants", "envelopes"]
         assert [path.name for path in paths] == [f"{name}.csv" for name in names]
-        history, energy, joints, forces, envelopes = paths
+        history, energy, joints, extremes, forces, envelopes = paths
         np.testing.assert_array_equal(column(history, "time [s]"), results.time("histories"))
         for name, unit in (("displacement", "m"), ("acceleration", "m/s^2"), ("velocity", "m/s")):
             values = results.series("histories", name)
@@ -133,8 +133,20 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
                 np.testing.assert_allclose(found, sums, rtol=1e-12)
             normal, shear = -(t[..., 0] @ AREAS), np.hypot(*(AREAS @ t)[:, 1:].T)
             safety = np.maximum(normal, 0.0) / shear  # tan 45 degrees is 1
-            found = column(forces, "sliding safety [-]")[rows]
+            found = column(forces, "sliding safety of the resultants [-]")[rows]
             np.testing.assert_allclose(found, safety, rtol=1e-9)
+            size = np.linalg.norm(t[..., 1:], axis=-1) @ AREAS
+            safety = np.maximum(-t[..., 0], 0.0) @ AREAS / size
+            for path in (forces, extremes):
+                found = column(path, "sliding safety [-]")[rows]
+                np.testing.assert_allclose(found, safety, rtol=1e-9)
+            gap = results.series("states", f"joints/{joint}/gap")
+            slip = np.linalg.norm(gap[..., 1:] - gap[0, :, 1:], axis=-1)
+            largest = column(extremes, "largest slip [m]")[rows]
+            np.testing.assert_allclose(largest, slip.max(axis=1), rtol=1e-12)
+            place = np.array([column(extremes, f"largest slip at {k} [m]")[rows] for k in "xyz"])
+            wanted = np.where(slip.max(axis=1) > 0, POINTS[slip.argmax(axis=1)].T, np.nan)
+            np.testing.assert_array_equal(place, wanted)
             least = column(joints, "safety_min [-]")[i]
             assert least == pytest.approx(safety.min(), rel=1e-9)
             # Two forces along z at x = 0 and 1: N acts where their moments balance.
@@ -165,7 +177,7 @@ def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     assert cli.main([*arguments, "--force"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         str(out / f"{name}.csv")
-        for name in ("histories", "energy", "joints", "resultants", "envelopes")
+        for name in ("histories", "energy", "joints", "joint_extremes", "resultants", "envelopes")
     ]
     assert read(joints)[0][0] == "joint"
     assert not list(out.glob("*.part"))
@@ -269,7 +281,7 @@ def test_the_law_of_a_joint_may_be_unknown(tmp_path):
         append(writer, "states", 0.0)
         writer.finish("complete", {})
     with Results(tmp_path / "r.h5") as results:
-        joints, forces = write_csv(results, tmp_path)
+        joints, _, forces = write_csv(results, tmp_path)
         assert "joint_1" in overview(results.path)
         assert math.isnan(column(joints, "safety_min [-]")[0])
         assert np.isfinite(column(forces, "total force z [N]")).all()

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+
+from rings import quarter_ring
 
 from dolfinx_joints import (
     Checkpoints,
@@ -27,6 +30,7 @@ from dolfinx_joints import (
     Simulation,
     Traction,
     Uplift,
+    mesh_from_arrays,
 )
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.resultants import (
@@ -84,7 +88,9 @@ def test_block_on_an_incline(blocks_file, read, cell, order, quadrature):
     np.testing.assert_allclose(found.force, [0.0, 0.0, WEIGHT], atol=1e-8 * WEIGHT)
     assert found.normal_force == pytest.approx(WEIGHT * math.cos(angle), **size)
     assert found.shear_force == pytest.approx(WEIGHT * math.sin(angle), **size)
-    assert found.sliding_safety == pytest.approx(MU / math.tan(angle), **size)
+    assert found.plane_safety == pytest.approx(MU / math.tan(angle), **size)
+    # Point by point: less, by the shear that Poisson's ratio makes across the slope.
+    assert 0.99 < found.sliding_safety / found.plane_safety < 1.0
     # Height of the upper block over x: 1 - s t, with s = x - 1/2 and t = tan a. Its centre is at
     # s = integral of s (1 - s t) = -t / 12; the joint's force must pass below it.
     lever = -math.tan(angle) / 12.0
@@ -103,7 +109,7 @@ def test_block_on_an_incline_in_the_plane(two_rectangles_file, read):
     found = at_rest(blocks(read(two_rectangles_file(angle=20.0))))
     np.testing.assert_allclose(found.geometry.centroid, [0.5, 1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(found.force, [0.0, WEIGHT, 0.0], atol=1e-8 * WEIGHT)
-    assert found.sliding_safety == pytest.approx(MU / math.tan(angle), rel=1e-9)
+    assert found.plane_safety == pytest.approx(MU / math.tan(angle), rel=1e-9)
     lever = -math.tan(angle) / 12.0
     np.testing.assert_allclose(found.moment, [0.0, 0.0, lever * WEIGHT], atol=1e-8 * WEIGHT)
     place = np.array([0.5, 1.0, 0.0]) + lever * np.array([1.0, math.tan(angle), 0.0])
@@ -118,7 +124,7 @@ def test_eccentric_block(blocks_file, read):
     found = at_rest(blocks(read(blocks_file(angle=0.0)), loads=loads))
     np.testing.assert_allclose(found.force, [-q, 0.0, WEIGHT], atol=1e-8 * WEIGHT)
     np.testing.assert_allclose(found.line_of_action, [0.6, 0.5, 1.0], atol=1e-8)
-    assert found.sliding_safety == pytest.approx(MU * WEIGHT / q, rel=1e-8)
+    assert found.plane_safety == pytest.approx(MU * WEIGHT / q, rel=1e-8)
     assert found.contact == pytest.approx(1.0)  # inside the kern, 1/6 m
 
 
@@ -133,18 +139,20 @@ def test_cohesion_counts_while_the_bond_is_whole(blocks_file, read, new_path, co
     expected = (MU * WEIGHT + c) / q
     state = Simulation(model).statics().joints
     forces = JointForces(model)
-    assert forces(state)["joint_1"].sliding_safety == pytest.approx(expected, rel=1e-8)
+    whole = forces(state)["joint_1"]
+    assert whole.plane_safety == pytest.approx(expected, rel=1e-8)
     state.state.internal[:, 0] = model.operator.points[:, 0] < 0.499  # broken on the left
     half = forces(state)["joint_1"]
     assert half.bond == pytest.approx(0.75 * c, rel=1e-12)  # nodes at x = 0, 1/2, 1 of 1 m
-    assert half.sliding_safety == pytest.approx((MU * WEIGHT + 0.75 * c) / q, rel=1e-8)
+    assert half.plane_safety == pytest.approx((MU * WEIGHT + 0.75 * c) / q, rel=1e-8)
     for resultants in (False, True):
         path = file_of(model, new_path("bond.h5"), resultants=resultants, every=1)
         if comm.rank == 0:
             with Results(path) as results:
                 found = joint_resultants(results, "joint_1")
                 assert found.bond == pytest.approx(np.full(4, c), rel=1e-12)
-                assert found.sliding_safety[0] == pytest.approx(expected, rel=1e-8)
+                assert found.plane_safety[0] == pytest.approx(expected, rel=1e-8)
+                assert found.sliding_safety[0] == pytest.approx(whole.sliding_safety, rel=1e-8)
 
 
 def test_a_law_without_limit_has_no_safety(blocks_file, read, new_path, comm):
@@ -158,7 +166,7 @@ def test_a_law_without_limit_has_no_safety(blocks_file, read, new_path, comm):
             assert math.isnan(measures["safety_time"])
             given = joint_resultants(results, "joint_1", friction_angle_deg=30.0)
             expected = MU / math.tan(math.radians(20.0))
-            assert given.sliding_safety[0] == pytest.approx(expected, rel=1e-8)
+            assert given.plane_safety[0] == pytest.approx(expected, rel=1e-8)
 
 
 def test_effective_and_total_forces_with_uplift(blocks_file, read, new_path, comm):
@@ -373,3 +381,19 @@ def test_a_body_without_joints_has_no_resultants(blocks_file, read, new_path):
         file_of(model, new_path("whole.h5"), resultants=True)
     with pytest.raises(MeshError, match="no resultants of joints"):
         JointForces(model)
+
+
+def test_a_curved_joint_is_safe_point_by_point(comm):
+    # A quarter of a cylinder pressed by p and sheared by s to and fro around it. Safety: mu p / s.
+    # The mean of the normal over a right angle is 2 sqrt(2) / pi of 1, 0.90: no plane joint.
+    jointed = mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
+    fixed = [Fixed(group="outside")]
+    model = Model(jointed, material=SOLID, joints=LAW, supports=fixed, quadrature="gauss")
+    joints = Simulation(model).statics().joints
+    shear = 1e6 * np.sign(model.operator.points[:, 0] - 1.0)
+    traction = np.column_stack([np.full(len(shear), -3e6), shear, np.zeros_like(shear)])
+    found = JointForces(model)(replace(joints, traction=traction))["joint"]
+    assert found.sliding_safety == pytest.approx(3.0 * MU, rel=1e-12)
+    assert found.geometry.flatness == pytest.approx(2.0 * math.sqrt(2.0) / math.pi, rel=1e-3)
+    assert "curved (flatness 0.90)" in found.geometry.warning
+    assert np.isnan(found.plane_safety)

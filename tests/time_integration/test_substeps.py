@@ -26,7 +26,7 @@ from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, located
+from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_of_steps, located
 
 
 class Reluctant:
@@ -72,6 +72,13 @@ def take(work, dt):
         ledger.record(row)
         states.append(state)
     return states
+
+
+def test_times_of_steps_have_no_digits_of_rounding():
+    # 900 sums of 0.005 are 4.499999999999926, and 3 * 0.1 is 0.30000000000000004.
+    assert ends_of_steps(0.0, 0.005, 900)[-1] == 4.5
+    assert ends_of_steps(0.0, 0.1, 3).tolist() == [0.0, 0.1, 0.2, 0.3]
+    assert ends_of_steps(4.5, 0.005, 20)[-1] == 4.6
 
 
 @pytest.mark.parametrize(("limit", "count"), [(1.0, 1), (0.1, 1), (0.06, 2), (0.02, 8)])

@@ -1,0 +1,102 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Extremes of each joint, and what its safety against sliding is made of, at every step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.resultants import JointForces, broken_joints
+from dolfinx_joints.postprocessing.joint_extremes import ALIKE
+from dolfinx_joints.results.writer import ResultsWriter
+
+Floats = NDArray[np.floating[Any]]
+
+_LARGEST = (("opening", "m"), ("slip", "m"), ("pressure", "Pa"))
+_FORCES = {
+    "compression": "integral of the pressure, of tension too where a bond holds",
+    "shear_sum": "integral of the magnitude of the shear traction",
+    "bond": "cohesion times the area whose bond is intact",
+}
+
+
+class JointExtremesStream:
+    """The stream ``joints`` of a results file; on each rank the reductions of its own points.
+
+    Args:
+        model: The model, with joints.
+        gap: Gaps of the local points from which slip counts, shape (n, 3), [m].
+    """
+
+    def __init__(self, model: Model, gap: Floats) -> None:
+        """Find the joints (collective)."""
+        assert model.operator is not None
+        assert model.contact is not None
+        self._operator, self._gap = model.operator, gap.copy()
+        self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
+        self._first = model.operator.matrix.getOwnershipRange()[0] // 3
+
+    def declare(self, writer: ResultsWriter) -> None:
+        """Declare the stream; on the rank that writes."""
+        for joint in self._operator.names:
+            for name, unit in _LARGEST:
+                text = f"largest {name} of the points"
+                writer.series("joints", f"{joint}/{name}", (), unit, text)
+            for name in ("opening", "slip"):
+                text = f"where the {name} is the largest, NaN where it is zero"
+                writer.series("joints", f"{joint}/{name}_at", (3,), "m", text)
+            for name in self._forces_of(joint):
+                writer.series("joints", f"{joint}/{name}", (), "N", _FORCES[name])
+
+    def _forces_of(self, joint: str) -> list[str]:
+        return [name for name in _FORCES if name != "bond" or joint in self._bonded]
+
+    def values(self, joints: Response) -> dict[str, Any]:
+        """Values of a step (collective)."""
+        operator, gap = self._operator, joints.state.gap
+        here = np.column_stack(
+            [
+                np.maximum(gap[:, 0], 0.0),
+                np.linalg.norm(gap[:, 1:] - self._gap[:, 1:], axis=1),
+                np.maximum(-joints.traction[:, 0], 0.0),
+            ]
+        )
+        own = np.zeros((2, len(operator.names), 3))
+        np.maximum.at(own[0], operator.joint, here)
+        np.add.at(own[1], operator.joint, self._forces.sliding(joints))
+        every = np.array(operator.comm.allgather(own))
+        largest, sums = every[:, 0].max(axis=0), every[:, 1].sum(axis=0)
+        places = self._places(here[:, :2], largest[:, :2])
+        found: dict[str, Any] = {}
+        for i, joint in enumerate(operator.names):
+            for k, (name, _) in enumerate(_LARGEST):
+                found[f"{joint}/{name}"] = largest[i, k]
+            for k, name in enumerate(("opening", "slip")):
+                found[f"{joint}/{name}_at"] = places[i, k]
+            for k, name in enumerate(self._forces_of(joint)):
+                found[f"{joint}/{name}"] = sums[i, k]
+        return found
+
+    def _places(self, here: Floats, largest: Floats) -> Floats:
+        """Where values (n, m) of the points are the largest of their joint, (joints, m, 3)."""
+        operator = self._operator
+        first = np.full(largest.shape, operator.num_points)
+        reached = (here > 0.0) & (here >= ALIKE * largest[operator.joint])
+        point, column = np.nonzero(reached)
+        np.minimum.at(first, (operator.joint[point], column), self._first + point)
+        number = np.min(operator.comm.allgather(first), axis=0)
+        nowhere = np.full((1, 3), np.nan)
+        return np.asarray(np.concatenate([operator.layout.points, nowhere])[number])
+
+    def state_dict(self) -> Floats | None:
+        """Gaps from which slip counts, of all points on rank 0 (collective)."""
+        return self._operator.gather(self._gap)
+
+    def load_state_dict(self, gap: Floats) -> None:
+        """Take up what another's ``state_dict`` gave."""
+        self._gap = np.array(gap[self._first : self._first + len(self._gap)])

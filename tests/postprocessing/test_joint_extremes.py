@@ -1,0 +1,138 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Openings, slips and safety of joints over time: curved joints by hand, from written files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing.csv_tables import write_csv
+from dolfinx_joints.postprocessing.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.results.layout import declare_states
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.writer import ResultsWriter
+
+MU, COHESION = math.tan(math.radians(40.0)), 2e5
+
+
+def write_joint(path: Path, normals: Any, tractions: Any, *, broken: Any = None) -> Path:
+    """One state of points of 1 m^2 with horizontal s1 = y, as along the axis of a valley."""
+    n = np.asarray(normals, dtype=float)
+    along = np.broadcast_to([0.0, 1.0, 0.0], n.shape)
+    frames = np.stack([n, along, np.cross(n, along)], axis=1)
+    joint = {"points": n, "frames": frames, "areas": np.ones(len(n)), "facet": np.arange(len(n))}
+    law = {"friction_angle_deg": 40.0, "cohesion": 0.0 if broken is None else COHESION}
+    with ResultsWriter(path, {"laws": {"base": law}}) as writer:
+        declare_states(writer, n, [[0, 1, 1]], {"base": joint})
+        if broken is not None:
+            writer.series("states", "joints/base/broken", (len(n),), "-", "", dtype=np.int8)
+        writer.start()
+        state = {
+            "displacement": np.zeros_like(n),
+            "joints/base/gap": np.zeros_like(n),
+            "joints/base/traction": np.asarray(tractions, dtype=float),
+        }
+        writer.append(
+            "states", 0.0, state if broken is None else state | {"joints/base/broken": broken}
+        )
+        writer.finish("complete", {})
+    return path
+
+
+def test_wedge(tmp_path):
+    # A block in a symmetric V, whose faces of 1 m^2 are tilted by b, under the weight W and pulled
+    # by H along the line where they meet: each face is pressed by N = W / (2 cos b) and sheared by
+    # H / 2, so that the block slides where H = 2 mu N, the textbook's safety mu W / (H cos b). The
+    # mean normal is vertical: its resultants make mu W / H of it, too little by cos b = 0.625.
+    b, weight, pull = math.acos(0.625), 1e6, 0.92e6
+    normals = [[math.sin(b), 0.0, math.cos(b)], [-math.sin(b), 0.0, math.cos(b)]]
+    pressed = [-weight / (2.0 * math.cos(b)), -pull / 2.0, 0.0]
+    with Results(write_joint(tmp_path / "r.h5", normals, [pressed, pressed])) as results:
+        found = joint_resultants(results, "base")
+        np.testing.assert_allclose(found.force[0], [0.0, pull, weight], rtol=1e-12)
+        expected = MU * weight / (pull * math.cos(b))
+        assert found.sliding_safety[0] == pytest.approx(expected, rel=1e-12)
+        assert MU * found.normal_force / found.shear_force == pytest.approx(0.625 * expected)
+        assert measures.joint_extremes(results, "base").safety == pytest.approx([expected])
+        # What refers to the mean normal says so, or is not there: flatness is cos b.
+        assert found.geometry.flatness == pytest.approx(0.625, rel=1e-12)
+        assert "curved (flatness 0.62)" in found.geometry.warning
+        assert np.isnan(found.plane_safety).all()
+        assert np.isnan(found.line_of_action).all()
+        assert resultant_measures(results)["base"]["flatness"] == pytest.approx(0.625)
+        tables = {path.stem: path for path in write_csv(results, tmp_path)}
+    with tables["resultants"].open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["flatness [-]"]) == pytest.approx(0.625)
+    assert float(row["sliding safety [-]"]) == pytest.approx(expected)
+    assert row["sliding safety of the resultants [-]"] == "nan"
+
+
+def test_closed_cylinder(tmp_path):
+    # A plug under the pressure p all around, turned about its axis and sheared by s everywhere: no
+    # resultant force at all, and a safety of mu p / s.
+    angle = np.arange(36) * 2.0 * np.pi / 36
+    normals = np.stack([np.cos(angle), np.zeros(36), np.sin(angle)], axis=1)
+    path = write_joint(tmp_path / "r.h5", normals, np.tile([-3e6, 0.0, 1e6], (36, 1)))
+    with Results(path) as results:
+        found = joint_resultants(results, "base")
+        assert found.sliding_safety[0] == pytest.approx(3.0 * MU, rel=1e-12)
+        assert found.geometry.flatness == pytest.approx(0.0, abs=1e-12)
+        assert "curved" in found.geometry.warning
+
+
+def test_plane_joint(tmp_path):
+    # Sheared in one direction both safeties are one, (mu N + c A) / V: A two bonds of three, one of
+    # them in tension, which takes its part off N. Sheared to and fro the resultants see nothing.
+    level = np.tile([0.0, 0.0, 1.0], (3, 1))
+    t = [[-4e6, 3e5, 4e5], [-1e6, 6e5, 8e5], [1e5, 0.0, 0.0]]
+    path = write_joint(tmp_path / "r.h5", level, t, broken=[1, 0, 0])
+    with Results(path) as results:
+        found = joint_resultants(results, "base")
+        expected = (MU * 4.9e6 + 2.0 * COHESION) / 1.5e6
+        assert found.sliding_safety[0] == pytest.approx(expected, rel=1e-12)
+        assert found.plane_safety[0] == pytest.approx(expected, rel=1e-12)
+        assert not found.geometry.warning
+    path = write_joint(tmp_path / "s.h5", level[:2], [[-1e6, 5e5, 0.0], [-1e6, -5e5, 0.0]])
+    with Results(path) as results:
+        found = joint_resultants(results, "base")
+        assert found.sliding_safety[0] == pytest.approx(2.0 * MU, rel=1e-12)
+        assert np.isinf(found.plane_safety).all()
+
+
+def test_histories_are_drawn_in_their_units(tmp_path):
+    # Three steps: the opening of `b` is the largest, 4 mm at 0.2 s; `a` has the smallest safety.
+    level = np.array([[0.0, 0.0, 1.0]])
+    frames = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+    joint = {"points": level, "frames": frames, "areas": [1.0], "facet": [0]}
+    opened = {"a": [0.0, 1e-3, 2e-3], "b": [0.0, 3e-3, 4e-3]}
+    sheared = {"a": [1e5, 4e5, 2e5], "b": [1e5, 1e5, 1e5]}
+    laws = {name: {"friction_angle_deg": 45.0, "cohesion": 0.0} for name in "ab"}
+    with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:
+        declare_states(writer, level, [[0, 0, 0]], dict.fromkeys("ab", joint))
+        writer.start()
+        for step in range(3):
+            values: dict[str, Any] = {"displacement": np.zeros((1, 3))}
+            for name in "ab":
+                values[f"joints/{name}/gap"] = [[opened[name][step], 0.0, -1e-3 * step]]
+                values[f"joints/{name}/traction"] = [[-1e6, sheared[name][step], 0.0]]
+            writer.append("states", 0.1 * step, values)
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        panels = plots.joint_histories(results)
+    assert [ax.get_ylabel() for ax in panels] == ["opening [mm]", "slip [mm]", "safety [-]"]
+    assert panels[-1].get_xlabel() == "time [s]"
+    drawn = [ax.lines[2] for ax in panels]
+    np.testing.assert_allclose(drawn[0].get_ydata(), [0.0, 3.0, 4.0])
+    np.testing.assert_allclose(drawn[1].get_ydata(), [0.0, 1.0, 2.0])
+    np.testing.assert_allclose(drawn[2].get_ydata(), [10.0, 2.5, 5.0])
+    np.testing.assert_allclose(drawn[0].get_xdata(), [0.0, 0.1, 0.2])
+    labels = [line.get_label() for line in drawn]
+    assert labels == ["b: 4 mm at 0.2 s", "a: 2 mm at 0.2 s", "a: 2.5 at 0.1 s"]

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import logging
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -155,3 +157,20 @@ def interpolation_points(V: Any) -> NDArray[np.float64]:
     """Points of the reference cell that interpolation evaluates at; no method since 0.10."""
     points = V.element.interpolation_points
     return np.asarray(points() if callable(points) else points)
+
+
+def _show_warnings() -> None:
+    """Let warnings be seen: FFCx 0.9 hands them to a logger that may show none.
+
+    Loggers that handle them keep them.
+    """
+    import ffcx  # noqa: F401, which must have done so before
+
+    loggers = (logging.getLogger(), logging.getLogger("py.warnings"))
+    handlers = [h for logger in loggers for h in logger.handlers]
+    unseen = all(isinstance(h, logging.NullHandler) for h in handlers)
+    if unseen and warnings.showwarning is getattr(logging, "_showwarning", None):
+        logging.captureWarnings(False)
+
+
+_show_warnings()

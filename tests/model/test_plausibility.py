@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Values that no dam has are warned of, once each; others are not."""
 
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -132,3 +134,14 @@ def test_a_mesh_in_millimetres_and_the_switch(comm):
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", PlausibilityWarning)
         Model(supports=[Fixed(group="base")], **options)
+
+
+def test_warnings_are_seen_in_a_script(comm):
+    # DOLFINx 0.9 imports an FFCx that hands them to a logger without handlers.
+    if comm.size > 1:
+        return
+    script = "import warnings, dolfinx, dolfinx_joints as dj; dj.Model; warnings.warn('seen')"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert "UserWarning: seen" in done.stderr

@@ -13,12 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
-from dolfinx_joints.postprocessing.measures import (
-    acceleration_history,
-    displacement_history,
-    joint_history,
-)
-from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.postprocessing.joint_extremes import joint_extremes
+from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
 
@@ -68,27 +64,21 @@ def acceleration_peak(results: Results, points: Sequence[str]) -> Peak:
 
 
 def joint_peaks(results: Results, joint: str) -> dict[str, Peak]:
-    """Largest ``opening`` and ``slip`` of a joint over the states [m], smallest ``safety`` [-].
+    """Largest ``opening`` and ``slip`` of a joint [m] and smallest ``safety`` of all steps.
 
-    The safety is that of `joint_resultants`, its value NaN where none is known.
+    They are those of `joint_extremes`; the safety is NaN where none is known.
     """
-    time, *values = joint_history(results, joint)
-    places = results.static(f"joints/{joint}/points")
+    extremes = joint_extremes(results, joint)
     found = {}
-    for name, of_points in zip(("opening", "slip"), values, strict=True):
-        row, point = np.unravel_index(int(np.argmax(of_points)), of_points.shape)
-        value = float(of_points[row, point])
-        found[name] = Peak(value=value, time=float(time[row]), place=places[point])
-    forces = joint_resultants(results, joint)
-    assert forces.time is not None
-    safety = np.where(np.isnan(forces.sliding_safety), np.inf, forces.sliding_safety)
+    for name in ("opening", "slip"):
+        values, places = getattr(extremes, name), getattr(extremes, f"{name}_at")
+        at = int(np.argmax(values))
+        found[name] = Peak(value=float(values[at]), time=float(extremes.time[at]), place=places[at])
+    safety = np.where(np.isnan(extremes.safety), np.inf, extremes.safety)
     least = int(np.argmin(safety))
-    known = bool(np.isfinite(safety[least]))
-    found["safety"] = (
-        Peak(value=float(safety[least]), time=float(forces.time[least]))
-        if known
-        else Peak(value=np.nan)
-    )
+    found["safety"] = Peak(value=np.nan)
+    if np.isfinite(safety[least]):
+        found["safety"] = Peak(value=float(safety[least]), time=float(extremes.time[least]))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.postprocessing.joint_extremes import joint_extremes
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -67,13 +67,11 @@ def _histories(content: Content, run: Run) -> Html:
     """Largest opening and slip and the safety of each joint over time."""
     curves: list[list[Curve]] = [[], [], []]
     for joint in run.results.joints:
-        time, opening, slip = measures.joint_history(run.results, joint)
-        curves[0].append((joint, time, 1e3 * opening.max(axis=1)))
-        curves[1].append((joint, time, 1e3 * slip.max(axis=1)))
-        forces = joint_resultants(run.results, joint)
-        assert forces.time is not None
-        safety = forces.sliding_safety
-        curves[2].append((joint, forces.time, np.where(np.isinf(safety), np.nan, safety)))
+        found = joint_extremes(run.results, joint)
+        finite = np.where(np.isinf(found.safety), np.nan, found.safety)
+        values = (1e3 * found.opening, 1e3 * found.slip, finite)
+        for panel, ordinate in zip(curves, values, strict=True):
+            panel.append((joint, found.time, ordinate))
     titles = ["opening [mm]", "slip [mm]", "safety [-]"]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
     spec["layout"]["yaxis3"]["range"] = [0.0, _SAFEST]

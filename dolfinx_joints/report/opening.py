@@ -33,8 +33,9 @@ UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
 JOINT_NOTE = (
     "Opening is the positive part of the normal gap. Slip is the tangential displacement of the "
-    "two sides against each other from the static state. Safety is that of the whole joint "
-    "against sliding, friction and bond over shear force; a dash where it is not defined. Places "
+    "two sides against each other from the static state. Safety is that "
+    "against sliding, friction and bond over shear, both added up point by point; a dash where it "
+    "is not defined. Places "
     "are x (downstream), y (left bank) and z (up)."
 )
 

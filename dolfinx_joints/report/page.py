@@ -333,4 +333,5 @@ def _axis() -> dict[str, Any]:
         "linecolor": "#999",
         "ticks": "outside",
         "exponentformat": "power",
+        "automargin": True,
     }

@@ -145,7 +145,8 @@ def _rows(surfaces: Mapping[str, JointSurface]) -> Iterator[list[str]]:
     """Upright joints several to a row, each of the others in a row of its own."""
     upright = [name for name, surface in surfaces.items() if surface.upright]
     count = -(-len(upright) // _IN_A_ROW)
-    yield from (list(part) for part in np.array_split(np.array(upright, dtype=object), count or 1))
+    if upright:
+        yield from (list(part) for part in np.array_split(np.array(upright, dtype=object), count))
     yield from ([name] for name in surfaces if name not in upright)
 
 

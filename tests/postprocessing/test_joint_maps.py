@@ -87,3 +87,19 @@ def test_upstream_and_downstream_are_named(results: Results) -> None:
     patches = np.concatenate([p.vertices for p in around.collections[0].get_paths()])
     length = FACETS * 2.0 * RADIUS * np.sin(np.radians(70.0) / FACETS)
     np.testing.assert_allclose(np.ptp(patches, axis=0), [length, WIDTH])
+
+
+def test_a_level_joint_alone_has_its_panel(tmp_path: Path) -> None:
+    """The cubes on top of each other; no joint is upright."""
+    turn = [0, 2, 1]
+    level = JOINT | {"points": JOINT["points"][:, turn], "frames": JOINT["frames"][..., turn]}
+    with ResultsWriter(tmp_path / "level.h5", {"point_names": []}) as writer:
+        declare_states(writer, NODES[:, turn], SURFACE, {"joint_lift": level})
+        writer.start()
+        pressed = np.tile([-2e6, 0.0, 0.0], (4, 1))
+        record = {"joints/joint_lift/gap": 0 * pressed, "joints/joint_lift/traction": pressed}
+        writer.append("states", 0.0, {"displacement": 0.0 * NODES} | record)
+    with Results(tmp_path / "level.h5") as results:
+        panel, _ = plots.joint_maps(results, "normal").axes
+    assert panel.get_title(loc="left") == "joint_lift"
+    np.testing.assert_allclose(panel.collections[0].get_array(), -2.0)  # MPa

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing.axes import decorate, legend, new_axes
-from dolfinx_joints.postprocessing.joint_surface import (
+from dolfinx_joints.postprocessing.joints.surface import (
     LABELS,
     JointSurface,
     Quantity,

@@ -381,7 +381,7 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
         check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
         if isinstance(load, FaceLoad):
             jointed.facets(load.group)
-        if isinstance(load, CellLoad) and load.cells is not None:
+        elif isinstance(load, CellLoad) and load.cells:
             jointed.cells(load.cells)
 
 
@@ -395,7 +395,6 @@ def _names(loads: Sequence[Load]) -> list[str]:
         plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
     names: list[str] = []
     for name in plain:
-        numbered = (f"{name}_{number}" for number in count(1))
-        unused = (other for other in numbered if other not in (*plain, *names))
+        unused = (n for i in count(1) if (n := f"{name}_{i}") not in (*plain, *names))
         names.append(name if plain.count(name) == 1 else next(unused))
     return names

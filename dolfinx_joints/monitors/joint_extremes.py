@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, broken_joints
-from dolfinx_joints.postprocessing.joint_extremes import ALIKE
+from dolfinx_joints.postprocessing.joints.extremes import ALIKE
 from dolfinx_joints.results.writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]

@@ -17,8 +17,12 @@ from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import joint_facet_points
-from dolfinx_joints.postprocessing.joint_extremes import compression_and_shear
-from dolfinx_joints.postprocessing.resultants import JointGeometry, JointResultants, forces_of
+from dolfinx_joints.postprocessing.joints.extremes import compression_and_shear
+from dolfinx_joints.postprocessing.joints.resultants import (
+    JointGeometry,
+    JointResultants,
+    forces_of,
+)
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
 

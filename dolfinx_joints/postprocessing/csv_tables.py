@@ -22,16 +22,16 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.postprocessing.measures import (
-    JOINT_MEASURES,
-    joint_extremes,
-    joint_measures,
-)
-from dolfinx_joints.postprocessing.resultants import (
+from dolfinx_joints.postprocessing.joints.resultants import (
     RESULTANT_MEASURES,
     block_resultants,
     joint_resultants,
     resultant_measures,
+)
+from dolfinx_joints.postprocessing.measures import (
+    JOINT_MEASURES,
+    joint_extremes,
+    joint_measures,
 )
 from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results

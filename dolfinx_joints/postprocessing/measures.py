@@ -32,8 +32,8 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
     reference_displacement,
 )
-from dolfinx_joints.postprocessing.joint_extremes import JointExtremes as JointExtremes
-from dolfinx_joints.postprocessing.joint_extremes import joint_extremes as joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import JointExtremes as JointExtremes
+from dolfinx_joints.postprocessing.joints.extremes import joint_extremes as joint_extremes
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages

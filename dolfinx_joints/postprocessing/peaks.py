@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
-from dolfinx_joints.postprocessing.joint_extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
-from dolfinx_joints.postprocessing.resultants import stage_resultants
+from dolfinx_joints.postprocessing.joints.resultants import stage_resultants
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import nodal_displacement
-from dolfinx_joints.postprocessing.joint_surface import (
+from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
     STATES,
     JointSurface,

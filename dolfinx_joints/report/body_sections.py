@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
-from dolfinx_joints.postprocessing.joint_surface import JointSurface
+from dolfinx_joints.postprocessing.joints.surface import JointSurface
 from dolfinx_joints.postprocessing.palette import colours
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.joint_extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.report.page import (
     Curve,
     Html,

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
-from dolfinx_joints.postprocessing.resultants import joint_resultants
 from dolfinx_joints.report.page import Cell, Html, Section, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 

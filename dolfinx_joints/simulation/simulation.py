@@ -175,9 +175,7 @@ class Simulation:
             ConvergenceError: No equilibrium under the pressure was found.
         """
         if self.static is None:
-            raise JointsError(
-                "There is nothing to grout yet: run statics(joints='inactive') before."
-            )
+            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
         name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, self.static, [(None, 1.0)], ())
         self.static = grouted(

@@ -36,8 +36,8 @@ from dolfinx_joints import (
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_extremes, joint_measures
-from dolfinx_joints.postprocessing.resultants import joint_resultants
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.reader import ENERGY_TERMS
 

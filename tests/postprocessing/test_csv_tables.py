@@ -14,8 +14,8 @@ import pytest
 from dolfinx_joints import Results, ResultsError, cli
 from dolfinx_joints.postprocessing.csv_tables import tables_of, write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_measures
-from dolfinx_joints.postprocessing.resultants import block_resultants, joint_resultants
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.reader import ENERGY_TERMS

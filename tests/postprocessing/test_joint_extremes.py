@@ -14,7 +14,7 @@ import pytest
 
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.csv_tables import write_csv
-from dolfinx_joints.postprocessing.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
 from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter

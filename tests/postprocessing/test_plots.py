@@ -11,7 +11,8 @@ import pytest
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import JointsError, ResultsError
-from dolfinx_joints.postprocessing import joint_surface, plots
+from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing.joints import surface as joint_surface
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter

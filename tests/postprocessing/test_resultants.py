@@ -33,7 +33,7 @@ from dolfinx_joints import (
     mesh_from_arrays,
 )
 from dolfinx_joints.monitors.resultants import JointForces
-from dolfinx_joints.postprocessing.resultants import (
+from dolfinx_joints.postprocessing.joints.resultants import (
     block_resultants,
     joint_resultants,
     resultant_measures,

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing.unrolled import unrolled
+from dolfinx_joints.postprocessing.joints.unrolled import unrolled
 
 RADIUS, WIDTH, FACETS = 30.0, 6.0, 8
 

@@ -13,7 +13,7 @@ from written_runs import write_run as written_run
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots, rendering, views
-from dolfinx_joints.postprocessing.joint_surface import map_colours
+from dolfinx_joints.postprocessing.joints.surface import map_colours
 from dolfinx_joints.postprocessing.palette import signed_colours
 from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results

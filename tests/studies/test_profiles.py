@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import joint_surface
+from dolfinx_joints.postprocessing.joints import surface
 from dolfinx_joints.results.reader import Results
 from studies.profiles import points_along, traction_profile
 from tests.postprocessing.test_plots import MU, joint_arrays, write_run
@@ -52,7 +52,7 @@ def test_a_line_up_a_joint_between_inclined_sides_meets_its_column() -> None:
     def across(share: float, y: float) -> tuple[float, float]:
         return (y + share * (4.0 - y), y)
 
-    plane = joint_surface.JointSurface.__new__(joint_surface.JointSurface)
+    plane = surface.JointSurface.__new__(surface.JointSurface)
     plane.facets = np.array(
         [
             [across(a, y), across(a + 0.5, y), across(a + 0.5, y + 1.0), across(a, y + 1.0)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.axes import decorate
-from dolfinx_joints.postprocessing.joint_surface import (
+from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
     STATES,
     JointSurface,

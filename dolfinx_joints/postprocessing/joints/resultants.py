@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joint_extremes import (
+from dolfinx_joints.postprocessing.joints.extremes import (
     NEGLIGIBLE,
     FrictionAngle,
     joint_extremes,

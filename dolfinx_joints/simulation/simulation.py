@@ -30,18 +30,18 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
-from dolfinx_joints.simulation.construction import grouted
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
 from dolfinx_joints.simulation.first_state import first_state, given_fields, in_words
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
-from dolfinx_joints.simulation.static_stage import (
+from dolfinx_joints.simulation.statics.construction import grouted
+from dolfinx_joints.simulation.statics.stage import (
     check_acting,
     check_complete,
     march,
 )
-from dolfinx_joints.simulation.unfinished import (
+from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_grouted,
     check_may_begin,

@@ -20,7 +20,7 @@ import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.section_table import SectionTable
 from dolfinx_joints.geometry.sections_dam import sections_dam
-from dolfinx_joints.simulation.load_increments import LoadIncrements
+from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
 
 G = 9.80665  # [m/s^2]
 DENSITY = 2400.0  # [kg/m^3]

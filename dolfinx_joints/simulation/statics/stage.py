@@ -20,11 +20,11 @@ from dolfinx_joints.laws.law import Floats
 from dolfinx_joints.loads.load import Load, always
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.construction import with_inactive
-from dolfinx_joints.simulation.joint_water_iteration import JointWaterIteration
-from dolfinx_joints.simulation.load_increments import LoadIncrements
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.unfinished import Unfinished
+from dolfinx_joints.simulation.statics.construction import with_inactive
+from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
+from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
+from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver

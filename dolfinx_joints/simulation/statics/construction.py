@@ -19,7 +19,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
 from dolfinx_joints.loads.load import FollowsJoints
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.unfinished import (
+from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_elastic,
     check_joints,

@@ -17,17 +17,20 @@ class LineSearch:
 
     Args:
         max_cuts: Halvings allowed where the residual falls.
+        leaps: Whether whole corrections may be taken. Beyond the limit of plastic cells they run
+            away, until the residual is little beside the stiffness times the displacement.
     """
 
-    def __init__(self, max_cuts: int) -> None:
+    def __init__(self, max_cuts: int, *, leaps: bool = True) -> None:
         """Begin a solve."""
-        self._max_cuts, self._whole = max_cuts, 0
+        self._max_cuts, self._whole, self._leaps = max_cuts, 0, leaps
         self._norms: list[float] = []
 
     def cuts(self, norm: float) -> int:
         """Halvings allowed to the next correction, from a residual of this norm."""
         self._norms.append(norm)
-        if len(self._norms) > PATIENCE and norm > FALL * self._norms[-1 - PATIENCE]:
+        stalls = len(self._norms) > PATIENCE and norm > FALL * self._norms[-1 - PATIENCE]
+        if self._leaps and stalls:
             self._whole = WHOLE
         if self._whole == 0:
             return self._max_cuts

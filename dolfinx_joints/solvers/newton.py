@@ -121,7 +121,7 @@ class NewtonSolver:
         response, norm = balance.evaluate(balance.change)
         balance.accept()
         factorizations, iteration, norms = 0, 0, [norm]
-        line_search = LineSearch(options.max_cuts)
+        line_search = LineSearch(options.max_cuts, leaps=self.system.bulk is None)
         while not norm <= balance.tolerance:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale

@@ -165,7 +165,7 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
     if failure.law is not None:
         return None
     limit = "The joints or the bulk may carry no more: more strength or supports, or less load."
-    if reached == 0.0:
+    if reached == 0.0 and not failure.yielding:
         limit = "Is each block held by supports, springs or joints pressed enough not to slide?"
     if kind != "auto":
         return f'solver="auto" takes the solver that works. {limit}'

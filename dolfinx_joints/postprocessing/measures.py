@@ -34,6 +34,7 @@ from dolfinx_joints.postprocessing.frames import (
 )
 from dolfinx_joints.postprocessing.joints.extremes import JointExtremes as JointExtremes
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes as joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import open_points as open_points
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
@@ -181,19 +182,6 @@ def fourier_peaks(
     highest = highest_peak(frequency, amplitude)
     second = (np.nan, np.nan) if below is None else highest_peak(frequency, amplitude, below=below)
     return FourierPeaks(*highest, float(frequency[1]), *second)
-
-
-def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
-    """Which joint points are open: a positive gap and no traction, shape (..., points).
-
-    Args:
-        gap: Components (n, s1, s2), shape (..., points, 3), [m].
-        traction: Likewise, in any unit.
-    """
-    # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
-    negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
-    is_open: NDArray[np.bool_] = (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
-    return is_open
 
 
 def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]:

@@ -126,6 +126,19 @@ def compression_and_shear(
     return compression, np.linalg.norm(traction[..., 1:], axis=-1)
 
 
+def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
+    """Which joint points are open: a positive gap and no traction, shape (..., points).
+
+    Args:
+        gap: Components (n, s1, s2), shape (..., points, 3), [m].
+        traction: Likewise, in any unit.
+    """
+    # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
+    negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
+    is_open: NDArray[np.bool_] = (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
+    return is_open
+
+
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
     """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
     law = results.law(joint)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
-from dolfinx_joints.postprocessing.measures import open_points
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
 from dolfinx_joints.results.reader import Results
 

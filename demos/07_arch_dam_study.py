@@ -89,11 +89,13 @@ def make_mesh(folder: Path, size: float, order: int) -> Path:
 # ## Model
 #
 # The rock stands on dashpots. Its weight is left out: it has settled before the dam was built. The
-# temperature is that of the concrete against the one at which the joints were grouted.
+# temperature is that of the concrete against the one at which the joints were grouted. The concrete
+# is bonded to the rock: on banks as steep as these friction alone would not hold single blocks.
 
 # %%
 ROCK = dj.Elastic(young=30e9, poisson=0.25, density=2600.0)
 CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
+CONTRACTION = [f"joint_{k}" for k in range(1, 6)]
 WEIGHT = dj.Gravity(cells="concrete")
 WATER = dj.HydrostaticPressure(group="upstream", level=CREST - 2.0)
 WINTER = dj.Temperature(value=4.0, reference=9.0, expansion=1e-5, cells="concrete")
@@ -103,13 +105,16 @@ def make_model(
     mesh: Path, *, joints: bool = True, friction: float = 40.0, stiffness: float = 1e11
 ) -> dj.Model:
     """The dam with its joints, or the same as a monolith."""
-    law = dj.FrictionNoTension(
-        normal_stiffness=stiffness, shear_stiffness=0.4 * stiffness, friction_angle_deg=friction
+    elastic = {"normal_stiffness": stiffness, "shear_stiffness": 0.4 * stiffness}
+    contraction = dj.FrictionNoTension(friction_angle_deg=friction, **elastic)
+    perimetral = dj.MohrCoulombJoint(
+        friction_angle_deg=45.0, cohesion=5e6, tensile_strength=3e6, **elastic
     )
+    laws = dict.fromkeys(CONTRACTION, contraction) | {"joint_perimetral": perimetral}
     return dj.Model(
         dj.read_msh(mesh, COMM, joints=None if joints else []),
         material={"concrete": CONCRETE, "foundation": ROCK},
-        joints=law if joints else None,
+        joints=laws if joints else None,
         supports=[dj.ViscousBoundary(group="foundation_outer")],
         loads=[WEIGHT, WATER, WINTER],
         added_mass=[dj.WestergaardMass(group="upstream", level=CREST - 2.0)],
@@ -131,7 +136,7 @@ def build_up(simulation: dj.Simulation) -> None:
     alone = ["joint_perimetral"] if jointed else "active"
     simulation.statics(loads=[WEIGHT], joints=alone, name="weight")
     if jointed:
-        simulation.grout(name="grouting")
+        simulation.grout(CONTRACTION, name="grouting")
     simulation.statics(loads=[WEIGHT, WATER], name="full reservoir")
     simulation.statics(name="winter")
 
@@ -146,7 +151,7 @@ def build_up(simulation: dj.Simulation) -> None:
 def make_motion(record: str | None, steps: int) -> dj.Motion:
     """The record of a folder, or an artificial one, without drift."""
     if record is None:
-        motion = dj.synthetic_motion(seed=1976, duration=DT * steps, peaks_g=(0.35, 0.3, 0.25))
+        motion = dj.synthetic_motion(seed=1976, duration=max(4.0, DT * steps), peaks_g=(0.35, 0.3, 0.25))
     else:
         motion = dj.read_record(record).band_passed(0.2, 25.0).resampled(DT)
     return motion.baseline_corrected(3)
@@ -165,10 +170,10 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
     monitors = [
         dj.ResultsMonitor(
             results,
-            points={"crown": CROWN, "foot": (0.0, 0.0, 320.0)},
+            points={"crown": CROWN, "rock": dj.Probe((0.0, 0.0, 320.0), group="foundation")},
             every=5,
             overwrite=True,
-            resultants=True,
+            resultants=model.contact is not None,
             envelopes=True,
         ),
         dj.FieldMonitor(results.with_suffix(".bp"), every=20),
@@ -207,7 +212,7 @@ def case(
 def study(mesh: Path, record: str | None, steps: int, out: Path) -> Table:
     """Run the cases and write their table."""
     cases = {
-        f"friction {friction:g}, k_n {stiffness:g}": {
+        f"friction={friction:g}_stiffness={stiffness:g}": {
             "friction": friction,
             "stiffness": stiffness,
             "mesh": str(mesh.resolve()),
@@ -267,7 +272,8 @@ def main(arguments: list[str] | None = None) -> None:
         outcome = run(
             make_model(mesh, joints=joints), motion, options.steps, options.out / f"{name}.h5"
         )
-        assert outcome.energy_error < 1e-9
+        assert outcome.imbalance < 1e-9  # all lines of the ledger together
+        assert outcome.energy_error < (0.02 if joints else 1e-9)  # with what breaking bonds lose
     on_root(COMM, lambda: read(options.out))
     if COMM.size == 1:
         study(mesh, options.record, options.steps, options.out)

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+from vtx_files import read_vtx
 
 from dolfinx_joints import (
     ConvergenceError,
@@ -23,6 +24,7 @@ from dolfinx_joints import (
     Gravity,
     MeshError,
     Model,
+    Monitor,
     Newmark,
     Probe,
     ProgressMonitor,
@@ -369,13 +371,47 @@ def test_run_without_joints(comm, wall_file, read, new_path):
     on_root(comm, look)
 
 
-def test_fields_are_written(comm, wall_file, read, new_path):
-    path = new_path("fields.bp")
-    shake(wall(read(wall_file())), [FieldMonitor(path, every=2)])
+class Displacements(Monitor):
+    """Times [s] and displacements of all nodes that this rank writes, (nodes, 3), [m]."""
+
+    def start(self, model, stage, steps, first):
+        self.model, self.seen = model, []
+        self.record(first)
+
+    def record(self, record):
+        u = self.model.function(record.displacement).x.array
+        self.seen.append((record.time, u.reshape(-1, 3).copy()))
+
+
+def test_paraview_reads_the_displacement_of_each_time(comm, wall_file, read, new_path):
+    """Node by node what the run computed, and along the joints what the results file holds."""
+    path, run, watch = new_path("fields.bp"), new_path("run.h5"), Displacements()
+    model = wall(read(wall_file()))
+    shake(model, [FieldMonitor(path, every=2), watch, ResultsMonitor(run, points=POINTS, every=2)])
+    nodes = comm.gather(model.V.tabulate_dof_coordinates())
+    expected = comm.gather(watch.seen[::2])
 
     def look():
-        assert path.is_dir()
-        assert sum(file.stat().st_size for file in path.iterdir()) > 0
+        steps = read_vtx(path, "displacement")
+        assert [step.time for step in steps] == [time for time, _ in expected[0]]
+        for number, step in enumerate(steps):
+            for rank in range(comm.size):
+                np.testing.assert_array_equal(step.nodes[rank], nodes[rank])
+                np.testing.assert_array_equal(step.values[rank], expected[rank][number][1])
+        with Results(run) as results:
+            np.testing.assert_array_equal(results.time("states"), [step.time for step in steps])
+            where, u = results.static("mesh/nodes"), results.series("states", "displacement")
+        for step, state in zip(steps, u, strict=True):
+            # Two nodes at a place of a joint: in the file any order.
+            rows = np.hstack([np.concatenate(step.nodes), np.concatenate(step.values)])
+            both = np.hstack([where, state])
+            found, wanted = (np.unique(each.round(12), axis=0) for each in (rows, both))
+            np.testing.assert_array_equal(found, wanted)
+        moved = np.abs(np.diff(u, axis=0)).max(axis=(1, 2))
+        assert (moved > 1e-6).all()  # else no test of it
+        (weight,) = read_vtx(path.with_name(f"{path.stem}_1_statics_1.bp"), "displacement")
+        for rank, values in enumerate(weight.values):
+            np.testing.assert_array_equal(values, expected[rank][0][1])
 
     on_root(comm, look)
 

@@ -151,7 +151,9 @@ def build_up(simulation: dj.Simulation) -> None:
 def make_motion(record: str | None, steps: int) -> dj.Motion:
     """The record of a folder, or an artificial one, without drift."""
     if record is None:
-        motion = dj.synthetic_motion(seed=1976, duration=max(4.0, DT * steps), peaks_g=(0.35, 0.3, 0.25))
+        motion = dj.synthetic_motion(
+            seed=1976, duration=max(4.0, DT * steps), peaks_g=(0.35, 0.3, 0.25)
+        )
     else:
         motion = dj.read_record(record).band_passed(0.2, 25.0).resampled(DT)
     return motion.baseline_corrected(3)

@@ -179,3 +179,49 @@ def write_stages(path: Path) -> Path:
             writer.append("statics", number, row)
         writer.finish("complete", {})
     return path
+
+
+def write_distinct(path: Path, seed: int = 1) -> Path:
+    """A run of two points and two joints in which no two numbers, steps or records are alike.
+
+    Sizes are those of a dam. Half of the points with a positive gap transmit nothing.
+    """
+    random = np.random.default_rng(seed)
+    away = np.array([0.0, 2.0, 0.0])
+    second = JOINT | {"points": POINTS + away, "areas": np.array([0.7, 0.9, 1.1, 1.3])}
+    joints = {"joint_1": JOINT, "joint_2": second}
+    nodes = np.concatenate([NODES, CUBE + away])
+    surface = np.concatenate([SURFACE, FACES + 16])
+    law = {"kind": "Friction", "friction_angle_deg": 35.0, "cohesion": 0.0}
+    facts = {"point_names": ["crest", "heel"], "laws": dict.fromkeys(joints, law)}
+    time = np.concatenate([[0.0], np.cumsum(random.uniform(0.008, 0.012, 60))])
+    with ResultsWriter(path, facts) as writer:
+        declare_histories(writer, [[1.0, 0.0, 2.0], [0.0, 0.0, 0.0]], accelerations=True)
+        declare_energy(writer)
+        declare_states(writer, nodes, surface, joints, status=True)
+        missing = np.full((len(nodes), 3), np.nan)
+        declare_envelopes(writer, np.arange(len(nodes)), missing, missing)
+        writer.start()
+        for step, t in enumerate(time):
+            shares = random.dirichlet([1.0, 1.0, 1.0])
+            history = dict(zip(("joint_open", "joint_stick", "joint_slip"), shares, strict=True))
+            history |= {"displacement": 1e-2 * random.standard_normal((2, 3))}
+            history |= {"acceleration": 3.0 * random.standard_normal((2, 3))}
+            history |= {"ground_acceleration": random.standard_normal(3), "iterations": step % 7}
+            writer.append("histories", t, history)
+            writer.append(
+                "energy", t, {term: 1e7 * random.standard_normal() for term in ENERGY_TERMS}
+            )
+            if step in (0, 7, 25, 40, 60):
+                state: dict[str, Any] = {"displacement": 1e-2 * random.standard_normal(nodes.shape)}
+                for name in joints:
+                    gap = 1e-3 * random.standard_normal((4, 3))
+                    traction = 1e6 * random.standard_normal((4, 3)) - [2e6, 0.0, 0.0]
+                    traction[(gap[:, 0] > 0.0) & (random.random(4) < 0.5)] = 0.0
+                    values = {"gap": gap, "traction": traction, "status": random.integers(0, 3, 4)}
+                    state |= {f"joints/{name}/{what}": value for what, value in values.items()}
+                writer.append("states", t, state)
+        stresses = {name: 1e6 * random.standard_normal(len(nodes)) for name in ENVELOPE_NAMES}
+        writer.append("envelopes", time[-1], stresses)
+        writer.finish("complete", {"steps": 60, "energy_error": 1e-14})
+    return path

@@ -1,0 +1,290 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Every array drawn and every column written is that of the file, in the unit that its label says.
+
+No two numbers of the run are alike, so that another point, joint, component or record, a shifted
+time, a sign or a factor shows.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from reading_back import lines, si
+from written_runs import write_distinct
+
+from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
+from dolfinx_joints.postprocessing import measures, motion_plots, plots
+from dolfinx_joints.postprocessing.csv_tables import write_csv
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.postprocessing.joint_surface import MapQuantity
+from dolfinx_joints.postprocessing.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.results.reader import Results
+
+pytest.importorskip("matplotlib")
+
+BOTH = [(point, component) for point in ("crest", "heel") for component in "xyz"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Results, Results]]:
+    """A run and another to draw behind it."""
+    folder = tmp_path_factory.mktemp("distinct")
+    with (
+        Results(write_distinct(folder / "own.h5", 1)) as own,
+        Results(write_distinct(folder / "other.h5", 2)) as other,
+    ):
+        yield own, other
+
+
+def same(found: Any, expected: Any) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=0.0)
+
+
+def moved(run: Results, point: str, component: str, relative_to: str | None = None) -> np.ndarray:
+    """Displacement of a point, from that of another [m]."""
+    u = run.series("histories", "displacement")[..., "xyz".index(component)]
+    names = run.point_names
+    return u[:, names.index(point)] - (u[:, names.index(relative_to)] if relative_to else 0.0)
+
+
+@pytest.mark.parametrize("relative_to", [None, "heel"])
+def test_histories(runs: tuple[Results, Results], relative_to: str | None) -> None:
+    own, other = runs
+    for point, component in BOTH:
+        ax = plots.history(own, point, component, reference=other, relative_to=relative_to)
+        for run, (time, u) in zip((other, own), lines(ax), strict=True):
+            same(time, run.time("histories"))
+            same(u, moved(run, point, component, relative_to))
+        assert f"displacement {component}" in ax.get_ylabel()
+        assert ax.get_title(loc="left").startswith(f"{point}: displacement {component}")
+
+
+def test_fourier_amplitudes(runs: tuple[Results, Results]) -> None:
+    """|sum u exp(-2 pi i f t)| dt of the motion from the first record, at equal steps."""
+    own, other = runs
+    for point, component in BOTH:
+        ax = plots.fourier(own, point, component, reference=other)
+        for run, (frequency, amplitude), line in zip(
+            (other, own), lines(ax), ax.get_lines(), strict=True
+        ):
+            u = moved(run, point, component)
+            dt, u = equally_spaced(run.time("histories"), u - u[0])
+            turns = np.outer(frequency, dt * np.arange(len(u)))
+            expected = dt * np.abs(np.exp(-2j * np.pi * turns) @ u)
+            np.testing.assert_allclose(amplitude, expected, atol=1e-9 * expected.max())
+            peak = measures.fourier_peaks(run, point, component).frequency
+            assert peak > 15.0 or f"peak at {peak:.2f} Hz" in str(line.get_label())
+
+
+def test_response_spectra(runs: tuple[Results, Results]) -> None:
+    """Of the ground's acceleration added to the point's, at the middle of each step."""
+    own, other = runs
+    periods = [0.05, 0.2, 1.0]
+    for point, component in BOTH:
+        drawn = plots.response_spectra(own, point, component, reference=other, periods=periods)
+        *of_points, of_ground = lines(drawn)
+        k = "xyz".index(component)
+        for run, (natural, found) in zip((other, own), of_points, strict=True):
+            same(natural, periods)
+            time, ground = run.time("histories"), run.series("histories", "ground_acceleration")
+            a = run.series("histories", "acceleration")[1:, run.point_names.index(point), k]
+            a = a + (ground[1:, k] + ground[:-1, k]) / 2
+            dt, a = equally_spaced((time[1:] + time[:-1]) / 2, a)
+            same(found, response_spectrum(a, dt, periods, 0.05).pseudo_acceleration)
+        dt, a = equally_spaced(
+            own.time("histories"), own.series("histories", "ground_acceleration")[:, k]
+        )
+        same(of_ground[1], response_spectrum(a, dt, periods, 0.05).pseudo_acceleration)
+
+
+def test_energies_and_states(runs: tuple[Results, Results]) -> None:
+    own, _ = runs
+    ax = plots.energies(own)
+    found = dict(zip([str(line.get_label()) for line in ax.get_lines()], lines(ax), strict=True))
+    for label, (time, energy) in found.items():
+        same(time, own.time("energy"))
+        same(energy, own.series("energy", label.split(",")[0]))
+    ax = plots.joint_states(own)
+    for name, (time, share) in zip(("joint_open", "joint_slip"), lines(ax), strict=True):
+        same(time, own.time("histories"))
+        same(share, own.series("histories", name))
+
+
+def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
+    """All joints in grey, then the worst, whose legend says how much and when."""
+    own, _ = runs
+    panels = plots.joint_histories(own)
+    time = own.time("states")
+    assert "[s]" in panels[-1].get_xlabel()
+    extremes = {joint: measures.joint_extremes(own, joint) for joint in own.joints}
+    for ax, what in zip(panels, ("opening", "slip", "safety"), strict=True):
+        drawn = [line for line in ax.get_lines() if len(line.get_xdata()) == len(time)]
+        values = [si(ax.get_ylabel(), line.get_ydata()) for line in drawn]
+        each = {joint: getattr(found, what) for joint, found in extremes.items()}
+        worst = (min if what == "safety" else max)(each, key=lambda j: _extreme(each[j], what))
+        for line, found, joint in zip(drawn, values, [*own.joints, worst], strict=True):
+            same(line.get_xdata(), time)
+            same(found, each[joint])
+        label = drawn[-1].get_label()
+        name, value, unit, when = re.fullmatch(r"(\w+): (\S+)( mm)? at (\S+) s", label).groups()
+        factor = 1e-3 if unit else 1.0
+        assert name == worst
+        assert factor * float(value) == pytest.approx(_extreme(each[worst], what), rel=5e-3)
+        at = np.argmin(each[worst]) if what == "safety" else np.argmax(each[worst])
+        assert float(when) == pytest.approx(time[at], rel=1e-5)
+    gap = own.series("states", "joints/joint_2/gap")
+    same(extremes["joint_2"].opening, np.maximum(gap[..., 0], 0.0).max(axis=1))
+
+
+def _extreme(values: np.ndarray, what: str) -> float:
+    return float(np.min(values) if what == "safety" else np.max(values))
+
+
+def of_map(run: Results, joint: str, quantity: str, record: int) -> np.ndarray:
+    """What a map shows of each point, in SI; NaN where a traction is that of an open point."""
+    gap, traction, status = (
+        run.series("states", f"joints/{joint}/{name}", record)
+        for name in ("gap", "traction", "status")
+    )
+    shear = np.linalg.norm(traction[:, 1:], axis=1)
+    if quantity == "ratio":
+        with np.errstate(invalid="ignore"):
+            return -shear / np.abs(traction[:, 0])
+    value = {
+        "opening": np.maximum(gap[:, 0], 0.0),
+        "slip": np.linalg.norm(gap[:, 1:], axis=1),
+        "state": status,
+        "normal": traction[:, 0],
+        "tangential": shear,
+    }[quantity]
+    is_open = (gap[:, 0] > 0.0) & (traction[:, 0] == 0.0)
+    return np.where(is_open & (quantity in ("normal", "tangential")), np.nan, value)
+
+
+@pytest.mark.parametrize("quantity", get_args(MapQuantity))
+def test_maps_of_joints(runs: tuple[Results, Results], quantity: MapQuantity) -> None:
+    own, _ = runs
+    for record in (1, 3):
+        time = own.time("states")[record]
+        figure = plots.joint_maps(own, quantity, time=time + 1e-3)
+        first, second, bar = figure.axes
+        assert f"t = {time:.3f} s" in figure.get_suptitle()
+        unit = "[-]" if quantity == "state" else bar.get_xlabel()
+        for ax, joint in zip((first, second), own.joints, strict=True):
+            assert ax.get_title(loc="left") == joint
+            shown = np.ma.filled(ax.collections[0].get_array(), np.nan)
+            same(si(unit, shown), of_map(own, joint, quantity, record))
+            if quantity in ("normal", "tangential", "ratio"):
+                alone = plots.joint_traction(own, joint, quantity, index=record)
+                assert alone.get_title() == f"{joint} at t = {time:.3f} s"
+                shown = np.ma.filled(alone.collections[0].get_array(), np.nan)
+                label = alone.figure.axes[-1].get_ylabel()
+                same(si(label, shown), of_map(own, joint, quantity, record))
+
+
+def test_motions() -> None:
+    """Each component apart, a reference of another step; integrals by trapezoids from rest."""
+    random = np.random.default_rng(5)
+    one, other = (
+        Motion(acceleration=random.standard_normal((n, 3)), dt=dt, name="shaking")
+        for n, dt in ((50, 0.01), (80, 0.005))
+    )
+    for component, k in zip("xyz", range(3), strict=True):
+        for quantity in ("acceleration", "velocity", "displacement"):
+            ax = motion_plots.history(one, component, quantity, reference=other)  # type: ignore[arg-type]
+            assert f"{quantity} {component}" in ax.get_ylabel()
+            for motion, (time, values) in zip((other, one), lines(ax), strict=True):
+                same(time, motion.dt * np.arange(len(motion.acceleration)))
+                v, u = motion.integrated()
+                source = {"acceleration": motion.acceleration, "velocity": v, "displacement": u}
+                same(values, source[quantity][:, k])
+    periods = [0.05, 0.2, 1.0]
+    drawn = lines(motion_plots.response_spectra(one, reference=other, periods=periods))
+    for i, (natural, found) in enumerate(drawn):
+        motion = (other, one)[i // 3]
+        spectrum = response_spectrum(motion.acceleration[:, i % 3], motion.dt, periods, 0.05)
+        same(natural, periods)
+        same(found, spectrum.pseudo_acceleration)
+    v = one.integrated()[0]
+    same(np.diff(v, axis=0), 0.005 * (one.acceleration[1:] + one.acceleration[:-1]))
+
+
+def columns(path: Path) -> dict[str, Any]:
+    """Columns of a table by name, numbers in SI."""
+    with path.open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    found: dict[str, Any] = {}
+    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+        plain = name.split(" [")[0]
+        assert plain not in found
+        found[plain] = si(name, column) if "[" in name else np.array(column)
+    return found
+
+
+def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
+    """Every column of numbers is compared, with the measure of its row's joint and time."""
+    own, _ = runs
+    tables = {path.stem: columns(path) for path in write_csv(own, tmp_path)}
+    wanted: dict[str, dict[str, Any]] = {name: {} for name in tables}
+    for stream in ("histories", "energy"):
+        wanted[stream]["time"] = own.time(stream)
+        for name in own.streams[stream]:
+            values = own.series(stream, name)
+            if values.ndim == 3:
+                for i, point in enumerate(own.point_names):
+                    wanted[stream] |= by_axis(f"{name} of {point}", values[:, i])
+            else:
+                wanted[stream] |= {name: values} if values.ndim == 1 else by_axis(name, values)
+    for name in ("joint_extremes", "resultants"):
+        wanted[name]["time"] = np.tile(own.time("states"), 2)
+    each = [measures.joint_extremes(own, joint) for joint in own.joints]
+    for name in ("opening", "slip", "pressure"):
+        values = np.concatenate([getattr(one, name) for one in each])
+        wanted["joint_extremes"][f"largest {name}"] = values
+        if name != "pressure":
+            places = np.concatenate([getattr(one, f"{name}_at") for one in each])
+            wanted["joint_extremes"] |= by_axis(f"largest {name} at", places)
+    wanted["joint_extremes"]["sliding safety"] = np.concatenate([one.safety for one in each])
+    forces = [joint_resultants(own, joint) for joint in own.joints]
+    for name, attribute in {
+        "effective force": "force",
+        "moment about the centroid": "moment",
+        "total force": "total_force",
+        "total moment about the centroid": "total_moment",
+        "normal force": "normal_force",
+        "shear force": "shear_force",
+        "sliding safety": "sliding_safety",
+        "sliding safety of the resultants": "plane_safety",
+        "share of area under pressure": "contact",
+        "normal force acts at": "line_of_action",
+    }.items():
+        values = np.concatenate([getattr(one, attribute) for one in forces])
+        wanted["resultants"] |= {name: values} if values.ndim == 1 else by_axis(name, values)
+    wanted["resultants"] |= by_axis("shear force", np.concatenate([one.shear for one in forces]))
+    wanted["resultants"]["flatness"] = np.repeat([one.geometry.flatness for one in forces], 5)
+    motion, resultants = measures.joint_measures(own), resultant_measures(own)
+    for name in (*measures.JOINT_MEASURES, *resultants["joint_1"]):
+        wanted["joints"][name] = [(motion[j] | resultants[j])[name] for j in own.joints]
+    nodes = own.static("envelopes/nodes")
+    wanted["envelopes"] = {n: own.series("envelopes", n, -1) for n in ENVELOPE_NAMES}
+    wanted["envelopes"] |= {"node": nodes, **by_axis("position", own.static("mesh/nodes")[nodes])}
+    for name, table in tables.items():
+        if table.get("joint", nodes).dtype.kind == "U":  # in the energies a number
+            joints = table.pop("joint")
+            assert joints.tolist() == np.repeat(own.joints, len(joints) // 2).tolist()
+        assert set(table) == set(wanted[name]), name
+        for column, values in table.items():
+            np.testing.assert_array_equal(values, wanted[name][column], err_msg=f"{name} {column}")
+
+
+def by_axis(name: str, vectors: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of the components of vectors, shape (rows, 3)."""
+    return {f"{name} {axis}": vectors[:, k] for k, axis in enumerate("xyz")}

@@ -1,0 +1,132 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What people read, as numbers in SI, by the unit in a label whatever its words are."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+
+UNITS = {
+    "-": 1.0,
+    "%": 0.01,
+    "s": 1.0,
+    "Hz": 1.0,
+    "m": 1.0,
+    "mm": 1e-3,
+    "$10^{-3}$ m": 1e-3,
+    "mm s": 1e-3,
+    "$10^{-3}$ m s": 1e-3,
+    "m/s": 1.0,
+    "m/s^2": 1.0,
+    "m/s²": 1.0,
+    "g": STANDARD_GRAVITY,
+    "Pa": 1.0,
+    "MPa": 1e6,
+    "N": 1.0,
+    "MN": 1e6,
+    "N m": 1.0,
+    "J": 1.0,
+    "kJ": 1e3,
+    "MJ": 1e6,
+    "GJ": 1e9,
+}
+
+
+def si(label: str, values: Any) -> np.ndarray:
+    """Values in SI of an axis, a column or a row whose label has a unit in brackets."""
+    return UNITS[re.findall(r"\[(.*?)\]", label)[-1]] * np.asarray(values, dtype=float)
+
+
+def lines(ax: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Abscissas and ordinates of the lines of matplotlib's axes, in SI, in the order drawn."""
+    x, y = ax.get_xlabel(), ax.get_ylabel()
+    return [(si(x, line.get_xdata()), si(y, line.get_ydata())) for line in ax.get_lines()]
+
+
+def number(cell: str) -> float:
+    """The number that a cell of a report begins with; NaN of a dash."""
+    first = cell.replace("\N{NARROW NO-BREAK SPACE}", "").replace("\N{MINUS SIGN}", "-").split()[0]
+    return np.nan if first == "–" else float(first)
+
+
+class Tables(HTMLParser):
+    """Tables of a page, each a list of rows of texts, the first its head."""
+
+    def __init__(self, html: str = "") -> None:
+        super().__init__()
+        self.tables: list[list[list[str]]] = []
+        self._inside = False
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+            self._inside = True
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = self._inside and tag not in ("td", "th")
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.tables[-1][-1][-1] += data
+
+    def having(self, *words: str) -> Tables:
+        """The tables in whose heads all the words stand."""
+        chosen = Tables()
+        heads = ((table, " ".join(table[0])) for table in self.tables)
+        chosen.tables = [table for table, head in heads if all(word in head for word in words)]
+        return chosen
+
+    def under(self, name: str) -> Tables:
+        """The tables with those rows alone that follow a row of one cell, to the next such row."""
+        chosen = Tables()
+        for top, *body in self.tables:
+            titles = [*(i for i, line in enumerate(body) if len(line) == 1), len(body)]
+            for start, end in pairwise(titles):
+                if body[start] == [name]:
+                    chosen.tables.append([top, *body[start + 1 : end]])
+        return chosen
+
+    def value(self, row: str, *words: str) -> float:
+        """The number, in SI, in a row of a name and the one column whose head has all the words.
+
+        Where a column has no unit, the row's name or the head of the names may have one.
+        """
+        found = [
+            (next((t for t in (head, line[0], top[0]) if "[" in t), "[-]"), line[column])
+            for top, *body in self.tables
+            for column, head in enumerate(top[1:], 1)
+            for line in body
+            if line[0] == row and len(line) == len(top) and all(word in head for word in words)
+        ]
+        assert len(found) == 1, (row, words, found)
+        ((label, cell),) = found
+        return float(si(label, number(cell)))
+
+
+def curves(html: str, plot: str) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+    """Abscissas and ordinates, in SI, that a page draws, by name and panel, from 0 at the top."""
+    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', html)
+    assert text is not None
+    spec = json.loads(text[1])["plots"][plot]
+    found = {}
+    for trace in spec["data"]:
+        panel = trace["yaxis"].removeprefix("y")
+        titles = (spec["layout"][a]["title"]["text"] for a in ("xaxis", f"yaxis{panel}"))
+        arrays = (np.frombuffer(base64.b64decode(trace[k]["f4"]), dtype="<f4") for k in "xy")
+        titled = ((t if "[" in t else f"{t} [-]", a) for t, a in zip(titles, arrays, strict=True))
+        found[trace["name"], int(panel or 1) - 1] = tuple(si(t, a) for t, a in titled)
+    return found

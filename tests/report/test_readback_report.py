@@ -1,0 +1,194 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Cells and curves of a report against measures and file, in the unit that stands beside them.
+
+Rows are found by their names and columns by words, so that tables may move and grow.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from reading_back import Tables, curves
+from written_runs import WEIGHT, write_distinct, write_stages
+
+from dolfinx_joints import report
+from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
+from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.report import body_sections
+from dolfinx_joints.report.page import Drawings, Html
+from dolfinx_joints.report.runs import Content, Run
+from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("plotly")
+
+POINTS = ("crest", "heel")
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, Results]]]:
+    """A report on two runs, and the runs by the names that it gives them."""
+    folder = tmp_path_factory.mktemp("distinct")
+    paths = [write_distinct(folder / f"{name}.h5", i) for i, name in enumerate(("a", "b"), 1)]
+    html = report.write(paths, folder / "out.html", with_3d=False).read_text(encoding="utf-8")
+    with Results(paths[0]) as one, Results(paths[1]) as other:
+        yield html, {"a": one, "b": other}
+
+
+def shown(found: float, expected: float) -> None:
+    """Equal to the four digits of a cell."""
+    np.testing.assert_allclose(found, expected, rtol=6e-4)
+
+
+def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> None:
+    html, runs = two
+    tables = Tables(html)
+    for point in POINTS:
+        for label, run in runs.items():
+            until = measures.strong_phase_end(run)
+            peaks = measures.peaks(run, point, strong_until=until)
+            for c in "xyz":
+                row = f"{point}, {c}, {label}"
+                shown(tables.value(row, "strong phase"), until)
+                shown(tables.value(row, "largest", "until"), peaks[c]["strong"])
+                shown(tables.value(row, "largest", "after"), peaks[c]["later"])
+                found = measures.fourier_peaks(run, point, c)  # type: ignore[arg-type]
+                shown(tables.value(row, "Fourier", "[Hz]"), found.frequency)
+                shown(tables.value(row, "±"), found.bin_width / 2)
+                shown(tables.value(row, "Fourier", "[mm s]"), found.amplitude)
+                _, a = measures.acceleration_history(run, point, c)  # type: ignore[arg-type]
+                shown(tables.value(f"{point}, {label}", f"{c} ["), np.abs(a).max())
+        for name, words in (("principal_max", "tension"), ("principal_min", "compression")):
+            for label, run in runs.items():
+                stress = measures.stress_extremes(run)[name]
+                shown(tables.value(f"largest {words} [MPa]", label), stress)
+
+
+def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
+    path = write_distinct(tmp_path / "run.h5", 3)
+    html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
+    tables = Tables(html)
+    opening, motion, static = (
+        tables.having(words) for words in ("smallest safety", "residual slip", "normal force")
+    )
+    with Results(path) as run:
+        for joint, found in measures.joint_measures(run).items():
+            for words, name in {
+                "static opening": "opening_static",
+                "largest opening": "opening_max",
+                "residual opening": "opening_residual",
+                "widest at": "opening_time",
+                "largest slip [": "slip_max",
+                "residual slip": "slip_residual",
+                "slip at": "slip_time",
+                "open [": "share_open",
+                "sliding [": "share_sliding",
+                "largest pressure": "pressure_max",
+            }.items():
+                shown(motion.value(joint, words), found[name])
+            safety = measures.joint_extremes(run, joint).safety
+            shown(opening.value(joint, "largest opening"), found["opening_max"])
+            shown(opening.value(joint, "largest slip"), found["slip_max"])
+            shown(opening.value(joint, "smallest safety"), np.nanmin(safety))
+            gap, t = (run.series("states", f"joints/{joint}/{n}", 0) for n in ("gap", "traction"))
+            forces = joint_resultants(run, joint)
+            shown(static.value(joint, "opening"), max(gap[:, 0].max(), 0.0))
+            shown(static.value(joint, "tangential gap"), np.linalg.norm(gap[:, 1:], axis=1).max())
+            shown(static.value(joint, "largest pressure"), -t[:, 0].min())
+            shown(static.value(joint, "normal force"), forces.normal_force[0])
+            shown(static.value(joint, "shear force"), forces.shear_force[0])
+
+
+def test_stresses_and_the_view_in_space(
+    two: tuple[str, dict[str, Results]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cells, and what the page's script draws; no pictures, which have tests of their own."""
+    monkeypatch.setattr(body_sections, "_envelope", lambda *_: Html(""))
+    runs = [Run(results, label) for label, results in two[1].items()]
+    content = Content(runs, Drawings(tmp_path), main=runs[0], reference=None)
+    tables = Tables("".join(body_sections.stresses(content).pieces))
+    for run in runs:
+        for name, value in measures.stress_extremes(run.results).items():
+            shown(tables.value(name.replace("_", ", "), run.label), value)
+    body_sections.space(content)
+    for scene, run in zip(content.drawings.scene, runs, strict=True):
+        assert scene["label"] == run.label
+        assert [frame["time"] for frame in scene["frames"]] == run.results.time("states").tolist()
+        u = run.results.series("states", "displacement")
+        for frame, moved in zip(scene["frames"], u, strict=True):
+            drawn = np.frombuffer(base64.b64decode(frame["displacement"]["f4"]), dtype="<f4")
+            np.testing.assert_allclose(drawn.reshape(-1, 3), moved, rtol=1e-6)
+        gaps = (run.results.series("states", f"joints/{j}/gap") for j in run.results.joints)
+        widest = np.maximum([gap[..., 0].max(axis=1) for gap in gaps], 0.0)  # a facet each
+        for frame, expected in zip(scene["frames"], widest.T, strict=True):
+            drawn = np.frombuffer(base64.b64decode(frame["opening"]["f4"]), dtype="<f4")
+            np.testing.assert_allclose(drawn, 1e3 * expected, rtol=1e-6)  # mm
+        assert scene["widest"] == pytest.approx(1e3 * widest.max())
+
+
+def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
+    path = write_stages(tmp_path / "s.h5")
+    html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
+    with Results(path) as run:
+        stages = measures.static_stages(run)
+    assert [stage.name for stage in stages] == [WEIGHT, "winter"]
+    for stage in stages:
+        tables = Tables(html).under(stage.name)
+        for point, moved in stage.displacement.items():
+            for c, u in zip("xyz", moved, strict=True):
+                shown(tables.value(point, f"{c} [mm]"), u)
+        for name, joint in stage.joints.items():
+            shown(tables.value(name, "opening"), joint.opening_max)
+            shown(tables.value(name, "tangential gap"), joint.slip_max)
+            shown(tables.value(name, "normal force"), joint.normal_force)
+            shown(tables.value(name, "shear force"), joint.shear_force)
+            shown(tables.value(name, "safety"), joint.sliding_safety)
+            shown(tables.value(name, "under pressure"), joint.contact)
+            shown(tables.value(name, "largest pressure"), joint.pressure_max)
+            shown(tables.value(name, "water"), joint.water_force)
+
+
+def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> None:
+    html, runs = two
+
+    def same(found: Any, x: np.ndarray, y: np.ndarray) -> None:
+        np.testing.assert_allclose(found[0], x, rtol=1e-6)
+        np.testing.assert_allclose(found[1], y, rtol=1e-5, atol=1e-6 * np.nanmax(np.abs(y)))
+
+    periods = np.geomspace(0.03, 3.0, 80)
+    for number, point in enumerate(POINTS, 1):
+        for (label, panel), found in curves(html, f"history-{number}").items():
+            same(found, *measures.displacement_history(runs[label], point, "xyz"[panel]))  # type: ignore[arg-type]
+        for (label, panel), found in curves(html, f"fourier-{number}").items():
+            moved = measures.displacement_history(runs[label], point, "xyz"[panel])  # type: ignore[arg-type]
+            dt, u = equally_spaced(*moved)
+            frequency, amplitude = fourier_amplitude(u, dt)
+            below = frequency <= 15.0
+            same(found, frequency[below], amplitude[below])
+        for (label, panel), found in curves(html, f"response-{number}").items():
+            if label in runs:
+                moved = measures.acceleration_history(runs[label], point, "xyz"[panel])  # type: ignore[arg-type]
+            else:
+                ground = runs["a"].series("histories", "ground_acceleration")[:, panel]
+                moved = runs["a"].time("histories"), ground
+            dt, a = equally_spaced(*moved)
+            same(found, periods, response_spectrum(a, dt, periods, 0.05).pseudo_acceleration)
+    for number, run in enumerate(runs.values(), 1):
+        found = curves(html, f"energies-{number}")
+        assert {term for term, _ in found} == set(ENERGY_TERMS)
+        for (term, _), line in found.items():
+            same(line, run.time("energy"), run.series("energy", term))
+    for (joint, panel), found in curves(html, "joint-histories").items():
+        extremes = measures.joint_extremes(runs["a"], joint)
+        same(found, extremes.time, getattr(extremes, ("opening", "slip", "safety")[panel]))
+    names = ("iterations", "joint_open", "joint_stick", "joint_slip")
+    for (label, panel), found in curves(html, "iterations-plot").items():
+        run = runs[label]
+        same(found, run.time("histories"), run.series("histories", names[panel]))

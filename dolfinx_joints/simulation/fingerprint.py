@@ -20,7 +20,7 @@ from dolfinx_joints.loads.water.joint_water import label
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.inventory import HASH, Inventory
+from dolfinx_joints.simulation.inventory import HASH, Inventory, hashed
 
 Floats = NDArray[np.float64]
 
@@ -108,6 +108,11 @@ def _of_joints(contact: Contact, held: Inventory) -> dict[str, Any]:
     held.add("joints", ", ".join(operator.names))
     for name, law in contact.laws.items():
         held.add(f"law of {name}", law)
+    # A law may hold arrays of its rank's points, of which rank 0 knows its own alone.
+    of_rank = sorted(fact for fact in held.facts.items() if fact[0].startswith("law of "))
+    of_ranks = operator.comm.allgather(hashed(of_rank))
+    if len(set(of_ranks)) > 1:
+        held.facts["laws as each rank holds them"] = hashed(of_ranks)
     facts = {"joint points": operator.areas, "joints of the points": operator.joint}
     facts["initial gaps"] = contact.initial_gap
     gathered = {name: operator.gather(values) for name, values in facts.items()}

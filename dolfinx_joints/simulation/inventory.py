@@ -93,7 +93,7 @@ class Inventory:
         self.unknown += inner.unknown
         self.facts[name] = f"{type(items).__name__} of {len(items)}"
         if len(inner.facts) > _MOST_ITEMS:
-            self.facts[name] = _hash(repr(sorted(inner.facts.items())).encode())
+            self.facts[name] = hashed(sorted(inner.facts.items()))
         else:
             self.facts |= inner.facts
 
@@ -210,6 +210,11 @@ def _installed(module: str | None) -> bool:
 
 def _text(text: str) -> str:
     return text if len(text) <= LONGEST_SHOWN else _hash(text.encode())
+
+
+def hashed(value: Any) -> str:
+    """SHA-256 of the text that stands for a value of plain ones."""
+    return _hash(repr(value).encode())
 
 
 def _hash(*parts: bytes) -> str:

@@ -47,7 +47,8 @@ from dolfinx_joints import (
     StepControl,
     stiffness_proportional,
 )
-from dolfinx_joints.simulation import checkpoint_file
+from dolfinx_joints.simulation import checkpoint_file, fingerprint
+from dolfinx_joints.simulation.inventory import Inventory
 from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
@@ -320,6 +321,27 @@ def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, t
     with warnings.catch_warnings():
         warnings.filterwarnings("error", "Going on from")
         run(**before, resume=True)  # and is known again, with nothing that cannot be compared
+
+
+@pytest.mark.mpi
+def test_arrays_of_a_law_are_compared_on_every_rank(comm, wall_file, read):
+    """Each rank holds an array of its points; one number of the last rank is another."""
+
+    def facts(last):
+        law, mine = PlainLaw(1e11), comm.rank == comm.size - 1
+        law.of_points = np.array([comm.rank, last if mine else 0.0])
+        held = Inventory()
+        fingerprint._of_joints(wall(read(wall_file()), law).contact, held)
+        return held.facts
+
+    one, same, other = (facts(value) for value in (1.0, 1.0, 2.0))
+    assert fingerprint.first_difference(one, same) is None
+    found = fingerprint.first_difference(one, other)
+    assert found == (
+        "law of joint_1.of_points: not the same"
+        if comm.rank == comm.size - 1
+        else "laws as each rank holds them: not the same"
+    )
 
 
 def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):

@@ -36,7 +36,7 @@ MODULES = (
     "postprocessing.measures",
     "postprocessing.motion_plots",
     "postprocessing.plots",
-    "postprocessing.resultants",
+    "postprocessing.joints.resultants",
     "postprocessing.views",
     "report",
     "results.reader",

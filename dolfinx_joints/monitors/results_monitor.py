@@ -242,7 +242,7 @@ class ResultsMonitor(Monitor):
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, first.wet_joints)
         self._extremes = None
-        if first.joints is not None:
+        if model.contact is not None and first.joints is not None:
             self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants:

@@ -24,8 +24,8 @@ from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
 from dolfinx_joints.postprocessing import measures, motion_plots, plots
 from dolfinx_joints.postprocessing.csv_tables import write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
-from dolfinx_joints.postprocessing.joint_surface import MapQuantity
-from dolfinx_joints.postprocessing.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
+from dolfinx_joints.postprocessing.joints.surface import MapQuantity
 from dolfinx_joints.results.reader import Results
 
 pytest.importorskip("matplotlib")

@@ -20,7 +20,7 @@ from written_runs import WEIGHT, write_distinct, write_stages
 from dolfinx_joints import report
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing.resultants import joint_resultants
+from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.report import body_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run

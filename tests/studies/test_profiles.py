@@ -21,7 +21,7 @@ def results(tmp_path: Path) -> Results:
 def test_profile_runs_up_one_column_of_points(results: Results) -> None:
     ax = traction_profile(results, "joint_1", position=0.0)
     lines = {str(line.get_label()): line for line in ax.get_lines()}
-    normal = lines["normal traction $t_n$, compression $< 0$"]
+    normal = lines["normal traction $t_n$, tension $> 0$"]
     height = np.asarray(normal.get_ydata())
     column = joint_arrays()["points"][::2]
     np.testing.assert_allclose(height, column[:, 2])

@@ -21,7 +21,7 @@ from written_runs import write_distinct
 
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
-from dolfinx_joints.postprocessing import measures, motion_plots, plots
+from dolfinx_joints.postprocessing import measures, motion_plots, plots, rendering, views
 from dolfinx_joints.postprocessing.csv_tables import write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
@@ -188,6 +188,46 @@ def test_maps_of_joints(runs: tuple[Results, Results], quantity: MapQuantity) ->
                 shown = np.ma.filled(alone.collections[0].get_array(), np.nan)
                 label = alone.figure.axes[-1].get_ylabel()
                 same(si(label, shown), of_map(own, joint, quantity, record))
+
+
+def test_pictures_of_the_body(
+    runs: tuple[Results, Results], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every node where its displacement brings it, and the stress or the joint's value on it."""
+    pytest.importorskip("pyvista")
+    own, _ = runs
+    seen: list[rendering.Scene] = []
+
+    def render(scene: rendering.Scene, camera: rendering.Camera) -> np.ndarray:
+        seen.append(scene)
+        return np.full((8, 8, 3), 255, dtype=np.uint8)
+
+    monkeypatch.setattr(rendering.Scene, "render", render)
+    nodes = own.static("mesh/nodes")
+    for record in (1, 3):
+        figure = views.deformed(own, index=record, scale=50.0)
+        body, sides = (data for data, _ in seen[-1].layers[:2])
+        u = own.series("states", "displacement", record)
+        for part in (body, sides):
+            np.testing.assert_allclose(part.points, nodes + 50.0 * u, rtol=1e-6)
+        size = si(figure.axes[-1].get_ylabel(), body.point_data["value"])
+        same(size, np.linalg.norm(u, axis=1))
+        title = figure.get_suptitle()
+        assert f"t = {own.time('states')[record]:.3f} s, displacements x 50" in title
+        widest = {
+            j: own.series("states", f"joints/{j}/gap", record)[:, 0].max() for j in own.joints
+        }
+        joint = max(widest, key=lambda name: widest[name])
+        assert title.endswith(f"widest opening {1e3 * widest[joint]:.2f} mm, {joint}")
+        for quantity in ("normal", "opening"):
+            figure = views.joint_map(own, quantity, index=record)  # type: ignore[arg-type]
+            label = figure.axes[-1].get_ylabel()
+            for (data, _), name in zip(seen[-1].layers[1:], own.joints, strict=True):
+                same(si(label, data.cell_data["value"]), of_map(own, name, quantity, record))
+    for name in ENVELOPE_NAMES:
+        figure = views.envelope(own, name)
+        value = si(figure.axes[-1].get_ylabel(), seen[-1].layers[0][0].point_data["value"])
+        same(value, own.series("envelopes", name, -1))
 
 
 def test_motions() -> None:

@@ -67,6 +67,7 @@ class Contact:
         operator: The gap operator.
         laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
+        acting: Which of the local points carry tractions, shape (n,).
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -97,6 +98,7 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
+        self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         for name, gap in gaps.items():
@@ -133,6 +135,7 @@ class Contact:
         other = copy(self)
         other.__dict__.pop("by_forms", None)
         other._laws = [*acting, LawPoints(Inactive(), np.flatnonzero(idle))]
+        other.acting = ~idle
         return other
 
     def gap(self, u: Any) -> Floats:
@@ -294,8 +297,9 @@ class Contact:
         )
 
     def worst_joint(self, change: NDArray[Any]) -> str | None:
-        """Name of the joint with the largest sum of a value per point (collective)."""
-        sums = np.bincount(self.operator.joint, change, minlength=len(self.operator.names))
+        """Name of the joint with the largest sum of a value per acting point (collective)."""
+        acting = change * self.acting
+        sums = np.bincount(self.operator.joint, acting, minlength=len(self.operator.names))
         total = np.sum(self.operator.comm.allgather(sums), axis=0)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 

@@ -105,6 +105,14 @@ def test_blocks_carry_their_own_weight(comm, wall):
         np.testing.assert_allclose(total, [0.0, 0.0, WEIGHT / 3], rtol=1e-10, atol=1e-10 * WEIGHT)
 
 
+def test_a_failure_blames_a_joint_that_acts(wall):
+    """Joint 2, which moves more, carries nothing yet."""
+    contact = wall([Gravity()]).contact
+    joint = contact.operator.joint
+    assert contact.worst_joint(1.0 + joint) == "joint_2"
+    assert contact.without(joint == 1).worst_joint(1.0 + joint) == "joint_1"
+
+
 def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
     """The left block of the wall moves as the one block of a mesh of its own."""
     model = wall([Gravity()])

@@ -111,7 +111,7 @@ def test_largest_tension_has_its_place(tmp_path):
     cells = cells_of([path], tmp_path)
     x, y, z = NODES[-1]
     assert after(cells, "e", "largest tension [MPa]", 1) == [f"2.000 at ({x:g}, {y:g}, {z:g}) m"]
-    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2 at ")
+    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2.000 at ")
 
 
 def test_a_file_with_joints_and_no_records_is_reported(tmp_path):

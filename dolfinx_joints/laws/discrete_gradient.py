@@ -135,7 +135,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
     # By h_n through zeta alone.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
-    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
+    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0, 0.0))
 
 
 @register_jitable
@@ -194,7 +194,7 @@ def _turned(
     return Shear(
         (t_1 - less * m_1, t_2 - less * m_2),
         (slope * m_1, slope * m_2),
-        (k * m_2 * m_2, k * m_1 * m_1, -k * m_1 * m_2),
+        (k * m_2 * m_2, k * m_1 * m_1, -k * m_1 * m_2, -k * m_1 * m_2),
     ), turns
 
 
@@ -236,7 +236,7 @@ def _discrete_gradient(
         normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
         t_n, slides, course, put_by = normal.traction, False, stored[i, 4:], stored[i, 3]
         stays = gap[i, 0] <= 0.0 and normal.gap <= 0.0
-        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
+        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
             shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)

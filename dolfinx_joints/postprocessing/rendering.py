@@ -7,6 +7,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
+_LONGEST_LINE = 26  # of the text beside a colour bar [characters]
 
 
 class Camera:
@@ -287,7 +289,8 @@ def colour_bar(
 
     shown = ScalarMappable(Normalize(*limits), cmap)
     bar = figure.colorbar(shown, ax=list(axes), shrink=0.9, aspect=25, pad=0.02)
-    bar.set_label(label.replace(", ", "\n"))
+    lines = [line for part in label.split(", ") for line in wrap(part, _LONGEST_LINE)]
+    bar.set_label("\n".join(lines))
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:

@@ -47,6 +47,13 @@ pytestmark = pytest.mark.mpi
 
 CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=35.0)
+BONDED = MohrCoulombJoint(
+    normal_stiffness=1e11,
+    shear_stiffness=4e10,
+    friction_angle_deg=35.0,
+    cohesion=2e6,
+    tensile_strength=1e6,
+)
 LENGTH, THICKNESS, HEIGHT = 12.0, 2.0, 6.0
 WEIGHT = LENGTH * THICKNESS * HEIGHT * 2400.0 * STANDARD_GRAVITY
 CLAMPED = (Fixed(group="base"),)
@@ -215,13 +222,8 @@ def test_blocks_that_moved_into_each_other_touch(comm, wall):
         LAW,
         RigidJoint(friction_angle_deg=35.0),
         KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
-        MohrCoulombJoint(
-            normal_stiffness=1e11,
-            shear_stiffness=4e10,
-            friction_angle_deg=35.0,
-            cohesion=2e6,
-            tensile_strength=1e6,
-        ),
+        BONDED,
+        {"joint_1": LAW, "joint_2": BONDED},
     ],
 )
 def test_a_run_stays_at_rest_after_grouting(comm, wall, law):

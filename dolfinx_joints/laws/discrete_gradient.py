@@ -46,6 +46,9 @@ from dolfinx_joints.laws.return_mapping import (
 # Values of `Status`.
 STICK, SLIP = 1, 2
 
+# Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
+NO_BOUNCE = 1e-30
+
 
 class Normal(NamedTuple):
     """Normal part of a point.
@@ -76,11 +79,32 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
             return _closes(c, gap, ahead, law)
         return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)  # stays open
     pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else 0.0
-    if ahead <= -0.5 * c * pressure and (d > 0.0 or energy == 0.0):
+    # Bounces of a pressed rigid point far below rounding would go on, down to underflow.
+    if ahead <= -0.5 * c * pressure and (d > 0.0 or c * energy <= NO_BOUNCE * h * h):
         return _stays_closed(h, c, pressure, law)
     if energy > 0.0:
         return _opens(h, c, gap, energy, law)
     return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)
+
+
+@register_jitable
+def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
+    """A rigid point without rebound: v1 >= 0 where it is pressed or touches by mid-step (15a).
+
+    What it takes part in is chosen by the state at the start, so that the step has one solution.
+
+    Args:
+        h: See `normal_traction`.
+        c: Normal compliance of the structure [m/Pa].
+        gap: g0 [m].
+        way: dt v0 [m].
+        pressed: Whether it carried pressure in the last step: then v0 is zero to rounding.
+    """
+    stopped = 0.5 * way
+    touches = pressed or (way <= 0.0 and gap + stopped <= 0.0)
+    if not touches or h >= stopped or c == 0.0:
+        return Normal(0.0, 0.0, gap + h, 0.0, np.inf, 0.0)
+    return Normal((h - stopped) / c, 1.0 / c, gap + stopped, 0.0, 0.0, 0.0)
 
 
 @register_jitable
@@ -156,7 +180,7 @@ def _turned(
         normal: Normal part.
         c_s: Tangential compliance of the structure [m/Pa].
         put_by: Energy put by for the turn [J/m^2].
-        course: dt v0 and dt^2 a0, shape (4,), [m].
+        course: dt v0 and dt^2 a0, [m].
         law: Parameters of the joint.
     """
     way = np.sqrt(course[0] * course[0] + course[1] * course[1])
@@ -204,7 +228,7 @@ def _put_by(way: Vector, course: Floats, limit: float) -> float:
 
     Args:
         way: Slip of the step [m].
-        course: dt v0 and dt^2 a0, shape (4,), [m].
+        course: dt v0 and dt^2 a0, [m].
         limit: Friction [Pa].
     """
     next_1, next_2 = 2.0 * way[0] - course[0], 2.0 * way[1] - course[1]  # dt v1
@@ -233,9 +257,16 @@ def _discrete_gradient(
         c_n, c_s = compliance[j, 0], compliance[j, 1]
         h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
         q_1, q_2 = stored[i, 1], stored[i, 2]
-        normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
-        t_n, slides, course, put_by = normal.traction, False, stored[i, 4:], stored[i, 3]
-        stays = gap[i, 0] <= 0.0 and normal.gap <= 0.0
+        course, put_by, slides = stored[i, 4:8], stored[i, 3], False
+        h_n, g_n, psi = trial_gap[i, 0] - gap[i, 0], gap[i, 0], stored[i, 0]
+        if law.rebounds:
+            normal = normal_traction(h_n, c_n, g_n, psi, law)
+            stays = g_n <= 0.0 and normal.gap <= 0.0
+        else:
+            normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
+            stays = normal.traction < 0.0
+            end_stored[i, 9] = 1.0 if stays else 0.0
+        t_n = normal.traction
         shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
@@ -283,12 +314,14 @@ def solve_discrete_gradient(
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
         law: Parameters of the joint.
     """
-    history = np.zeros((len(stored), 8), stored.dtype)
-    history[:, :3] = stored
+    history = np.zeros((len(stored), 10), stored.dtype)
+    history[:, :3] = stored[:, :3]
+    if not law.rebounds:
+        history[:, 9] = stored[:, 3]
     if len(state.turning):
         history[:, 3] = state.turning
     if len(state.course):
-        history[:, 4:] = state.course
+        history[:, 4:9] = state.course
     return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import annotated_types as at
 import numpy as np
@@ -26,17 +26,24 @@ class RigidJoint:
 
     Its tractions follow from the structure alone, so it is a `CondensedLaw` only. With the
     energy-consistent scheme, what a point brings into contact in a step is stored and given back
-    when it leaves, so that impacts are elastic; in statics and with schemes that take
-    the law at the end of a step it stores nothing.
+    when it leaves (restitution 1), or the point stops, and its kinetic energy is lost, in the
+    ledger as numerical (restitution 0). In statics and with schemes that take the law at the end of
+    a step it stores nothing.
 
-    Internal variables: the energy stored in normal contact [J/m^2] and the root of that in shear,
-    two components [(J/m^2)^(1/2)].
+    Nodes with mass that rebound do so for ever shorter, in no order that a shorter step would
+    settle: friction work is sure to some per cent. With restitution 0, or without mass at the joint
+    nodes (`Model(..., redistribute_mass=True)`), it converges.
+
+    Internal variables: the energy stored in normal contact [J/m^2], the root of that in shear, two
+    components [(J/m^2)^(1/2)], and whether the point carried pressure in the last step, 0 or 1.
 
     Attributes:
         friction_angle_deg: alpha; exactly one of this and the next is given.
         friction_coefficient: Mu = tan(alpha).
         stiffness_ratio: k_n / k_s, which sets how much of the shear energy of a point that loses
             pressure can stay.
+        restitution: Speed of a point after an impact over that before, 0 or 1; with 0 a point that
+            strikes overlaps by at most half the way of a step.
 
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
@@ -46,19 +53,21 @@ class RigidJoint:
         "normal_energy",
         "shear_root_1",
         "shear_root_2",
+        "pressed",
     )
 
     friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
     friction_coefficient: Annotated[float, at.Ge(0)] | None = None
     stiffness_ratio: Annotated[float, at.Gt(0)] = 1.0
+    restitution: Literal[0, 1] = 1
 
     def __post_init__(self) -> None:
         """Take the friction."""
         set_friction(self)
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """No energy at rest, shape (n, 3)."""
-        return np.zeros((len(gap), 3))
+        """No energy at rest, shape (n, 4)."""
+        return np.zeros((len(gap), 4))
 
     def closed_stiffness(self) -> tuple[float, float]:
         """Infinite, both."""
@@ -66,7 +75,7 @@ class RigidJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Energy of each point, shape (n,), [J/m^2]."""
-        stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
+        stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:3] ** 2, axis=1)
         return stored + state.turning if len(state.turning) else stored
 
     def condensed_backward_euler(
@@ -75,19 +84,19 @@ class RigidJoint:
         """Return mapping at the end of a step (21), no energy stored; see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_backward_euler(trial_gap, compliance, state, law)
-        return response_of(
-            answer, elastic_slip=answer.history, internal=np.zeros_like(state.internal)
-        )
+        internal = np.zeros_like(state.internal)
+        internal[:, 3] = answer.traction[:, 0] < 0.0
+        return response_of(answer, elastic_slip=answer.history, internal=internal)
 
     def condensed_discrete_gradient(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
-        law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
+        law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
         return response_of(
             answer,
             elastic_slip=np.zeros((len(trial_gap), 2)),
-            internal=answer.history[:, :3],
+            internal=answer.history[:, [0, 1, 2, 9]],
             turning=answer.history[:, 3],
         )

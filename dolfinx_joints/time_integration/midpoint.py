@@ -114,7 +114,8 @@ class _Midpoint:
             velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
         jump, slid = system.contact.operator.jump, state.joints.status == Status.SLIP
         change = np.where(slid[:, None], dt**2 * jump(state.acceleration)[:, 1:], 0.0)
-        course = np.column_stack([dt * jump(velocity)[:, 1:], change])
+        way = dt * jump(velocity)
+        course = np.column_stack([way[:, 1:], change, way[:, 0]])
         return replace(state.joints.state, course=course)
 
 

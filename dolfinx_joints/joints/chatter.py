@@ -1,0 +1,80 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Finds joints whose points chatter: touch and lift every few steps, on and on.
+
+Sliding with friction feeds the shortest waves of a body without damping, until points of a stiff
+joint hardly touch any more, slip back and forth, and friction in the mean is less than its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import Response
+
+Floats = NDArray[np.float64]
+
+# Steps of a contact that a run resolves; contacts per point that are more than impacts; share of
+# the normal impulse in contacts that are shorter.
+RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.1
+
+
+class Chatter:
+    """Keeps how much of the pressure of each joint comes in contacts of a few steps.
+
+    Args:
+        contact: The joints, None without.
+    """
+
+    def __init__(self, contact: Contact | None) -> None:
+        """Nothing is seen yet."""
+        self._contact = contact
+        points = 0 if contact is None else len(contact.operator.joint)
+        self._lasts, self._impulse = np.zeros(points, dtype=np.int64), np.zeros(points)
+        # By joint: short contacts, their impulse, all impulse; on this rank.
+        self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
+
+    def see(self, joints: Response, dt: float) -> None:
+        """Take note of a step of length dt [s]."""
+        if self._contact is None:
+            return
+        operator = self._contact.operator
+        pressure = -operator.areas * joints.traction[:, 0] * dt
+        pressed = pressure > 0.0
+        short = ~pressed & (self._lasts > 0) & (self._lasts < RESOLVED)
+        for row, values in zip(
+            self._sums, (short, short * self._impulse, pressed * pressure), strict=True
+        ):
+            row += np.bincount(operator.joint, values, len(row))
+        self._lasts = np.where(pressed, self._lasts + 1, 0)
+        self._impulse = np.where(pressed, self._impulse + pressure, 0.0)
+
+    def _total(self) -> Floats:
+        """Sums over all ranks (collective)."""
+        assert self._contact is not None
+        return np.sum(self._contact.operator.comm.allgather(self._sums), axis=0)
+
+    def joints(self) -> dict[str, float]:
+        """Share of the normal impulse in short contacts of each joint that chatters (collective)."""
+        if self._contact is None:
+            return {}
+        operator, (short, brief, all_of) = self._contact.operator, self._total()
+        count = len(operator.names)
+        points = sum(operator.comm.allgather(np.bincount(operator.joint, minlength=count)))
+        share = brief / np.where(all_of > 0.0, all_of, 1.0)
+        chatters = (short > REPEATED * points) & (share > LARGE_SHARE)
+        return {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """What has been seen so far, but for contacts that have not ended (collective)."""
+        return {} if self._contact is None else {"sums": self._total()}
+
+    def load_state_dict(self, state_dict: Mapping[str, NDArray[Any]]) -> None:
+        """Take up what another's ``state_dict`` gave."""
+        if state_dict and self._contact is not None and self._contact.operator.comm.rank == 0:
+            self._sums[:] = state_dict["sums"]

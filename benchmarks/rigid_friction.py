@@ -155,7 +155,7 @@ def run(problem: Problem, dt: float) -> End:
             state = after
             ledger.record(row)
     moved = state.displacement.array.copy()
-    return End(moved, ledger.row.friction, ledger.row.numerical, ledger.relative_imbalance)
+    return End(moved, ledger.row.friction, ledger.row.impact, ledger.relative_imbalance)
 
 
 def rigid(restitution: int) -> dj.RigidJoint:
@@ -196,14 +196,18 @@ def main() -> None:
         # At the longest step points touch as it ends, by rounding, and rebounds do not converge.
         taken = STEPS[1:] if label == "restitution 1" else STEPS
         ends = [run(problem, dt) for dt in taken]
-        a, b = ends[-2:]
-        order = 1.0 if restitution == 0 else 2.0
-        more = 1.0 / (2.0**order - 1.0)  # Richardson
-        limit = End(*((1.0 + more) * np.asarray(y) - more * np.asarray(x) for x, y in zip(a, b)))
-        _show(label, ends, limit if label != "restitution 1" else b)
+        limit = ends[-1] if label == "restitution 1" else _limit(*ends[-2:], order=1 + massless)
+        _show(label, ends, limit)
         if massless:
-            of_stiffness = [run(blocks(stiff(k), massless=True), STEPS[-2]) for k in (1e12, 1e13, 1e14)]
-            _show("k = 1e12, 1e13, 1e14", of_stiffness, limit)
+            stiffer = [blocks(stiff(k), massless=True) for k in (1e12, 1e13, 1e14)]
+            _show("k = 1e12, 1e13, 1e14 Pa/m", [run(each, STEPS[-2]) for each in stiffer], limit)
+
+
+def _limit(longer: End, shorter: End, *, order: int) -> End:
+    """Richardson's limit of runs with steps of 2 and 1."""
+    more = 1.0 / (2.0**order - 1.0)
+    pairs = zip(longer, shorter, strict=True)
+    return End(*((1.0 + more) * np.asarray(y) - more * np.asarray(x) for x, y in pairs))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 # Steps of a contact that a run resolves; contacts per point that are more than impacts; share of
 # the normal impulse in contacts that are shorter.
-RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.1
+RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
 
 
 class Chatter:

@@ -227,6 +227,8 @@ class Contact:
                 getattr(answer, name)[here] = getattr(given, name)
             answer.state.gap[here] = given.state.gap
             answer.state.elastic_slip[here] = given.state.elastic_slip
+            if len(given.impact):
+                answer.impact[here] = given.impact
             if len(given.state.turning):
                 answer.state.turning[here] = given.state.turning
             if part.variables:
@@ -236,6 +238,11 @@ class Contact:
     def not_condensed(self, rule: Rule) -> tuple[str, ...]:
         """Kinds of the laws that the condensed solver cannot ask under a rule."""
         return tuple(sorted({part.kind for part in self._laws if not part.condenses(rule)}))
+
+    @property
+    def stops(self) -> bool:
+        """Whether points of some law do not rebound."""
+        return any(getattr(law, "restitution", 1) == 0 for law in self.laws.values())
 
     @property
     def without_balance(self) -> tuple[str, ...]:
@@ -336,4 +343,5 @@ def _empty_response(count: int, variables: int) -> Response:
         ),
         dissipation=np.zeros(count),
         status=np.zeros(count, dtype=np.int8),
+        impact=np.zeros(count),
     )

@@ -110,6 +110,8 @@ class Response:
             mean tangential traction times the plastic slip in contact, which is what the
             trapezoidal rule sees, and may be negative where slip reverses within a long step.
         status: `Status` of each point, shape (n,).
+        impact: Energy that points without rebound lost as they stopped, shape (n,), [J/m^2]; empty
+            where all rebound.
     """
 
     traction: Floats
@@ -117,6 +119,7 @@ class Response:
     state: JointState
     dissipation: Floats
     status: NDArray[np.int8]
+    impact: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @runtime_checkable

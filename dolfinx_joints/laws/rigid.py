@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 import annotated_types as at
@@ -26,13 +26,12 @@ class RigidJoint:
 
     Its tractions follow from the structure alone, so it is a `CondensedLaw` only. With the
     energy-consistent scheme, what a point brings into contact in a step is stored and given back
-    when it leaves (restitution 1), or the point stops, and its kinetic energy is lost, in the
-    ledger as numerical (restitution 0). In statics and with schemes that take the law at the end of
-    a step it stores nothing.
+    when it leaves (restitution 1), or the point stops and its kinetic energy is lost (restitution
+    0). In statics and with schemes that take the law at the end of a step it stores nothing.
 
-    Nodes with mass that rebound do so for ever shorter, in no order that a shorter step would
-    settle: friction work is sure to some per cent. With restitution 0, or without mass at the joint
-    nodes (`Model(..., redistribute_mass=True)`), it converges.
+    Nodes with mass that rebound do so over and over in an order that no step is short enough to
+    settle: friction work is uncertain by some per cent. It converges with restitution 0, or without
+    mass at the joint nodes (`Model(..., redistribute_mass=True)`).
 
     Internal variables: the energy stored in normal contact [J/m^2], the root of that in shear, two
     components [(J/m^2)^(1/2)], and whether the point carried pressure in the last step, 0 or 1.
@@ -94,9 +93,13 @@ class RigidJoint:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
-        return response_of(
+        response = response_of(
             answer,
             elastic_slip=np.zeros((len(trial_gap), 2)),
             internal=answer.history[:, [0, 1, 2, 9]],
             turning=answer.history[:, 3],
         )
+        if self.restitution:
+            return response
+        # Nothing is stored: all of the normal work is lost.
+        return replace(response, impact=answer.traction[:, 0] * (answer.gap - state.gap)[:, 0])

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.joints.chatter import RESOLVED, Chatter
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
@@ -85,6 +86,7 @@ class DynamicRun:
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
+        self._chatter = Chatter(contact)
         self._backward_euler_laws = contact.without_balance if whole and contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
@@ -110,6 +112,7 @@ class DynamicRun:
             "local_error": self._local_error,
             "largest": self._largest,
             "watch": self._watch.state_dict(),
+            "chatter": self._chatter.state_dict(),
             "solver": self._solver.state_dict(),
             "steps": self._stepper.state_dict(),
             "energy": self._ledger.state_dict(),
@@ -127,6 +130,7 @@ class DynamicRun:
         self._iterations = state_dict["iterations"]
         self._local_error, self._largest = state_dict["local_error"], state_dict["largest"]
         self._watch.load_state_dict(state_dict["watch"])
+        self._chatter.load_state_dict(state_dict["chatter"])
         self._solver.load_state_dict(state_dict["solver"])
         self._stepper.load_state_dict(state_dict["steps"])
         self._ledger.load_state_dict(state_dict["energy"])
@@ -143,6 +147,7 @@ class DynamicRun:
             self.state = after
             if after.joints is not None:
                 self._watch.see(after.joints.state.gap)
+                self._chatter.see(after.joints, report.dt)
             self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
@@ -242,6 +247,7 @@ class DynamicRun:
             iterations=self._iterations,
             solver=self._solver.name,
             backward_euler_laws=self._backward_euler_laws,
+            chatter=self._chatter.joints(),
         )
 
 
@@ -302,5 +308,15 @@ def warn_of(outcome: Outcome) -> None:
         warnings.warn(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one.",
+            stacklevel=6,
+        )
+    if outcome.chatter:
+        worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
+        warnings.warn(
+            f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
+            f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction that slides "
+            "may be too small in the mean, and shorter steps do not help: give the body "
+            "stiffness-proportional damping of at least half the time of sound through an "
+            "element, take softer joints, or longer steps.",
             stacklevel=6,
         )

@@ -61,6 +61,8 @@ class Outcome:
             ``forms``.
         backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
             for whole steps, because they know nothing else.
+        chatter: Joints whose points touch and lift every few steps, with the share of the normal
+            impulse that such contacts carry.
     """
 
     state: DynamicState
@@ -73,6 +75,7 @@ class Outcome:
     iterations: int
     solver: str
     backward_euler_laws: tuple[str, ...]
+    chatter: Mapping[str, float]
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:

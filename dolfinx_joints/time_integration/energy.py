@@ -35,9 +35,10 @@ class EnergyRow:
         joint_friction: Work done against friction in each joint, shape (number of joints,).
         joint_numerical: Energy that each joint took in besides, lost or (negative) made up by the
             time scheme where it opens, closes or slides within a step, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction + plastic.
+        error: stored - stored at the start - input + viscous + friction + plastic + impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` that viscous boundaries took.
+        impact: Lost by joint points that strike and do not rebound.
     """
 
     kinetic: float
@@ -51,6 +52,7 @@ class EnergyRow:
     error: float
     plastic: float = 0.0
     absorbed: float = 0.0
+    impact: float = 0.0
 
     @cached_property
     def joint(self) -> float:
@@ -117,17 +119,23 @@ class EnergyLedger:
         """The row that a step would lead to; the ledger stays as it is (collective)."""
         last, work = self.row, report.work
         elastic = self._elastic(state)
-        friction: Floats = self._none
+        friction = struck = self._none
         if self._system.contact is not None and state.joints is not None:
             friction = self._system.contact.integrals(state.joints.dissipation)
-        numerical = work.joints - (elastic - last.joint_elastic) - friction
+            struck = np.zeros_like(friction)
+            if self._system.contact.stops:
+                lost = state.joints.impact
+                none = np.zeros_like(state.joints.dissipation)
+                struck = self._system.contact.integrals(lost if len(lost) else none)
+        numerical = work.joints - (elastic - last.joint_elastic) - friction - struck
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous, rubbed = last.viscous + work.viscous, last.joint_friction + friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
-        lost = viscous + float(rubbed.sum()) + plastic
-        missing = stored - self._at_start - entered + lost
+        impact = last.impact + float(struck.sum())
+        losses = viscous + float(rubbed.sum()) + plastic + impact
+        missing = stored - self._at_start - entered + losses
         return EnergyRow(
             kinetic=kinetic,
             strain=strain,
@@ -143,11 +151,12 @@ class EnergyLedger:
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
+            impact=impact,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
         """Account for one accepted step."""
-        losses = row.viscous + row.friction + row.plastic
+        losses = row.viscous + row.friction + row.plastic + row.impact
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
         net = abs(row.input - row.absorbed)
         self.largest = max(self.largest, row.stored, net, losses - row.absorbed)

@@ -112,7 +112,7 @@ def thrown_error(steps: int, flight: float = 0.01) -> tuple[float, float, float,
     law = dj.RigidJoint(friction_coefficient=scene.friction, restitution=0)
     problem, exact = scene.problem(law, flight), scene.at_end(flight)
     end = run(problem, problem.end / steps)
-    found = end.displacement[:3] + [scene.height, scene.height, 0.0]
+    found = end.displacement[:3] + np.array([scene.height, scene.height, 0.0])
     off = np.linalg.norm(found - exact.displacement) / np.linalg.norm(exact.displacement)
     friction, lost = end.friction / exact.friction - 1.0, end.lost / exact.lost - 1.0
     return float(off), abs(friction), abs(lost), end.ledger

@@ -60,7 +60,7 @@ class Chatter:
         return np.sum(self._contact.operator.comm.allgather(self._sums), axis=0)
 
     def joints(self) -> dict[str, float]:
-        """Share of the normal impulse in short contacts of each joint that chatters (collective)."""
+        """Share of normal impulse in short contacts, of joints that chatter (collective)."""
         if self._contact is None:
             return {}
         operator, (short, brief, all_of) = self._contact.operator, self._total()

@@ -311,7 +311,8 @@ def solve_discrete_gradient(
         trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         state: State at the start of the step.
-        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); where points do not
+            rebound, whether they were pressed as a fourth column.
         law: Parameters of the joint.
     """
     history = np.zeros((len(stored), 10), stored.dtype)

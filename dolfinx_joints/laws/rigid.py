@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
@@ -33,8 +33,9 @@ class RigidJoint:
     settle: friction work is uncertain by some per cent. It converges with restitution 0, or without
     mass at the joint nodes (`Model(..., redistribute_mass=True)`).
 
-    Internal variables: the energy stored in normal contact [J/m^2], the root of that in shear, two
-    components [(J/m^2)^(1/2)], and whether the point carried pressure in the last step, 0 or 1.
+    Internal variables: the energy stored in normal contact [J/m^2] and the root of that in shear,
+    two components [(J/m^2)^(1/2)]; with restitution 0 whether the point was pressed in the last
+    step, 0 or 1.
 
     Attributes:
         friction_angle_deg: alpha; exactly one of this and the next is given.
@@ -48,13 +49,6 @@ class RigidJoint:
         ValueError: Angle and coefficient are both given, or both missing.
     """
 
-    internal_variables: ClassVar[tuple[str, ...]] = (
-        "normal_energy",
-        "shear_root_1",
-        "shear_root_2",
-        "pressed",
-    )
-
     friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
     friction_coefficient: Annotated[float, at.Ge(0)] | None = None
     stiffness_ratio: Annotated[float, at.Gt(0)] = 1.0
@@ -64,9 +58,16 @@ class RigidJoint:
         """Take the friction."""
         set_friction(self)
 
+    @property
+    def internal_variables(self) -> tuple[str, ...]:
+        """Names of the internal variables."""
+        if self.restitution:
+            return "normal_energy", "shear_root_1", "shear_root_2"
+        return ("pressed",)
+
     def initial_variables(self, gap: Floats) -> Floats:
-        """No energy at rest, shape (n, 4)."""
-        return np.zeros((len(gap), 4))
+        """No energy and no pressure at rest, shape (n, variables)."""
+        return np.zeros((len(gap), len(self.internal_variables)))
 
     def closed_stiffness(self) -> tuple[float, float]:
         """Infinite, both."""
@@ -74,7 +75,9 @@ class RigidJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Energy of each point, shape (n,), [J/m^2]."""
-        stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:3] ** 2, axis=1)
+        stored = np.zeros(len(state.gap))
+        if self.restitution:
+            stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
         return stored + state.turning if len(state.turning) else stored
 
     def condensed_backward_euler(
@@ -84,7 +87,8 @@ class RigidJoint:
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_backward_euler(trial_gap, compliance, state, law)
         internal = np.zeros_like(state.internal)
-        internal[:, 3] = answer.traction[:, 0] < 0.0
+        if not self.restitution:
+            internal[:, 0] = answer.traction[:, 0] < 0.0
         return response_of(answer, elastic_slip=answer.history, internal=internal)
 
     def condensed_discrete_gradient(
@@ -92,12 +96,16 @@ class RigidJoint:
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
-        answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
+        known = slice(0, 3) if self.restitution else slice(3, 4)
+        stored = np.zeros((len(trial_gap), 4))
+        stored[:, known] = state.internal
+        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
+        history = answer.history
         response = response_of(
             answer,
             elastic_slip=np.zeros((len(trial_gap), 2)),
-            internal=answer.history[:, [0, 1, 2, 9]],
-            turning=answer.history[:, 3],
+            internal=history[:, :3] if self.restitution else history[:, 9:],
+            turning=history[:, 3],
         )
         if self.restitution:
             return response

@@ -314,9 +314,8 @@ def warn_of(outcome: Outcome) -> None:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
         warnings.warn(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
-            f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction that slides "
-            "may be too small in the mean, and shorter steps do not help: give the body "
-            "stiffness-proportional damping of at least half the time of sound through an "
-            "element, take softer joints, or longer steps.",
+            f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction in the "
+            "mean may be less than its limit, and shorter steps do not help: damp the body's "
+            "shortest waves, with a factor of K of the time that sound takes through an element.",
             stacklevel=6,
         )

@@ -35,7 +35,7 @@ def random_turns(law, seed):
         elastic_slip=np.zeros((COUNT, 2)),
         internal=np.zeros((COUNT, 3)),
         turning=put_by,
-        course=np.column_stack([way, change]),
+        course=np.column_stack([way, change, np.zeros(len(way))]),
     )
     free = before + np.column_stack(
         [-C * 1e7 * rng.uniform(0.5, 2, COUNT), way + 0.5 * change + 1e-4 * across]
@@ -91,7 +91,7 @@ def test_a_turn_has_its_mean_friction():
         gap=np.zeros((2, 3)),
         elastic_slip=np.zeros((2, 2)),
         internal=np.zeros((2, 3)),
-        course=np.array([[3.0, 0, -4.0, 0], [3.0, 0, -4.0, 0]]),
+        course=np.array([[3.0, 0, -4.0, 0, 0], [3.0, 0, -4.0, 0, 0]]),
     )
     # h = v0 + p / 2 with the loads p = -3 (it turns), and -2.2: T = 3 - 2.2 = 0.8 stops it.
     free = np.array([[-0.5, 1.5, 0.0], [-0.5, 1.9, 0.0]])

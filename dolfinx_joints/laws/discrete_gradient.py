@@ -297,7 +297,8 @@ def _discrete_gradient(
         if slides and stays:
             end_stored[i, 3] = min(_put_by(way, course, -mu * t_n), max(lost, 0.0))
         dissipation[i] = lost - end_stored[i, 3]
-        if not normal.gap > 0.0:
+        # The gap of a point without rebound that is pressed is as its impact left it.
+        if stays or (law.rebounds and not normal.gap > 0.0):
             status[i] = SLIP if slides else STICK
     return answer
 

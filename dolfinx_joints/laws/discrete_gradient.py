@@ -49,6 +49,9 @@ STICK, SLIP = 1, 2
 # Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
 NO_BOUNCE = 1e-30
 
+# Of the way h of a point set free: what a pressed point without rebound moves by rounding.
+AT_REST = 1e-9
+
 
 class Normal(NamedTuple):
     """Normal part of a point.
@@ -104,7 +107,10 @@ def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
     touches = pressed or (way <= 0.0 and gap + stopped <= 0.0)
     if not touches or h >= stopped or c == 0.0:
         return Normal(0.0, 0.0, gap + h, 0.0, np.inf, 0.0)
-    return Normal((h - stopped) / c, 1.0 / c, gap + stopped, 0.0, 0.0, 0.0)
+    # A gap that has been zero stays so: its rounding would be an opening.
+    rests = pressed and abs(stopped) <= AT_REST * abs(h)
+    end = gap if rests else gap + stopped
+    return Normal((h - stopped) / c, 1.0 / c, end, 0.0, 0.0, 0.0)
 
 
 @register_jitable

@@ -54,6 +54,8 @@ def parameters(content: Content) -> Section:
         "Materials": [_objects(m.get("material", {}).items()) for m in made],
         "Laws of the joints": [_objects(_shared(m.get("joint_laws", {}))) for m in made],
         "Loads": [_objects(_numbered(m.get("loads", []))) for m in made],
+        "Added mass": [_objects(_numbered(m.get("added_mass", []))) for m in made],
+        "Static stages": [_objects(m.get("static_stages", {}).items()) for m in made],
         "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
         "Damping": [_objects([("", m.get("damping"))]) for m in made],
         "Steps and solver": [_objects(m.get("settings", {}).items()) for m in made],

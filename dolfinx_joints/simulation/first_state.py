@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -112,3 +112,9 @@ def in_words(value: Any) -> Any:
     if not isinstance(value, PETSc.Vec):
         return value
     return f"up to {value.norm(PETSc.NormType.INFINITY):.6g} along an axis"
+
+
+def shaken_by(motion: Any, loads: Sequence[Any]) -> dict[str, Any]:
+    """What acts in a dynamic stage besides the loads of the model, as a results file keeps it."""
+    found = {f"load {i}" if len(loads) > 1 else "load": load for i, load in enumerate(loads, 1)}
+    return found if motion is None else found | {"ground motion": getattr(motion, "name", motion)}

@@ -154,29 +154,32 @@ def _discrete_gradient(
         h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
         q_1, q_2 = stored[i, 1], stored[i, 2]
         normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
-        t_n, slides = normal.traction, False
+        t_n, slides, lost = normal.traction, False, 0.0
         shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
             shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
             slides = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
             if slides:
+                o_1, o_2 = shear.traction
                 shear = return_to_limit(shear, t_n, normal.stiffness, mu)  # (17)
+                beyond = shear.traction[0] * (o_1 - shear.traction[0])
+                beyond += shear.traction[1] * (o_2 - shear.traction[1])
+                lost = (2.0 * normal.zeta * normal.zeta + c_s) * beyond  # D below (16)
             end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
             end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
         put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
         limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
         if size > limit:  # e1 of (16)
             end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
+            lost += 0.5 * (size - limit) * (size + limit)  # D below (16)
         end_stored[i, 0] = normal.energy
         end_stored[i, 1], end_stored[i, 2] = end_1, end_2
         t_1, t_2 = shear.traction
         end_gap[i, 0] = normal.gap
         end_gap[i, 1] -= c_s * t_1
         end_gap[i, 2] -= c_s * t_2
-        # D below (16).
-        change = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
-        dissipation[i] = t_1 * (h_1 - c_s * t_1) + t_2 * (h_2 - c_s * t_2) - 0.5 * change
+        dissipation[i] = lost
         if not normal.gap > 0.0:
             status[i] = SLIP if slides else STICK
     return answer

@@ -86,6 +86,7 @@ class DynamicRun:
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
         self._backward_euler_laws = contact.without_balance if whole and contact else ()
+        self._laws_without_losses = contact.without_losses(scheme.rule) if contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
         self.origin = state.displacement.copy()
@@ -213,6 +214,7 @@ class DynamicRun:
             "solver": outcome.solver,
             "energy_error": outcome.energy_error,
             "imbalance": outcome.imbalance,
+            "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
             **({"warnings": self._warnings} if self._warnings else {}),
@@ -242,6 +244,7 @@ class DynamicRun:
             iterations=self._iterations,
             solver=self._solver.name,
             backward_euler_laws=self._backward_euler_laws,
+            laws_without_losses=self._laws_without_losses,
         )
 
 

@@ -249,9 +249,7 @@ class Contact:
             density[part.points] = part.law.stored_energy(part.state_of(state))
         return self.integrals(density)
 
-    def losses(
-        self, rule: Rule, before: JointState, answer: Response, traction: Floats
-    ) -> Losses:
+    def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of a step of the local points, each of shape (n,), [J/m^2].
 
         Arguments are those of `LawWithLosses.losses`, of all local points.

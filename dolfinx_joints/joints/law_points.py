@@ -143,9 +143,7 @@ class LawPoints:
         """Whether it states its losses under a rule, so that its energies can be checked."""
         return self.accounts or (rule.name == DISCRETE_GRADIENT.name and self.balances)
 
-    def losses(
-        self, rule: Rule, before: JointState, answer: Response, traction: Floats
-    ) -> Losses:
+    def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of a step of its points; arguments are those of `LawWithLosses.losses`."""
         if rule.name == DISCRETE_GRADIENT.name and self.balances:
             return Losses(answer.dissipation, np.zeros(len(traction)))

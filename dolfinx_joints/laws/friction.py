@@ -196,7 +196,7 @@ class FrictionNoTension:
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (31), see `LawWithLosses`."""
+        """Losses of an end-point step (30), see `LawWithLosses`."""
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         mean = 0.5 * k * (overlap_and_slip(before) + overlap_and_slip(answer.state))
         way = way_with_friction(before, answer.state)

@@ -59,7 +59,7 @@ class KeyedJoint:
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (31), see `LawWithLosses`."""
+        """Losses of an end-point step (30), see `LawWithLosses`."""
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         start, end = overlap_and_slip(before), overlap_and_slip(answer.state)
         flight = np.zeros_like(start)

@@ -6,7 +6,7 @@ With m the mean of the law's own tractions at both ends, m . elastic is the chan
 stored energy and m . plastic the friction work that the law states. Of the work of a traction t
 
     friction D_f = m . plastic + (t - m) . plastic,
-    numerical D_num = t . flight + (t - m) . elastic                                        (31)
+    numerical D_num = t . flight + (t - m) . elastic                                        (30)
 
 are lost. For t of the end of the step the latter is t . flight + change . k change / 2, never
 negative.
@@ -54,7 +54,7 @@ def way_with_friction(before: JointState, after: JointState) -> Way:
 
 
 def losses_on(way: Way, traction: Floats, mean: Floats, dissipation: Floats) -> Losses:
-    """(31) of a way.
+    """(30) of a way.
 
     Args:
         way: The way.

@@ -195,7 +195,7 @@ class MohrCoulombJoint:
         return traction, tangent, dilation + rise, status
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (31); what breaking bonds set free counts as friction."""
+        """Losses of an end-point step (30); what breaking bonds set free counts as friction."""
         way = self._way(before, answer.state)
         breaks = answer.state.internal[:, 0] > before.internal[:, 0]
         way.plastic[breaks] += way.elastic[breaks]

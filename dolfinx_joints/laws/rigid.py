@@ -70,7 +70,7 @@ class RigidJoint:
         return state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (31); what was stored before it is let go."""
+        """Losses of an end-point step (30); what was stored before it is let go."""
         way = way_with_friction(before, answer.state)
         lost = losses_on(way, traction, answer.traction, answer.dissipation)
         return lost._replace(numerical=lost.numerical + self.stored_energy(before))

@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
+from dolfinx_joints.common.constants import (
+    LARGE_ENERGY_ERROR,
+    LARGE_IMBALANCE,
+    LARGE_LOCAL_ERROR,
+)
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
@@ -299,6 +303,13 @@ def warn_of(outcome: Outcome) -> None:
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
             "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
             "smaller step.",
+            stacklevel=6,
+        )
+    if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
+        warnings.warn(
+            f"The lines of the energy ledger leave {outcome.imbalance:.1e} of the largest energy "
+            "unexplained: tractions, stored_energy and dissipation of a joint law contradict each "
+            "other.",
             stacklevel=6,
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:

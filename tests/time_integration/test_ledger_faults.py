@@ -96,7 +96,9 @@ def plant(monkeypatch, fault):
             monkeypatch.setattr(module, "Products", FalseProducts[fault])
     if fault == "damping of the equation":
         right = MatrixSystem.coefficients
-        monkeypatch.setattr(MatrixSystem, "coefficients", lambda s, m, c, k: right(s, m, 1.01 * c, k))
+        monkeypatch.setattr(
+            MatrixSystem, "coefficients", lambda s, m, c, k: right(s, m, 1.01 * c, k)
+        )
     if fault == "stored":
         stored = falsified(FrictionNoTension.stored_energy)
         monkeypatch.setattr(FrictionNoTension, "stored_energy", stored)
@@ -163,7 +165,9 @@ def test_a_fault_in_any_line_shows(monkeypatch, name, fault):
 @pytest.mark.parametrize("name", SCHEMES)
 def test_bonds_that_break_are_accounted_for(name):
     """Law without an answer over whole steps; broken on the way, with cohesion and dilatancy."""
-    law = MohrCoulombJoint(**FRICTION, cohesion=40.0, tensile_strength=20.0, dilatancy_angle_deg=5.0)
+    law = MohrCoulombJoint(
+        **FRICTION, cohesion=40.0, tensile_strength=20.0, dilatancy_angle_deg=5.0
+    )
     ledger, _, _, state = run(SCHEMES[name], law, moving=False)
     assert state.joints.state.internal[0, 0] == 1.0
     assert ledger.relative_imbalance <= 1e-11

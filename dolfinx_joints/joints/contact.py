@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -68,6 +68,7 @@ class Contact:
         operator: The gap operator.
         laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
+        acting: Which of the local points carry tractions, shape (n,).
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -98,6 +99,7 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
+        self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         for name, gap in gaps.items():
@@ -134,6 +136,7 @@ class Contact:
         other = copy(self)
         other.__dict__.pop("by_forms", None)
         other._laws = [*acting, LawPoints(Inactive(), np.flatnonzero(idle))]
+        other.acting = ~idle
         return other
 
     def gap(self, u: Any) -> Floats:
@@ -225,6 +228,8 @@ class Contact:
                 getattr(answer, name)[here] = getattr(given, name)
             answer.state.gap[here] = given.state.gap
             answer.state.elastic_slip[here] = given.state.elastic_slip
+            if len(given.state.turning):
+                answer.state.turning[here] = given.state.turning
             if part.variables:
                 answer.state.internal[here, : part.variables] = given.state.internal
         return answer
@@ -317,8 +322,9 @@ class Contact:
         )
 
     def worst_joint(self, change: NDArray[Any]) -> str | None:
-        """Name of the joint with the largest sum of a value per point (collective)."""
-        sums = np.bincount(self.operator.joint, change, minlength=len(self.operator.names))
+        """Name of the joint with the largest sum of a value per acting point (collective)."""
+        acting = change * self.acting
+        sums = np.bincount(self.operator.joint, acting, minlength=len(self.operator.names))
         total = np.sum(self.operator.comm.allgather(sums), axis=0)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 
@@ -348,7 +354,9 @@ def _empty_response(count: int, variables: int) -> Response:
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=JointState.at_rest(np.zeros((count, 3)), variables=variables),
+        state=replace(
+            JointState.at_rest(np.zeros((count, 3)), variables=variables), turning=np.zeros(count)
+        ),
         dissipation=np.zeros(count),
         status=np.zeros(count, dtype=np.int8),
     )

@@ -34,8 +34,7 @@ class MohrCoulombJoint:
     raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
     grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
     for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
-    have no bond. It is no
-    `CondensedLaw`: models take the monolithic path.
+    have no bond. It is no `CondensedLaw`: models take the monolithic solver.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 

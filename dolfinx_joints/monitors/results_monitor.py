@@ -220,6 +220,8 @@ class ResultsMonitor(Monitor):
         """Nodes, points, supports and joints of the model, once (collective)."""
         if self._found is model:
             return
+        if self.resultants and model.contact is None:
+            raise MeshError("resultants=True records forces of joints; the model has none.")
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
@@ -246,8 +248,6 @@ class ResultsMonitor(Monitor):
             self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants:
-            if model.contact is None:
-                raise MeshError("resultants=True records forces of joints; the model has none.")
             self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
         self._before: tuple[float, Floats] | None = None
 

@@ -51,3 +51,16 @@ def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
     waves = [name for name in names if re.fullmatch(r"loads/FreeField(_\d+)?", name)]
     brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
     return brought, taken
+
+
+def joint_losses(results: Results) -> dict[str, tuple[float, float]]:
+    """Friction work and numerical loss of each joint at the end of a run, by joint, [J]."""
+    check_results(results)
+    terms = ("friction", "numerical")
+    found = {}
+    for joint in results.joints:
+        names = [f"joints/{joint}/{term}" for term in terms]
+        if set(names) <= set(results.streams["energy"]) and results.rows("energy"):
+            friction, lost = (float(results.series("energy", name, -1)) for name in names)
+            found[joint] = friction, lost
+    return found

@@ -49,7 +49,7 @@ Floats = NDArray[np.floating[Any]]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
-SLIDING = 2  # `laws.Status.SLIP`, as files hold it
+OPEN, SLIDING = 0, 2  # `laws.Status.OPEN` and `SLIP`, as files hold them
 
 JOINT_MEASURES = (
     "opening_max",
@@ -217,8 +217,9 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     - ``opening_residual`` and ``slip_residual`` [m]: the growth since the static state, the
       mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
       largest of the points. While the body still moves a mean is what it moves about;
-    - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points concerned
-      over the joint's, averaged over the records. Sliding is NaN where a file holds no ``status``.
+    - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points that are so
+      at the records (``status``) over the joint's, averaged over the records. Where a file holds no
+      ``status``, open are points without traction and sliding is NaN.
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
@@ -236,8 +237,6 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         "opening_static": float(opening[0].max()),
         "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
-        "share_open": float((open_points(gap, traction) @ shares).mean()),
-        "share_sliding": np.nan,
     }
     extremes = joint_extremes(results, joint)
     for name in ("opening", "slip", "pressure"):
@@ -246,7 +245,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         found[f"{name}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
-        found["share_sliding"] = float(((status == SLIDING) @ shares).mean())
+        is_open, slides = status == OPEN, status == SLIDING
+    else:
+        is_open, slides = open_points(gap, traction), np.full(gap.shape[:-1], np.nan)
+    for name, which in (("share_open", is_open), ("share_sliding", slides)):
+        found[name] = float((which @ shares).mean())
     return {name: found[name] for name in JOINT_MEASURES}
 
 

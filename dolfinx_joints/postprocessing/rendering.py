@@ -7,6 +7,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
+_LONGEST_LINE = 26  # of the text beside a colour bar [characters]
 
 
 class Camera:
@@ -262,14 +264,20 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
     ax.set_ylim(min(bottom, float((start + ends.min(axis=0))[1]) - 0.4 * length), top)
 
 
-def write(ax: Axes, place: Floats, text: str, colour: str) -> None:
-    """Write a word above a place of the picture, readable on anything."""
+def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
+    """Write each name above its place in the picture, readable on anything, none upon another."""
     from matplotlib.patheffects import withStroke
+    from matplotlib.text import Annotation
 
-    halo = [withStroke(linewidth=2.0, foreground="white")]
-    style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom"}
-    offset: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points"}
-    ax.annotate(text, _pair(place), color=colour, path_effects=halo, **style, **offset)
+    style: dict[str, Any] = {"fontsize": "small", "ha": "center", "va": "bottom", "color": colour}
+    style["path_effects"] = [withStroke(linewidth=2.0, foreground="white")]
+    written: list[Annotation] = []
+    for name, place in places.items():
+        x, y = _pair(place)
+        note = ax.annotate(name, (x, y), xytext=(0, 3), textcoords="offset points", **style)
+        while any(note.get_window_extent().overlaps(w.get_window_extent()) for w in written):
+            note.xyann = (0, note.xyann[1] + 4)
+        written.append(note)
 
 
 def colour_bar(
@@ -281,7 +289,8 @@ def colour_bar(
 
     shown = ScalarMappable(Normalize(*limits), cmap)
     bar = figure.colorbar(shown, ax=list(axes), shrink=0.9, aspect=25, pad=0.02)
-    bar.set_label(label.replace(", ", "\n"))
+    lines = [line for part in label.split(", ") for line in wrap(part, _LONGEST_LINE)]
+    bar.set_label("\n".join(lines))
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:

@@ -47,7 +47,7 @@ from dolfinx_joints.postprocessing.rendering import (
     draw,
     legend,
     round_scale,
-    write,
+    write_names,
 )
 from dolfinx_joints.results.arguments import check_results, chosen_state
 from dolfinx_joints.results.reader import Results
@@ -90,8 +90,8 @@ def mesh(
         scene.edges(points[joint], faces, sharper_than_deg=None, radius=radius, color=RED)
     figure, axes = draw(scene, cameras)
     for ax, camera in zip(axes, cameras, strict=True):
-        for joint, name in names.items():
-            write(ax, _top(points[joint], camera), name, RED)
+        tops = {name: _top(points[joint], camera) for joint, name in names.items()}
+        write_names(ax, tops, RED)
     count = f"{len(surface)} facets on the boundary, {len(nodes)} nodes"
     if "cells" in results.metadata:
         count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
@@ -136,10 +136,12 @@ def deformed(
         scene.surface(moved, surface[sides], color=RED, lighting=False)
     scene.edges(nodes, outer, **_OUTLINE)
     figure, axes = draw(scene, cameras)
-    for joint, name in _short_names(results.joints).items():
-        corners = moved[surface[JointSurface(results, joint).sides()]].reshape(-1, 3)
-        for ax, camera in zip(axes, cameras, strict=True):
-            write(ax, _top(corners, camera), name, RED)
+    corners = {
+        name: moved[surface[JointSurface(results, joint).sides()]].reshape(-1, 3)
+        for joint, name in _short_names(results.joints).items()
+    }
+    for ax, camera in zip(axes, cameras, strict=True):
+        write_names(ax, {name: _top(places, camera) for name, places in corners.items()}, RED)
     colour_bar(figure, axes, colours(), limits, f"displacement [mm], {frame}")
     title = f"deformed shape {moment}, displacements x {factor:g}"
     figure.suptitle(title + _widest(results, number), fontsize="medium")
@@ -189,8 +191,8 @@ def joint_map(
         scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
         tops[name] = _top(points, camera)
     figure, axes = draw(scene, [camera])
-    for name, label in _short_names(joints).items():
-        write(axes[0], tops[name], label, "black")
+    labels = _short_names(joints)
+    write_names(axes[0], {labels[name]: top for name, top in tops.items()}, "black")
     if quantity == "state":
         legend(axes[0], dict(STATES))
     else:

@@ -96,8 +96,8 @@ def _maps(content: Content, run: Run) -> list[Html]:
     drawn: list[tuple[str, Any, float, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, "Opening when a joint is widest"),
-        ("slip", "slip", farthest, "Tangential gap at the largest slip"),
+        ("opening", "opening", widest, "Opening, at the record next to the widest"),
+        ("slip", "slip", farthest, "Tangential gap, at the record next to the largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
@@ -109,6 +109,7 @@ def _maps(content: Content, run: Run) -> list[Html]:
 
 def _map(content: Content, run: Run, name: str, quantity: Any, time: float, words: str) -> Html:
     picture = plots.joint_maps(run.results, quantity, time=time)
-    caption = f"{words}, {run.label} at t = {time:.3f} s."
+    recorded = run.results.time("states")[run.results.nearest("states", time)]
+    caption = f"{words}, {run.label} at t = {recorded:.3f} s."
     path = content.save(f"joints_{name}", picture, dpi=100)
     return figure([content.drawings.picture(path, caption)], caption, wide=True)

@@ -14,6 +14,7 @@ from dolfinx_joints.common.constants import (
     STANDARD_GRAVITY,
 )
 from dolfinx_joints.postprocessing import peaks, views
+from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.frames import frame_name
 from dolfinx_joints.postprocessing.peaks import Peak
 from dolfinx_joints.report.page import (
@@ -28,6 +29,7 @@ from dolfinx_joints.report.page import (
     valued,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment
+from dolfinx_joints.results.reader import ENERGY_TERMS
 
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
@@ -64,7 +66,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
 _BOUNDS = (
     f"A run is doubtful where its energy error is above {LARGE_ENERGY_ERROR:.0%} of the largest "
     f"energy or the local error of one step above {LARGE_LOCAL_ERROR:.0%} of the largest "
-    "displacement, and where it did not reach its end."
+    f"displacement, where the time scheme lost more in a joint than {LARGE_ENERGY_ERROR:.0%} of "
+    "what friction took there and 0.1% of the largest energy, and where it did not reach its end."
 )
 
 
@@ -85,8 +88,29 @@ def doubts(run: Run) -> list[str]:
         found.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
     if local > LARGE_LOCAL_ERROR:
         found.append(f"{run.label}: a step errs by {local:.2%} of the largest displacement.")
+    found += _losses(run)
     recorded = summary.get("warnings", [])
     return found + [f"{run.label}: {text}" for text in recorded]
+
+
+def _losses(run: Run) -> list[str]:
+    """Joints in which the time scheme lost what is not small beside their friction.
+
+    The largest energy says little of them: most of it may be that of the rock.
+    """
+    if not run.has("energy", *ENERGY_TERMS):
+        return []
+    found = []
+    lines = energy_lines(run.results)
+    largest = max(float(np.abs(line).max(initial=0.0)) for line in lines.values())
+    for joint, (friction, lost) in joint_losses(run.results).items():
+        if abs(lost) > LARGE_ENERGY_ERROR * max(friction, 0.02 * largest):
+            found.append(
+                f"{run.label}: in {joint} the time scheme {'lost' if lost > 0.0 else 'gained'} "
+                f"{plain(1e-3 * abs(lost))} kJ, friction took {plain(1e-3 * friction)} kJ. "
+                "A smaller step lessens it."
+            )
+    return found
 
 
 def ending(run: Run) -> str:

@@ -110,15 +110,20 @@ def plain(value: Cell) -> str:
     if isinstance(value, float | np.floating):
         if not np.isfinite(value):
             return "–" if np.isnan(value) else str(float(value))
-        return f"{value:.4g}".replace("e+", "e").replace("-", "\N{MINUS SIGN}")
+        return _figures(value + 0.0, ".4g")  # no sign of zero
     if isinstance(value, list | tuple):
         return ", ".join(plain(item) for item in value)
     return str(value)
 
 
+def _figures(value: float, form: str) -> str:
+    """A finite number as text."""
+    return f"{value:{form}}".replace("e+", "e").replace("-", "\N{MINUS SIGN}")
+
+
 def valued(value: float, where: str) -> Html:
-    """A number, and below it where and when."""
-    return Html(f'{text(value)} <span class="where">{text(where)}</span>')
+    """A number, its zeros kept, and below it where and when."""
+    return Html(f'{text(_figures(value, "#.4g"))} <span class="where">{text(where)}</span>')
 
 
 def paragraph(content: Cell, kind: str = "") -> Html:

@@ -130,7 +130,7 @@ class Scene {
   }
 
   draw() {
-    const far = this.plot.clientWidth < 520 ? 1.8 : 1;
+    const far = this.plot.clientWidth < 520 ? 2.2 : 1;
     const center = { x: 0, y: 0, z: -0.1 };
     const axis = (text) => ({ title: { text }, showbackground: false, gridcolor: "#ddd" });
     const layout = {

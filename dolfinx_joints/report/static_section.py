@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Section of a report on the static stages: displacements, joints, stresses."""
+"""Section of a report on the static stages: pictures, displacements, joints, stresses."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_joints.postprocessing import measures
+from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
-from dolfinx_joints.report.page import Cell, Html, Section, paragraph, table
+from dolfinx_joints.postprocessing.rendering import round_scale
+from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 
 # Title, factor and name of what is shown of a joint.
@@ -28,7 +29,7 @@ _OF_JOINT = (
 
 
 def statics(content: Content) -> Section:
-    """Tables of the static stages of the compared runs, a column for each stage."""
+    """Pictures of the main run's static stages, and tables of all compared runs."""
     title = "Statics"
     each = [(run, stages(run)) for run in content.compared]
     pieces: list[Html] = []
@@ -40,7 +41,26 @@ def statics(content: Content) -> Section:
         "Displacements are counted from the unloaded body. Files without named stages show the "
         "state that the earthquake starts from."
     )
-    return Section("statics", title, [paragraph(note, "note"), *pieces])
+    return Section("statics", title, [paragraph(note, "note"), *_pictures(content), *pieces])
+
+
+def _pictures(content: Content) -> list[Html]:
+    """The deformed body after each static stage, from downstream, all to one scale."""
+    run = content.main
+    names = run.results.stage_names
+    surface = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
+    if run.plane or not (surface and names and run.has("statics", "displacement")):
+        return []
+    moved = [run.results.series("statics", "displacement", i) for i in range(len(names))]
+    nodes = run.results.static("mesh/nodes")
+    scale = round_scale(nodes, max(float(np.linalg.norm(u, axis=1).max()) for u in moved))
+    pictures = []
+    for number, name in enumerate(names):
+        drawn = views.deformed(run.results, stage=number, scale=scale)
+        path = content.save(f"static_{number + 1}", drawn, dpi=90)
+        pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
+    caption = f"{run.label} after each static stage, from downstream."
+    return [figure(pictures, caption)]
 
 
 def stages(run: Run) -> list[StaticStage]:

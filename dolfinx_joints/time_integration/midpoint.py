@@ -5,12 +5,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    JointState,
+    Rule,
+    Status,
+)
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -58,7 +65,7 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = None if state.joints is None else state.joints.state
+        before = self._before(system, state, dt)
         effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
@@ -93,6 +100,22 @@ class _Midpoint:
         change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()
         error = float(change) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
+
+    def _before(self, system: MatrixSystem, state: DynamicState, dt: float) -> JointState | None:
+        """State of the joints, with the course of their slip for laws over a whole step."""
+        if state.joints is None:
+            return None
+        if system.contact is None or self.rule != DISCRETE_GRADIENT:
+            return state.joints.state
+        velocity = state.velocity
+        if len(system.massless):
+            # Theirs is that in the middle of the last step.
+            velocity, late = velocity.copy(), system.massless
+            velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
+        jump, slid = system.contact.operator.jump, state.joints.status == Status.SLIP
+        change = np.where(slid[:, None], dt**2 * jump(state.acceleration)[:, 1:], 0.0)
+        course = np.column_stack([dt * jump(velocity)[:, 1:], change])
+        return replace(state.joints.state, course=course)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -161,7 +161,7 @@ class Stepper:
         if self._scheme.conserves(self._solver.system):
             scale = max(self._ledger.scale, row.stored, abs(row.input))
             missing = abs(row.body_imbalance - self._ledger.row.body_imbalance)
-            if missing > LARGEST_IMBALANCE * scale:
+            if missing > LARGEST_IMBALANCE * scale > 0.0:
                 self.counts.unbalanced += 1
                 if shortest:
                     raise JointsError(

@@ -74,7 +74,7 @@ def test_joints_have_values_times_and_places(tmp_path):
     cells = cells_of([write_run(tmp_path / "joints.h5")], tmp_path)
     opening, slip, safety = after(cells, "smallest safety", "joint_1", 3)
     # 3 mm at the end at the upper points; the first of them is named.
-    assert opening == "3 1 s at (0.5, 0, 1.5) m"
+    assert opening == "3.000 1 s at (0.5, 0, 1.5) m"
     assert slip == "0"  # of what never moved there is no time
     assert safety == "–"  # the file knows no friction angle
 
@@ -110,8 +110,8 @@ def test_largest_tension_has_its_place(tmp_path):
     assert len(ENVELOPE_NAMES) == 6
     cells = cells_of([path], tmp_path)
     x, y, z = NODES[-1]
-    assert after(cells, "e", "largest tension [MPa]", 1) == [f"2 at ({x:g}, {y:g}, {z:g}) m"]
-    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2 at ")
+    assert after(cells, "e", "largest tension [MPa]", 1) == [f"2.000 at ({x:g}, {y:g}, {z:g}) m"]
+    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2.000 at ")
 
 
 def test_a_file_with_joints_and_no_records_is_reported(tmp_path):

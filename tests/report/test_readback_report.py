@@ -154,6 +154,7 @@ def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
     with Results(path) as run:
         stages = measures.static_stages(run)
     assert [stage.name for stage in stages] == [WEIGHT, "winter"]
+    assert [f"after {stage.name}" in html for stage in stages] == [True, True]  # pictures
     for stage in stages:
         tables = Tables(html).under(stage.name)
         for point, moved in stage.displacement.items():

@@ -260,15 +260,20 @@ def test_doubts_about_a_run_are_reported(tmp_path):
     # Both errors are above the 5 % that `results` calls large; a fifth of that is not doubtful.
     many = {"energy_error": 0.07, "local_error": 0.3, "warnings": ["the slip is large"]}
     path = write_run(tmp_path / "run.h5", summary=many, seconds=0.05)
-    few = write_run(tmp_path / "few.h5", summary={"energy_error": 0.01}, seconds=0.05)
-    with runs.opened([path, few]) as both:
-        assert [opening.doubts(run) for run in both] == [
+    few = write_run(tmp_path / "few.h5", summary={"energy_error": 0.01}, seconds=0.05, lost=49.0)
+    lossy = write_run(tmp_path / "lossy.h5", seconds=0.05, lost=-400.0)  # 40 % of friction
+    with runs.opened([path, few, lossy]) as all_runs:
+        assert [opening.doubts(run) for run in all_runs] == [
             [
                 "run: the energy error is 7.00% of the largest energy.",
                 "run: a step errs by 30.00% of the largest displacement.",
                 "run: the slip is large",
             ],
             [],
+            [
+                "lossy: in joint_1 the time scheme gained 0.02 kJ, friction took 0.05 kJ. A "
+                "smaller step lessens it."
+            ],
         ]
 
 

@@ -47,6 +47,13 @@ pytestmark = pytest.mark.mpi
 
 CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=35.0)
+BONDED = MohrCoulombJoint(
+    normal_stiffness=1e11,
+    shear_stiffness=4e10,
+    friction_angle_deg=35.0,
+    cohesion=2e6,
+    tensile_strength=1e6,
+)
 LENGTH, THICKNESS, HEIGHT = 12.0, 2.0, 6.0
 WEIGHT = LENGTH * THICKNESS * HEIGHT * 2400.0 * STANDARD_GRAVITY
 CLAMPED = (Fixed(group="base"),)
@@ -103,6 +110,14 @@ def test_blocks_carry_their_own_weight(comm, wall):
         mine = np.intersect1d(base, cells[block == i])
         total = comm.allreduce(forces[mine].sum(axis=0))
         np.testing.assert_allclose(total, [0.0, 0.0, WEIGHT / 3], rtol=1e-10, atol=1e-10 * WEIGHT)
+
+
+def test_a_failure_blames_a_joint_that_acts(wall):
+    """Joint 2, which moves more, carries nothing yet."""
+    contact = wall([Gravity()]).contact
+    joint = contact.operator.joint
+    assert contact.worst_joint(1.0 + joint) == "joint_2"
+    assert contact.without(joint == 1).worst_joint(1.0 + joint) == "joint_1"
 
 
 def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
@@ -207,13 +222,8 @@ def test_blocks_that_moved_into_each_other_touch(comm, wall):
         LAW,
         RigidJoint(friction_angle_deg=35.0),
         KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
-        MohrCoulombJoint(
-            normal_stiffness=1e11,
-            shear_stiffness=4e10,
-            friction_angle_deg=35.0,
-            cohesion=2e6,
-            tensile_strength=1e6,
-        ),
+        BONDED,
+        {"joint_1": LAW, "joint_2": BONDED},
     ],
 )
 def test_a_run_stays_at_rest_after_grouting(comm, wall, law):

@@ -170,7 +170,8 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
     if kind != "auto":
         return f'solver="auto" takes the solver that works. {limit}'
     if solver != "condensed":
-        return f"SolverOptions(max_iterations=100) or softer joints may go further. {limit}"
+        softer = "" if failure.yielding else " or softer joints"
+        return f"SolverOptions(max_iterations=100){softer} may go further. {limit}"
     return limit
 
 

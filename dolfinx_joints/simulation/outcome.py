@@ -61,6 +61,8 @@ class Outcome:
             ``forms``.
         backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
             for whole steps, because they know nothing else.
+        laws_without_losses: Kinds of laws that do not state what steps lose in them
+            (`LawWithLosses`): ``imbalance`` says nothing of their joints.
     """
 
     state: DynamicState
@@ -73,6 +75,7 @@ class Outcome:
     iterations: int
     solver: str
     backward_euler_laws: tuple[str, ...]
+    laws_without_losses: tuple[str, ...]
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:
@@ -81,6 +84,8 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
     counts = outcome.counts
     mean = outcome.iterations / max(counts.accepted, 1)
     balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
+    if balance and outcome.laws_without_losses:
+        balance += f" (but for joints of {', '.join(outcome.laws_without_losses)})"
     rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
     return (
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "

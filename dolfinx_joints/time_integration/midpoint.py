@@ -21,7 +21,7 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.products import Products, combination, joint_work
+from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -95,7 +95,7 @@ class _Midpoint:
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
             absorbed=products.absorbed,
-            joints=joint_work(system, state, joints, mean_traction=False),
+            joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
         )
         change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()
         error = float(change) * dt**2 / 12.0

@@ -16,6 +16,7 @@ from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.exact_steps import scaled
 from dolfinx_joints.time_integration.initial_state import SPACING, initial_state
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -56,6 +57,7 @@ def first_state(
         fields: ``velocity`` [m/s] and ``displacement`` beyond the static state [m], where given.
     """
     if start is not None:
+        start = scaled(solver.system, start, 0, 0.0)
         return initial_state(
             solver,
             time=start.time,

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+import annotated_types as at
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
@@ -18,9 +20,11 @@ from dolfinx_joints.laws.law import (
     Rule,
     Status,
 )
+from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.exact_steps import LoadKick, add_inertia, complete, scaled
 from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
@@ -39,6 +43,7 @@ class _Midpoint:
     """
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
+    exact_modes: ClassVar[int] = 0
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -54,6 +59,14 @@ class _Midpoint:
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
             )
+        state = scaled(system, state, self.exact_modes, rate)
+        effective = MatrixCoefficients(
+            mass=0.5 * rate**2,
+            damping=0.5 * rate,
+            stiffness=0.5,
+            exact_modes=self.exact_modes,
+        )
+        exact = effective.modal_step(system)
         load = system.load(time, state.load.duplicate())
         known = [(0.5, load), (0.5, state.load)]
         known += [(rate, state.momentum), (-1.0, state.elastic_force)]
@@ -63,12 +76,14 @@ class _Midpoint:
         x = combination((dt, state.velocity))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        turn = _Turn(system, state, x, rate, time, dt)
+        turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
         before = self._before(system, state, dt)
-        effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
+        if exact is not None:
+            moved, rates = exact.modes.amounts(exact.used, x, state.velocity)
+            complete(exact, products, effective, moved)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):
@@ -89,16 +104,24 @@ class _Midpoint:
             elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
             joints=joints,
             remainder=products.remainder,
+            exact_modes=state.exact_modes,
+            exact_rate=state.exact_rate,
         )
         work = StepWork(
-            loads=system.work_of_loads(x, state.time, time),
+            loads=turn.add_works(
+                system.work_of_loads(x, state.time, time), state.momentum, momentum
+            ),
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
             absorbed=products.absorbed,
             joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
         )
-        change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()
-        error = float(change) * dt**2 / 12.0
+        change = combination((1.0, acceleration), (-1.0, state.acceleration))
+        if exact is not None:
+            # Without that of the free vibration of exact modes.
+            omega = exact.modes.frequencies[: exact.used]
+            change.getArray()[:] += exact.modes.combined(omega**2 * dt * rates)[:, 0]
+        error = float(change.norm()) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
     def _before(self, system: MatrixSystem, state: DynamicState, dt: float) -> JointState | None:
@@ -121,6 +144,7 @@ class _Midpoint:
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EnergyConsistent(_Midpoint):
     """Midpoint rule with the discrete gradient of the joints' energy: the balance always closes.
 
@@ -128,7 +152,13 @@ class EnergyConsistent(_Midpoint):
     stiff they are (`laws.discrete_gradient`). Where every joint sticks, and without joints, this is
     Newmark's average acceleration. Accurate it is only where the step resolves the motion: watch
     the local error, and let `StepControl` shorten steps in which joints open or close.
+
+    Attributes:
+        exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
+            are exact; of them a step takes those with omega dt up to 1.
     """
+
+    exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,12 +173,13 @@ class ImplicitContact(_Midpoint):
 
 
 class _Turn:
-    """Change that prescribed dofs make to the midpoint rule: their velocities are prescribed, too.
+    """Change that prescribed dofs and exact modes make to the midpoint rule.
 
-    Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
+    The velocities of prescribed dofs are prescribed, too: left to v1 = 2 x / dt - v0, they would
+    swing for ever after every corner of their motion. In exact modes there is a `LoadKick`.
 
     Attributes:
-        velocity: v1 - (2 x / dt - v0), zero at unconstrained dofs; None where supports rest [m/s].
+        velocity: v1 - (2 x / dt - v0), None where it is zero [m/s].
         momentum: M times that, or None [N s].
     """
 
@@ -160,18 +191,27 @@ class _Turn:
         rate: float,
         time: float,
         dt: float,
+        exact: ModalStep | None,
     ) -> None:
-        """Find the change, none where supports rest (collective)."""
+        """Find the change (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
+        self._fixed = system.constrained
+        self._kick = LoadKick(system, exact, state.time, time) if exact is not None else None
+        kicked = self._kick is not None and self._kick.felt
         rates = system.prescribed_rates(time, 0.5 * dt)
+        if rates is None and not kicked:
+            return
+        self.velocity, self.momentum = x.duplicate(), x.duplicate()
+        self.velocity.set(0.0)
+        if self._kick is not None and exact is not None and kicked:
+            self._kick.add(self.velocity)
         if rates is not None:
-            self.velocity, self.momentum = x.duplicate(), x.duplicate()
-            fixed = system.constrained
-            by_rule = rate * x.array[fixed] - state.velocity.array[fixed]
-            self.velocity.set(0.0)
-            self.velocity.getArray()[fixed] = rates[0] - by_rule
-            system.mass.mult(self.velocity, self.momentum)
+            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
+            self.velocity.getArray()[self._fixed] = rates[0] - by_rule
+        system.mass.mult(self.velocity, self.momentum)
+        if exact is not None:
+            add_inertia(exact, self.velocity, self.momentum)
 
     @staticmethod
     def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
@@ -183,7 +223,18 @@ class _Turn:
         """Work of the supports on this part of the motion, from momenta of the body [J]."""
         if self.velocity is None:
             return 0.0
-        return 0.5 * float(self.velocity.dot(after) - self.velocity.dot(before))
+        gained = (after.array_r - before.array_r)[self._fixed]
+        mine = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
+        return float(np.sum(before.comm.tompi4py().allgather(mine)))
+
+    def add_works(
+        self, works: dict[str, float], before: PETSc.Vec, after: PETSc.Vec
+    ) -> dict[str, float]:
+        """Works of the loads with those on this part of the motion added [J]."""
+        if self._kick is None or not self._kick.felt:
+            return works
+        kicked = self._kick.work(before, after)
+        return {name: work + kicked.get(name, 0.0) for name, work in works.items()}
 
 
 def _exact_square(rate: float) -> float:

@@ -1,0 +1,121 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Midpoint steps that are exact in the lowest modes, by their mass and damping (`ModalStep`).
+
+With m' the step keeps v1 = 2 x/dt - v0 in all of the body and its balance of energies, but v is not
+the velocity: of a mode it is that divided by sqrt(m'), so that m' v^2 / 2 is the kinetic energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.time_integration.products import Products
+from dolfinx_joints.time_integration.states import DynamicState
+
+Floats = NDArray[np.float64]
+
+
+def scaled(
+    system: MatrixSystem, state: DynamicState, count: int, rate: float
+) -> DynamicState:
+    """The state with its modal velocities scaled for a step, kinetic energy kept (collective).
+
+    Args:
+        system: The system.
+        state: Its state.
+        count: Number of modes in which the step is exact.
+        rate: 2 / dt of the step [1/s].
+    """
+    if state.exact_modes == count and (count == 0 or state.exact_rate == rate):
+        return state
+    velocity = _scale(system, state.velocity, state.exact_modes, state.exact_rate, back=True)
+    velocity = _scale(system, velocity, count, rate)
+    momentum = system.mass * velocity
+    if count:
+        add_inertia(lowest_modes(system, count).step(rate), velocity, momentum)
+    return replace(
+        state, velocity=velocity, momentum=momentum, exact_modes=count, exact_rate=rate
+    )
+
+
+def _scale(
+    system: MatrixSystem,
+    velocity: PETSc.Vec,
+    count: int,
+    rate: float,
+    *,
+    back: bool = False,
+) -> PETSc.Vec:
+    """Modal velocities divided by the root of m', or times it (collective)."""
+    if not count:
+        return velocity
+    step = lowest_modes(system, count).step(rate)
+    root = np.sqrt(step.mass)
+    known = step.modes.amounts(step.used, velocity)[0]
+    velocity = velocity.copy()
+    change = (root if back else 1.0 / root) - 1.0
+    velocity.getArray()[:] += step.modes.combined(change * known)[:, 0]
+    return velocity
+
+
+def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
+    """Add what m' changes to the momentum of a velocity (collective)."""
+    known = step.modes.amounts(step.used, velocity)[0]
+    change = step.modes.combined((step.mass - 1.0) * known, weighted=True)
+    momentum.getArray()[:] += change[:, 0]
+
+
+def complete(
+    step: ModalStep, products: Products, effective: MatrixCoefficients, x: Floats
+) -> None:
+    """Add what m' and c' change to the products of a step with the modal displacements x."""
+    inertia = (step.mass - 1.0) * x
+    force = step.change(effective.mass, effective.damping) * x
+    change = step.modes.combined(inertia, force, weighted=True)
+    products.mass.getArray()[:] += change[:, 0]
+    products.remainder.getArray()[:] += change[:, 1]
+    of_damping = step.damping - step.modes.damping[: step.used]
+    products.viscous += effective.damping * float(of_damping @ x**2)
+
+
+class LoadKick:
+    """Change that loads which grow along a step make to the midpoint rule in exact modes.
+
+    v1 = 2 x/dt - v0 + kick, with which x and v1 are exact under a load that is linear in the step.
+
+    Attributes:
+        of_patterns: Modal kick of each pattern of the loads, shape (modes, patterns), [m/s].
+    """
+
+    def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
+        """Find the kicks of a step between two times [s]."""
+        self._step, self._names = step, system.names_of_patterns
+        loads = step.modes.loads[: step.used] * system.load_change(start, end)
+        self.of_patterns: Floats = step.kick[:, None] * loads
+
+    @property
+    def felt(self) -> bool:
+        """Whether any load changes."""
+        return bool(np.any(self.of_patterns))
+
+    def add(self, to: PETSc.Vec) -> None:
+        """Add the kick to a velocity."""
+        to.getArray()[:] += self._step.modes.combined(self.of_patterns.sum(axis=1))[:, 0]
+
+    def work(self, before: PETSc.Vec, after: PETSc.Vec) -> dict[str, float]:
+        """Work of each load on the kick, from momenta of the body [J] (collective)."""
+        modes = self._step.modes
+        momenta = modes.amounts(self._step.used, before, after, of_forces=True)
+        every = 0.5 * (momenta[1] - momenta[0]) @ self.of_patterns
+        works: dict[str, float] = {}
+        for name, work in zip(self._names, every, strict=True):
+            works[name] = works.get(name, 0.0) + float(work)
+        return works

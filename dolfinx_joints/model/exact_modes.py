@@ -52,11 +52,15 @@ class LowestModes:
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])
+        self._moves = system.values is not None
+        self._moving = system.constrained if self._moves else system.constrained[:0]
+        at_supports = weighted[self._moving]
         weighted[system.constrained] = 0.0
         # Orthonormal to rounding, on which the balance of energies depends.
         factor = np.linalg.inv(np.linalg.cholesky(self._sum(shapes.T @ weighted))).T
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
+        self._at_supports = at_supports @ factor
         vectors = [_vector(system, shape) for shape in self._shapes.T]
         work = system.mass.createVecRight()
         self.damping = np.array([v.dot(system.damping_force(v, work)) for v in vectors])
@@ -83,6 +87,16 @@ class LowestModes:
         columns = self._weighted if weighted else self._shapes
         together: Floats = columns[:, : len(amounts[0])] @ np.column_stack(amounts)
         return together
+
+    def carried(self, used: int, vector: PETSc.Vec) -> Floats:
+        """Phi.M u of the moving supports alone, shape (used,) (collective)."""
+        if not self._moves:
+            return np.zeros(used)
+        return self._sum(vector.array_r[self._moving] @ self._at_supports[:, :used])
+
+    def add_at_supports(self, amounts: Floats, to: Floats) -> None:
+        """Add M phi times amounts to the owned rows of moving supports."""
+        to[self._moving] += self._at_supports[:, : len(amounts)] @ amounts
 
     def weighted(self, used: int) -> Floats:
         """M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
@@ -125,10 +139,27 @@ class ModalStep:
         kick = tangent * (1.0 - half / tangent) / np.where(small, 1.0, half**3)
         self.kick: Floats = np.where(small, 1.0 / 3.0 + 2.0 * half**2 / 15.0, kick) / rate
 
+    @property
+    def root(self) -> Floats:
+        """Velocity of the body for one of the step, sqrt(m'), shape (used,)."""
+        return np.sqrt(self.mass)
+
+    @property
+    def more_damping(self) -> Floats:
+        """c' - c, shape (used,), [1/s]."""
+        return self.damping - self.modes.damping[: self.used]
+
     def change(self, mass: float, damping: float) -> Floats:
         """Of the modes' part of mass M + damping C + stiffness K, shape (used,)."""
-        changed = mass * (self.mass - 1.0)
-        return changed + damping * (self.damping - self.modes.damping[: self.used])
+        return mass * (self.mass - 1.0) + damping * self.more_damping
+
+    def of_supports(self, u: PETSc.Vec) -> Floats:
+        """What moving supports add to the change of M u, shape (used,) (collective).
+
+        Velocities v of the step are S v in the body, S = 1 + phi (sqrt(m') - 1) phi.M at
+        unconstrained dofs; its mass is S^T M S, so that the kinetic energy is that of the body.
+        """
+        return (self.root - 1.0) * self.modes.carried(self.used, u)
 
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:

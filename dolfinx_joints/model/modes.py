@@ -25,6 +25,9 @@ SAME_FREQUENCY = 1e-6
 # Of the mean omega^2 of the mesh, by which loose blocks are held while modes are sought.
 SHIFT = 1e-8
 
+# Of the frequency of that, below which a frequency is zero.
+ZERO = 1e-3
+
 
 @dataclass(frozen=True, kw_only=True)
 class Modes:
@@ -86,17 +89,20 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
 def whole_groups(system: MatrixSystem, count: int) -> Modes:
     """At most ``count`` of the lowest modes, no group of equal frequencies cut (collective).
 
-    Which modes of a group come first depends on rounding. Blocks may be loose.
+    Which modes of a group come first depends on rounding. Blocks may be loose: those modes have
+    the frequency zero.
     """
     most = _number_of_modes(system)
-    traces = [m.getDiagonal().sum() for m in (system.stiffness, system.mass)]
-    found = _lowest(system, min(count + 1, most), -SHIFT * float(traces[0] / traces[1]))
-    if count >= most:
-        return found
-    last = found.frequencies[count]
-    kept = int(np.count_nonzero(found.frequencies[:count] < (1.0 - SAME_FREQUENCY) * last))
+    traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
+    shift = SHIFT * traces[0] / traces[1] or 1.0
+    found = _lowest(system, min(count + 1, most), -shift)
+    rounding = ZERO * math.sqrt(shift) / (2.0 * math.pi)
+    frequencies = np.where(found.frequencies < rounding, 0.0, found.frequencies)
+    kept = len(frequencies)
+    if kept > count:
+        kept = int(np.count_nonzero(frequencies < (1.0 - SAME_FREQUENCY) * frequencies[count]))
     return Modes(
-        frequencies=found.frequencies[:kept],
+        frequencies=frequencies[:kept],
         shapes=found.shapes[:kept],
         participation=found.participation[:kept],
         mass=found.mass,

@@ -101,7 +101,12 @@ class EffectiveMatrix:
         step = effective.modal_step(system)
         if step is not None:
             delta = step.change(effective.mass, effective.damping)
-            self.change = ModalChange(step.modes.weighted(step.used), delta, step.modes.comm)
+            self.change = ModalChange(
+                step.modes.weighted(step.used),
+                delta,
+                lambda x: effective.mass * step.of_supports(x),
+                step.modes.comm,
+            )
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
@@ -172,7 +177,7 @@ class EffectiveMatrix:
         prescribed, pushed = x.duplicate(), b.duplicate()
         prescribed.pointwiseMult(x, unconstrained)
         prescribed.aypx(-1.0, x)
-        self.full.mult(prescribed, pushed)
+        self.multiply(prescribed, pushed)
         pushed.pointwiseMult(pushed, unconstrained)
         right.axpy(-1.0, pushed)
         factored = self.solve(right, x)

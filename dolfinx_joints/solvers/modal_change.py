@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,12 +30,20 @@ class ModalChange:
     Args:
         columns: Owned rows of Psi, shape (local dofs, modes).
         delta: Diagonal, shape (modes,), [N/m].
+        of_supports: What moving supports add to delta Psi^T x, for x.
         comm: Communicator of the ranks.
     """
 
-    def __init__(self, columns: Floats, delta: Floats, comm: Any) -> None:
+    def __init__(
+        self,
+        columns: Floats,
+        delta: Floats,
+        of_supports: Callable[[PETSc.Vec], Floats],
+        comm: Any,
+    ) -> None:
         """Keep the parts."""
         self.columns, self.delta, self._comm = columns, delta, comm
+        self._of_supports = of_supports
 
     def amounts(self, values: Floats) -> Floats:
         """Psi^T times owned rows (collective)."""
@@ -42,8 +51,9 @@ class ModalChange:
         return parts if self._comm.size == 1 else np.sum(self._comm.allgather(parts), axis=0)
 
     def add_product(self, x: PETSc.Vec, to: PETSc.Vec) -> None:
-        """Add the change times x to a vector (collective)."""
-        to.getArray()[:] += self.columns @ (self.delta * self.amounts(x.getArray(readonly=True)))
+        """Add the change times x to the unconstrained dofs of a vector (collective)."""
+        amounts = self.delta * self.amounts(x.array_r) + self._of_supports(x)
+        to.getArray()[:] += self.columns @ amounts
 
 
 class ChangedSolver:
@@ -67,7 +77,7 @@ class ChangedSolver:
         factored = bool(self._original.solve(b, x, **options))
         if factored:
             self._made = None
-        correction = self._correction(x.getArray(readonly=True))
+        correction = self._correction(x.array_r)
         x.getArray()[:] -= correction
         return factored
 

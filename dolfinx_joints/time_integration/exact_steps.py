@@ -58,10 +58,9 @@ def _scale(
     if not count:
         return velocity
     step = lowest_modes(system, count).step(rate)
-    root = np.sqrt(step.mass)
     known = step.modes.amounts(step.used, velocity)[0]
     velocity = velocity.copy()
-    change = (root if back else 1.0 / root) - 1.0
+    change = (step.root if back else 1.0 / step.root) - 1.0
     velocity.getArray()[:] += step.modes.combined(change * known)[:, 0]
     return velocity
 
@@ -69,21 +68,42 @@ def _scale(
 def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
     """Add what m' changes to the momentum of a velocity (collective)."""
     known = step.modes.amounts(step.used, velocity)[0]
-    change = step.modes.combined((step.mass - 1.0) * known, weighted=True)
-    momentum.getArray()[:] += change[:, 0]
+    momentum.getArray()[:] += _changes(step, velocity, known)[0]
 
 
 def complete(
-    step: ModalStep, products: Products, effective: MatrixCoefficients, x: Floats
+    step: ModalStep,
+    products: Products,
+    effective: MatrixCoefficients,
+    x: PETSc.Vec,
+    modal: Floats,
+    fixed: NDArray[np.int64],
 ) -> None:
-    """Add what m' and c' change to the products of a step with the modal displacements x."""
-    inertia = (step.mass - 1.0) * x
-    force = step.change(effective.mass, effective.damping) * x
-    change = step.modes.combined(inertia, force, weighted=True)
-    products.mass.getArray()[:] += change[:, 0]
-    products.remainder.getArray()[:] += change[:, 1]
-    of_damping = step.damping - step.modes.damping[: step.used]
-    products.viscous += effective.damping * float(of_damping @ x**2)
+    """Add what m' and c' change to the products of a step (collective).
+
+    Args:
+        step: m' and c'.
+        products: Of the body without them.
+        effective: Coefficients of the step's equation.
+        x: Change of the displacement.
+        modal: Phi.M x.
+        fixed: Constrained dofs.
+    """
+    inertia, damping = _changes(step, x, modal)
+    products.mass.getArray()[:] += inertia
+    force = effective.mass * inertia + effective.damping * damping
+    products.reaction.getArray()[fixed] += force[fixed]
+    force[fixed] = 0.0
+    products.remainder.getArray()[:] += force
+    products.viscous += effective.damping * float(step.more_damping @ modal**2)
+
+
+def _changes(step: ModalStep, x: PETSc.Vec, modal: Floats) -> tuple[Floats, Floats]:
+    """Owned rows of the changes of M x and C x (collective)."""
+    inertia = (step.mass - 1.0) * modal + step.of_supports(x)
+    both = step.modes.combined(inertia, step.more_damping * modal, weighted=True)
+    step.modes.add_at_supports((step.root - 1.0) * modal, both[:, 0])
+    return both[:, 0], both[:, 1]
 
 
 class LoadKick:

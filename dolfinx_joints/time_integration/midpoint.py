@@ -83,7 +83,7 @@ class _Midpoint:
         products = Products(system, effective, b, x, joints)
         if exact is not None:
             moved, rates = exact.modes.amounts(exact.used, x, state.velocity)
-            complete(exact, products, effective, moved)
+            complete(exact, products, effective, x, moved, fixed)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):

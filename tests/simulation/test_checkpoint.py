@@ -28,6 +28,7 @@ from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shakin
 from dolfinx_joints import (
     CheckpointError,
     Checkpoints,
+    EnergyConsistent,
     Elastic,
     FieldMonitor,
     Fixed,
@@ -130,6 +131,7 @@ CASES = {
     "condensed, steps cut": {"solver": "condensed", "control": CUT},
     "monolithic": {"solver": "monolithic"},
     "monolithic, steps cut": {"solver": "monolithic", "control": CUT},
+    "exact modes, steps cut": {"scheme": EnergyConsistent(exact_modes=6), "control": CUT},
     "Newmark": {"scheme": Newmark()},
     "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},

@@ -52,9 +52,8 @@ class LowestModes:
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])
-        self._moves = system.values is not None
-        self._moving = system.constrained if self._moves else system.constrained[:0]
-        at_supports = weighted[self._moving]
+        self._fixed, self._moves = system.constrained, system.values is not None
+        at_supports = weighted[system.constrained]
         weighted[system.constrained] = 0.0
         # Orthonormal to rounding, on which the balance of energies depends.
         factor = np.linalg.inv(np.linalg.cholesky(self._sum(shapes.T @ weighted))).T
@@ -72,31 +71,29 @@ class LowestModes:
         used = int(np.count_nonzero(self.frequencies * 2.0 / rate <= LARGEST_ANGLE))
         return ModalStep(self, used, rate)
 
-    def amounts(self, used: int, *vectors: PETSc.Vec, of_forces: bool = False) -> Floats:
-        """Phi.M u of displacements at unconstrained dofs, or phi.f of forces (collective).
+    def amounts(self, used: int, vector: PETSc.Vec) -> Floats:
+        """Phi.M u of unconstrained dofs, shape (used,) (collective)."""
+        return self._sum(self._weighted[:, :used].T @ vector.array_r)
 
-        Returns:
-            A row for each vector, shape (vectors, used).
-        """
-        columns = self._shapes if of_forces else self._weighted
-        # One pass over the modes for all vectors: this is as long as memory takes to read them.
-        return self._sum(np.stack([v.array_r for v in vectors]) @ columns[:, :used])
+    def combined(self, amounts: Floats) -> Floats:
+        """Owned rows of phi times amounts."""
+        shape: Floats = self._shapes[:, : len(amounts)] @ amounts
+        return shape
 
-    def combined(self, *amounts: Floats, weighted: bool = False) -> Floats:
-        """Phi times amounts, or M phi at unconstrained dofs, shape (local dofs, len(amounts))."""
-        columns = self._weighted if weighted else self._shapes
-        together: Floats = columns[:, : len(amounts[0])] @ np.column_stack(amounts)
-        return together
+    def weighed(self, amounts: Floats) -> Floats:
+        """Owned rows of M phi times amounts, zero at constrained dofs."""
+        product: Floats = self._weighted[:, : len(amounts)] @ amounts
+        return product
 
     def carried(self, used: int, vector: PETSc.Vec) -> Floats:
-        """Phi.M u of the moving supports alone, shape (used,) (collective)."""
+        """Phi.M u of moving supports alone, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
-        return self._sum(vector.array_r[self._moving] @ self._at_supports[:, :used])
+        return self._sum(vector.array_r[self._fixed] @ self._at_supports[:, :used])
 
     def add_at_supports(self, amounts: Floats, to: Floats) -> None:
-        """Add M phi times amounts to the owned rows of moving supports."""
-        to[self._moving] += self._at_supports[:, : len(amounts)] @ amounts
+        """Add M phi times amounts to the owned rows of supports."""
+        to[self._fixed] += self._at_supports[:, : len(amounts)] @ amounts
 
     def weighted(self, used: int) -> Floats:
         """M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
@@ -146,7 +143,7 @@ class ModalStep:
 
     @property
     def more_damping(self) -> Floats:
-        """c' - c, shape (used,), [1/s]."""
+        """C' - c, shape (used,), [1/s]."""
         return self.damping - self.modes.damping[: self.used]
 
     def change(self, mass: float, damping: float) -> Floats:

@@ -79,7 +79,9 @@ class _Sum:
         self._total = self._base.copy()
         self._direct = DirectSolver(self._total, symmetric=False, options=options)
         change = effective.change
-        self.solver: Solver = self._direct if change is None else ChangedSolver(self._direct, change)
+        self.solver: Solver = (
+            self._direct if change is None else ChangedSolver(self._direct, change)
+        )
 
     def add(self, added: PETSc.Mat) -> None:
         """Make the sum anew; the solver factors it when next used."""

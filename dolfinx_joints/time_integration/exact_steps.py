@@ -23,9 +23,7 @@ from dolfinx_joints.time_integration.states import DynamicState
 Floats = NDArray[np.float64]
 
 
-def scaled(
-    system: MatrixSystem, state: DynamicState, count: int, rate: float
-) -> DynamicState:
+def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
     """The state with its modal velocities scaled for a step, kinetic energy kept (collective).
 
     Args:
@@ -41,9 +39,7 @@ def scaled(
     momentum = system.mass * velocity
     if count:
         add_inertia(lowest_modes(system, count).step(rate), velocity, momentum)
-    return replace(
-        state, velocity=velocity, momentum=momentum, exact_modes=count, exact_rate=rate
-    )
+    return replace(state, velocity=velocity, momentum=momentum, exact_modes=count, exact_rate=rate)
 
 
 def _scale(
@@ -58,17 +54,32 @@ def _scale(
     if not count:
         return velocity
     step = lowest_modes(system, count).step(rate)
-    known = step.modes.amounts(step.used, velocity)[0]
+    known = step.modes.amounts(step.used, velocity)
     velocity = velocity.copy()
     change = (step.root if back else 1.0 / step.root) - 1.0
-    velocity.getArray()[:] += step.modes.combined(change * known)[:, 0]
+    velocity.getArray()[:] += step.modes.combined(change * known)
     return velocity
 
 
 def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
     """Add what m' changes to the momentum of a velocity (collective)."""
-    known = step.modes.amounts(step.used, velocity)[0]
-    momentum.getArray()[:] += _changes(step, velocity, known)[0]
+    known = step.modes.amounts(step.used, velocity)
+    momentum.getArray()[:] += _inertia(step, velocity, known)
+
+
+def add_free_vibration(
+    step: ModalStep, velocity: Floats, dt: float, acceleration: PETSc.Vec
+) -> None:
+    """Take the part of free vibration out of the change of the acceleration in a step.
+
+    Args:
+        step: The modes.
+        velocity: Modal velocities at the start, shape (used,), [m/s].
+        dt: Length of the step [s].
+        acceleration: Its change.
+    """
+    own = step.modes.frequencies[: step.used] ** 2 * dt * velocity
+    acceleration.getArray()[:] += step.modes.combined(own)
 
 
 def complete(
@@ -89,30 +100,32 @@ def complete(
         modal: Phi.M x.
         fixed: Constrained dofs.
     """
-    inertia, damping = _changes(step, x, modal)
+    inertia = _inertia(step, x, modal)
     products.mass.getArray()[:] += inertia
-    force = effective.mass * inertia + effective.damping * damping
+    force = effective.mass * inertia
+    if np.any(step.more_damping):
+        force += step.modes.weighed(effective.damping * step.more_damping * modal)
+        products.viscous += effective.damping * float(step.more_damping @ modal**2)
     products.reaction.getArray()[fixed] += force[fixed]
     force[fixed] = 0.0
     products.remainder.getArray()[:] += force
-    products.viscous += effective.damping * float(step.more_damping @ modal**2)
 
 
-def _changes(step: ModalStep, x: PETSc.Vec, modal: Floats) -> tuple[Floats, Floats]:
-    """Owned rows of the changes of M x and C x (collective)."""
-    inertia = (step.mass - 1.0) * modal + step.of_supports(x)
-    both = step.modes.combined(inertia, step.more_damping * modal, weighted=True)
-    step.modes.add_at_supports((step.root - 1.0) * modal, both[:, 0])
-    return both[:, 0], both[:, 1]
+def _inertia(step: ModalStep, x: PETSc.Vec, modal: Floats) -> Floats:
+    """Owned rows of the change of M x (collective)."""
+    change = step.modes.weighed((step.mass - 1.0) * modal + step.of_supports(x))
+    step.modes.add_at_supports((step.root - 1.0) * modal, change)
+    return change
 
 
 class LoadKick:
     """Change that loads which grow along a step make to the midpoint rule in exact modes.
 
-    v1 = 2 x/dt - v0 + kick, with which x and v1 are exact under a load that is linear in the step.
+    v1 = 2 x/dt - v0 + kick, with which x is exact under a load that is linear in the step.
 
     Attributes:
         of_patterns: Modal kick of each pattern of the loads, shape (modes, patterns), [m/s].
+        felt: Whether any load changes.
     """
 
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
@@ -120,22 +133,30 @@ class LoadKick:
         self._step, self._names = step, system.names_of_patterns
         loads = step.modes.loads[: step.used] * system.load_change(start, end)
         self.of_patterns: Floats = step.kick[:, None] * loads
+        self.felt = bool(np.any(self.of_patterns))
 
-    @property
-    def felt(self) -> bool:
-        """Whether any load changes."""
-        return bool(np.any(self.of_patterns))
+    def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
+        """Add the kick to a velocity, and S^T M S times it to a momentum."""
+        step, kick = self._step, self.of_patterns.sum(axis=1)
+        velocity.getArray()[:] += step.modes.combined(kick)
+        change = step.modes.weighed(step.mass * kick)
+        step.modes.add_at_supports(step.root * kick, change)
+        momentum.getArray()[:] += change
 
-    def add(self, to: PETSc.Vec) -> None:
-        """Add the kick to a velocity."""
-        to.getArray()[:] += self._step.modes.combined(self.of_patterns.sum(axis=1))[:, 0]
+    def work(
+        self, x: Floats, velocity: Floats, rate: float, of_supports: Floats
+    ) -> dict[str, float]:
+        """Work of each load on the kick [J].
 
-    def work(self, before: PETSc.Vec, after: PETSc.Vec) -> dict[str, float]:
-        """Work of each load on the kick, from momenta of the body [J] (collective)."""
-        modes = self._step.modes
-        momenta = modes.amounts(self._step.used, before, after, of_forces=True)
-        every = 0.5 * (momenta[1] - momenta[0]) @ self.of_patterns
+        Args:
+            x: Modal displacements in the step, shape (used,).
+            velocity: Modal velocities at its start.
+            rate: 2 / dt [1/s].
+            of_supports: Phi.M of the change of the supports' velocities.
+        """
+        change = rate * x - 2.0 * velocity + self.of_patterns.sum(axis=1)
+        momentum = self._step.mass * change + self._step.root * of_supports
         works: dict[str, float] = {}
-        for name, work in zip(self._names, every, strict=True):
+        for name, work in zip(self._names, 0.5 * momentum @ self.of_patterns, strict=True):
             works[name] = works.get(name, 0.0) + float(work)
         return works

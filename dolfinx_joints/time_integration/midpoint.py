@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
 import numpy as np
@@ -24,7 +24,13 @@ from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.exact_steps import LoadKick, add_inertia, complete, scaled
+from dolfinx_joints.time_integration.exact_steps import (
+    LoadKick,
+    add_free_vibration,
+    add_inertia,
+    complete,
+    scaled,
+)
 from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
@@ -82,8 +88,8 @@ class _Midpoint:
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
         if exact is not None:
-            moved, rates = exact.modes.amounts(exact.used, x, state.velocity)
-            complete(exact, products, effective, x, moved, fixed)
+            modal = exact.modes.amounts(exact.used, x)
+            complete(exact, products, effective, x, modal, fixed)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):
@@ -107,20 +113,21 @@ class _Midpoint:
             exact_modes=state.exact_modes,
             exact_rate=state.exact_rate,
         )
+        change = combination((1.0, acceleration), (-1.0, state.acceleration))
+        loads = system.work_of_loads(x, state.time, time)
+        if exact is not None:
+            rates = exact.modes.amounts(exact.used, state.velocity)
+            add_free_vibration(exact, rates, dt, change)
+            of_supports = dt * exact.modes.carried(exact.used, acceleration)
+            for name, kicked in turn.works(modal, rates, rate, of_supports).items():
+                loads[name] += kicked
         work = StepWork(
-            loads=turn.add_works(
-                system.work_of_loads(x, state.time, time), state.momentum, momentum
-            ),
+            loads=loads,
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
             absorbed=products.absorbed,
             joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
         )
-        change = combination((1.0, acceleration), (-1.0, state.acceleration))
-        if exact is not None:
-            # Without that of the free vibration of exact modes.
-            omega = exact.modes.frequencies[: exact.used]
-            change.getArray()[:] += exact.modes.combined(omega**2 * dt * rates)[:, 0]
         error = float(change.norm()) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
@@ -197,21 +204,22 @@ class _Turn:
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
-        self._kick = LoadKick(system, exact, state.time, time) if exact is not None else None
+        self._kick = None if exact is None else LoadKick(system, exact, state.time, time)
         kicked = self._kick is not None and self._kick.felt
         rates = system.prescribed_rates(time, 0.5 * dt)
         if rates is None and not kicked:
             return
         self.velocity, self.momentum = x.duplicate(), x.duplicate()
         self.velocity.set(0.0)
-        if self._kick is not None and exact is not None and kicked:
-            self._kick.add(self.velocity)
+        self.momentum.set(0.0)
         if rates is not None:
             by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
             self.velocity.getArray()[self._fixed] = rates[0] - by_rule
-        system.mass.mult(self.velocity, self.momentum)
-        if exact is not None:
-            add_inertia(exact, self.velocity, self.momentum)
+            system.mass.mult(self.velocity, self.momentum)
+            if exact is not None:
+                add_inertia(exact, self.velocity, self.momentum)
+        if self._kick is not None and kicked:
+            self._kick.add(self.velocity, self.momentum)
 
     @staticmethod
     def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
@@ -227,14 +235,9 @@ class _Turn:
         mine = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
         return float(np.sum(before.comm.tompi4py().allgather(mine)))
 
-    def add_works(
-        self, works: dict[str, float], before: PETSc.Vec, after: PETSc.Vec
-    ) -> dict[str, float]:
-        """Works of the loads with those on this part of the motion added [J]."""
-        if self._kick is None or not self._kick.felt:
-            return works
-        kicked = self._kick.work(before, after)
-        return {name: work + kicked.get(name, 0.0) for name, work in works.items()}
+    def works(self, *parts: Any) -> dict[str, float]:
+        """Work of each load on this part of the motion [J], see `LoadKick.work`."""
+        return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
 
 
 def _exact_square(rate: float) -> float:

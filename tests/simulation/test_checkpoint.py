@@ -28,8 +28,8 @@ from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shakin
 from dolfinx_joints import (
     CheckpointError,
     Checkpoints,
-    EnergyConsistent,
     Elastic,
+    EnergyConsistent,
     FieldMonitor,
     Fixed,
     FrictionNoTension,

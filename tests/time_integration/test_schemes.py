@@ -419,7 +419,9 @@ def test_both_solvers_walk_alike(scheme):
     )
     # A tight tolerance: what Newton leaves over grows where points start and cease to slide.
     newton = SolverOptions(relative_tolerance=1e-13)
-    one, two = (march(system, 2e-3, 200, scheme=scheme, kind=kind, newton=newton) for kind in SOLVERS)
+    one, two = (
+        march(system, 2e-3, 200, scheme=scheme, kind=kind, newton=newton) for kind in SOLVERS
+    )
     seen = {int(s) for state in one for s in state.joints.status}
     assert seen == {0, 1, 2}  # open, sticking and sliding
     size = np.abs(history(one)).max()

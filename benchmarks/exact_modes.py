@@ -19,7 +19,7 @@ the amplitude.
 from __future__ import annotations
 
 import math
-import statistics
+import time as clock
 import warnings
 
 import numpy as np
@@ -34,6 +34,7 @@ from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.initial_state import initial_state
 
 Floats = NDArray[np.float64]
 
@@ -241,18 +242,30 @@ def body(name: str, seconds: float, counts: list[int]) -> None:
                 )
 
 
-def cost(mesh: str, modes: int, repeat: int) -> None:
-    """Processor time per step of a wall, plain and exact in turn."""
-    scene, found = wall(mesh), {0: [], modes: []}
+def cost(mesh: str, modes: int, steps: int) -> None:
+    """Processor time of steps of a wall, plain and exact in turn."""
+    scene, dt = wall(mesh), 0.4 * TIME_STEP
     with scene.mesh_file() as path:
         model = scene.model(scene.read(path), scene.law())
-        for _ in range(repeat):
-            for each, medians in found.items():
-                watch, _ = shaken(scene, model, 0.4 * TIME_STEP, 60, each)
-                medians.append((statistics.median(watch.cpu[1:]), watch.cpu[0]))
-    print(f"\nwall {mesh}, {model.num_dofs} dofs: processor time per step, first step [ms]")
-    for each, medians in found.items():
-        print(f"{each:3d} exact: " + "   ".join(f"{a:.1f}, {b:.0f}" for a, b in medians))
+    static = dj.Simulation(model).statics(steps=scene.load_steps)
+    motion = dj.BaseMotion(acceleration=scene.strong_shaking(steps * dt))
+    runs, taken = [], []
+    for each in (0, modes):
+        solver = make_solver(model.system([motion]), rule=scheme(0).rule)
+        state = initial_state(solver, dt=dt, displacement=static.displacement, joints=static.joints)
+        runs.append([scheme(each), solver, state])
+    for _ in range(steps):
+        times = []
+        for run in runs:
+            began = clock.process_time()
+            run[2], _ = run[0].advance(run[1], run[2], dt)
+            times.append(1e3 * (clock.process_time() - began))
+        taken.append(times)
+    plain, exact = np.median(taken[1:], axis=0)
+    ratio = np.median([b / a for a, b in taken[1:]])
+    print(f"wall {mesh}, {model.num_dofs} dofs, {dt * 1e3:.2f} ms: processor time per step")
+    print(f"plain {plain:.1f} ms, {modes} exact {exact:.1f} ms, ratio {ratio:.3f}")
+    print(f"first step {taken[0][0]:.0f} and {taken[0][1]:.0f} ms")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -262,11 +275,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=1.0, help="of its motion")
     parser.add_argument("--modes", type=int, nargs="+", default=[20], help="exact ones")
     parser.add_argument("--cost", help="time per step of a wall of this mesh instead")
-    parser.add_argument("--repeat", type=int, default=3, help="runs of each for --cost")
+    parser.add_argument("--steps", type=int, default=60, help="of --cost")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
     if options.cost:
-        cost(options.cost, options.modes[0], options.repeat)
+        cost(options.cost, options.modes[0], options.steps)
     elif options.scene:
         body(options.scene, options.seconds, options.modes)
     else:

@@ -240,6 +240,33 @@ def test_steps_in_flight_are_as_long_as_allowed():
     assert counts[1] < 40
 
 
+@pytest.mark.parametrize("kind", ["condensed", "monolithic"])
+def test_the_balance_with_all_at_once(kind):
+    # Moving supports, loads, damping that couples the modes, friction, lengths of steps that change.
+    rng = np.random.default_rng(8)
+    a, b, c = rng.normal(size=(3, 6, 6))
+    law = FrictionNoTension(normal_stiffness=1e4, shear_stiffness=5e3, friction_angle_deg=30.0)
+    system = dataclasses.replace(
+        MatrixSystem.from_arrays(
+            mass=a @ a.T + 6.0 * np.eye(6),
+            stiffness=100.0 * (b @ b.T + np.eye(6)),
+            damping=0.3 * c @ c.T,
+            load=lambda t: 300.0 * np.sin([30 * t, 20 * t, 25 * t, 40 * t, 10 * t, 5 * t]),
+            gap=rng.normal(size=(6, 6)),
+            law=law,
+        ),
+        constrained=np.array([0, 2]),
+        values=lambda t: np.array([np.sin(7 * t) + t**3, abs(t - 0.31)]),
+    )
+    found = []
+    for exact_modes in (0, 3):
+        _, ledger = march(system, [0.01, 0.02, 0.005, 0.04] * 20, exact=exact_modes, kind=kind)
+        assert ledger.relative_imbalance < 1e-11
+        assert ledger.row.friction > 0.0
+        found.append(ledger.row.viscous)
+    assert found[0] != pytest.approx(found[1], rel=1e-6)
+
+
 def test_equal_modes_are_taken_together():
     # Of two equal oscillators neither comes first; 2, 2 and 3 rad/s: two modes or all.
     system = MatrixSystem.from_arrays(mass=np.eye(3), stiffness=np.diag([4.0, 4.0, 9.0]))

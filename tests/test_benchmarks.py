@@ -19,6 +19,7 @@ import dolfinx_joints as dj
 from benchmarks import (
     agreement,
     compliances,
+    exact_modes,
     interface_integrals,
     jointed_wall,
     large,
@@ -71,6 +72,15 @@ def test_the_tied_peaks_are_checked(monkeypatch):
     wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))
     with pytest.raises(AssertionError):
         jointed_wall.measure(wrong, 3)
+
+
+def test_exact_modes(capsys):
+    # Ten periods at 20 steps: 10 * 2 pi (2 pi / 20)^2 / 12 of an angle with midpoint, 0.49.
+    off, _, ledger = exact_modes.tied(1e2, 20, 4)
+    assert off < 0.03
+    assert ledger < 1e-12
+    exact_modes.main(["--cost", "tiny", "--modes", "5", "--steps", "3"])
+    assert "wall tiny, 972 dofs" in capsys.readouterr().out
 
 
 def test_stiffness_range(capsys):

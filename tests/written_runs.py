@@ -205,6 +205,7 @@ def write_distinct(path: Path, seed: int = 1) -> Path:
         declare_histories(writer, [[1.0, 0.0, 2.0], [0.0, 0.0, 0.0]], accelerations=True)
         declare_energy(writer)
         declare_states(writer, nodes, surface, joints, status=True)
+        writer.series("states", "joints/joint_2/broken", (4,), "-", "bond gone", dtype=np.int8)
         missing = np.full((len(nodes), 3), np.nan)
         declare_envelopes(writer, np.arange(len(nodes)), missing, missing)
         writer.start()
@@ -226,6 +227,7 @@ def write_distinct(path: Path, seed: int = 1) -> Path:
                     traction[(gap[:, 0] > 0.0) & (random.random(4) < 0.5)] = 0.0
                     values = {"gap": gap, "traction": traction, "status": random.integers(0, 3, 4)}
                     state |= {f"joints/{name}/{what}": value for what, value in values.items()}
+                state["joints/joint_2/broken"] = [0, 1, 0, step > 30]
                 writer.append("states", t, state)
         stresses = {name: 1e6 * random.standard_normal(len(nodes)) for name in ENVELOPE_NAMES}
         writer.append("envelopes", time[-1], stresses)

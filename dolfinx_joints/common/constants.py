@@ -10,3 +10,6 @@ STANDARD_GRAVITY = 9.80665
 # displacement.
 LARGE_ENERGY_ERROR = 0.05
 LARGE_LOCAL_ERROR = 0.05
+
+# Part of the largest energy that no line of the ledger may leave unexplained: far above rounding.
+LARGE_IMBALANCE = 1e-6

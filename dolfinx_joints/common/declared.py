@@ -107,7 +107,10 @@ def checked(of: T) -> T:
 
     @functools.wraps(of)
     def call(*args: Any, **kwargs: Any) -> Any:
-        given = signature.bind(*args, **kwargs)
+        try:
+            given = signature.bind(*args, **kwargs)
+        except TypeError:
+            return of(*args, **kwargs)  # Python's own error names the function
         for each in declarations(of):
             if each.name in given.arguments:
                 value = given.arguments[each.name]

@@ -31,6 +31,7 @@ from dolfinx_joints.laws.law import (
     AnyLaw,
     Floats,
     JointState,
+    Losses,
     Response,
     Rule,
     Status,
@@ -239,6 +240,10 @@ class Contact:
         """Kinds of the laws that the condensed solver cannot ask under a rule."""
         return tuple(sorted({part.kind for part in self._laws if not part.condenses(rule)}))
 
+    def without_losses(self, rule: Rule) -> tuple[str, ...]:
+        """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
+        return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
+
     @property
     def stops(self) -> bool:
         """Whether points of some law do not rebound."""
@@ -256,12 +261,30 @@ class Contact:
             density[part.points] = part.law.stored_energy(part.state_of(state))
         return self.integrals(density)
 
+    def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of a step of the local points, each of shape (n,), [J/m^2].
+
+        Arguments are those of `LawWithLosses.losses`, of all local points.
+        """
+        friction, numerical = np.empty((2, len(traction)))
+        for part in self._laws:
+            here = part.points
+            given = part.losses(
+                rule, part.state_of(before), part.response_of(answer), traction[here]
+            )
+            friction[here], numerical[here] = given
+        return Losses(friction, numerical)
+
     def integrals(self, density: Floats) -> Floats:
-        """Sum of area times a value per point, for each joint over all ranks (collective)."""
+        """Sum of area times a value per point, for each joint over all ranks (collective).
+
+        Of values of shape (n,) or (k, n); the sums are of shape (number of joints,) or (k, ...).
+        """
         operator = self.operator
-        sums = np.zeros(len(operator.names))
-        np.add.at(sums, operator.joint, operator.areas * density)
-        return np.sum(operator.comm.allgather(sums), axis=0)
+        values = np.atleast_2d(operator.areas * density)
+        sums = [np.bincount(operator.joint, each, len(operator.names)) for each in values]
+        total = np.sum(operator.comm.allgather(np.array(sums)), axis=0)
+        return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:
         """Sum of area times a value per point over all ranks (collective)."""

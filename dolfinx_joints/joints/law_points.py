@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.laws.law import (
+    DISCRETE_GRADIENT,
     NO_COMPLIANCE,
     AnyLaw,
     CondensedEnergyConsistentLaw,
@@ -25,10 +27,14 @@ from dolfinx_joints.laws.law import (
     JointState,
     Law,
     LawWithHistory,
+    LawWithLosses,
+    Losses,
     RateDependentLaw,
     Response,
     Rule,
 )
+from dolfinx_joints.laws.losses import losses_of
+from dolfinx_joints.laws.viscous import DashpotStep
 
 # Of the arrays of a response, after the number of points.
 _SHAPES: dict[str, tuple[int, ...]] = {
@@ -54,6 +60,7 @@ class LawPoints:
         kind: Name of its class.
         variables: Number of its internal variables.
         balances: Whether it has an answer over a whole step that balances energy.
+        accounts: Whether it states its losses in steps that it answered at their end.
 
     Raises:
         ValueError: Its internal variables are not what `LawWithHistory` says.
@@ -70,9 +77,10 @@ class LawPoints:
                 "beside a method initial_variables(gap)."
             )
         self.variables = len(names)
-        self.balances = isinstance(
-            law, EnergyConsistentLaw | CondensedEnergyConsistentLaw | RateDependentLaw
-        )
+        step = law.for_step(math.inf) if isinstance(law, RateDependentLaw) else law
+        alone = step.law if isinstance(step, DashpotStep) else step
+        self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
+        self.accounts = isinstance(alone, LawWithLosses)
         self._methods = _methods(law)
         self._condensed = _condensed_methods(law)
 
@@ -92,6 +100,17 @@ class LawPoints:
         if len(state.course):
             part = replace(part, course=state.course[self.points])
         return part
+
+    def response_of(self, answer: Response) -> Response:
+        """The answer of its points, of that of all local points."""
+        here = self.points
+        return Response(
+            traction=answer.traction[here],
+            tangent=answer.tangent[here],
+            state=self.state_of(answer.state),
+            dissipation=answer.dissipation[here],
+            status=answer.status[here],
+        )
 
     def initial_variables(self, gap: Floats) -> Floats:
         """Internal variables at rest at a gap, shape (n, variables)."""
@@ -124,6 +143,17 @@ class LawPoints:
         else:
             response = self._methods[rule.name](gap, state)
         return self._checked(response, len(gap))
+
+    def states_losses(self, rule: Rule) -> bool:
+        """Whether it states its losses under a rule, so that its energies can be checked."""
+        return self.accounts or (rule.name == DISCRETE_GRADIENT.name and self.balances)
+
+    def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of a step of its points; arguments are those of `LawWithLosses.losses`."""
+        if rule.name == DISCRETE_GRADIENT.name and self.balances:
+            return Losses(answer.dissipation, np.zeros(len(traction)))
+        law = self.law.for_step(rule.dt) if isinstance(self.law, RateDependentLaw) else self.law
+        return losses_of(law, before, answer, traction)
 
     def _checked(self, response: Response, count: int) -> Response:
         if not (isinstance(response, Response) and isinstance(response.state, JointState)):

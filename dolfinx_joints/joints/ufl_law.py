@@ -23,7 +23,8 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import real, shown
 from dolfinx_joints.joints.ufl_points import UflPoints
-from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Status
+from dolfinx_joints.laws.losses import work
 from dolfinx_joints.laws.path_mean import path_mean
 
 
@@ -87,6 +88,12 @@ class PotentialJoint:
         after = _after(gap, state)
         return _response(after, *path_mean(self._tractions, _seen(state), _seen(after)))
 
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of an end-point step: work of what the traction has above the mean of the path."""
+        start, end = _seen(before), _seen(answer.state)
+        mean, _ = path_mean(self._tractions, start, end)
+        return Losses(answer.dissipation, work(traction - mean, end - start))
+
     def _tractions(self, gap: Floats) -> tuple[Floats, Floats]:
         values = self._points.evaluate("traction", gap)
         return values[:, :3], values[:, 3:].reshape(-1, 3, 3)
@@ -109,9 +116,10 @@ class TractionJoint:
     ``traction``, ``ufl.diff(psi(g, kappa), g)`` keeps the variables fixed.
 
     All schemes ask for the traction at the end of steps (backward Euler). Its dissipation is the
-    work of the mean of the tractions at both ends of a step, less the change of the energy;
-    without ``energy`` nothing counts as stored and all of that work as dissipated, what an elastic
-    joint gives back with a negative sign.
+    work of the mean of the tractions at both ends of a step, less the change of the energy, and its
+    numerical loss what is left: the energy balance says nothing of it (`LawWithLosses`). Without
+    ``energy`` nothing counts as stored and all of that work as dissipated, what an elastic joint
+    gives back with a negative sign.
 
     Attributes:
         traction: Gives t [Pa], a UFL vector of three, of the gap (n, s1, s2) and the internal

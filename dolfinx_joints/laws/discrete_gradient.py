@@ -273,34 +273,37 @@ def _discrete_gradient(
             stays = normal.traction < 0.0
             end_stored[i, 9] = 1.0 if stays else 0.0
         t_n = normal.traction
+        lost = put_by
         shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
-            shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            turns = False
+            trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
+            shear, turns = trial, False
             if stays and mu > 0.0:
-                shear, turns = _turned(shear, normal, c_s, put_by, course, law)  # (17a)
+                shear, turns = _turned(trial, normal, c_s, put_by, course, law)  # (17a)
             beyond = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
             slides = beyond or turns
             if beyond:
                 shear = return_to_limit(shear, t_n, normal.stiffness, mu)  # (17)
+            less_1 = trial.traction[0] - shear.traction[0]
+            less_2 = trial.traction[1] - shear.traction[1]
+            work = shear.traction[0] * less_1 + shear.traction[1] * less_2
+            lost += (2.0 * normal.zeta * normal.zeta + c_s) * work  # D below (16)
             end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
             end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
         put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
         limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
         if size > limit:  # e1 of (16)
             end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
+            lost += 0.5 * (size - limit) * (size + limit)  # D below (16)
         end_stored[i, 0] = normal.energy
         end_stored[i, 1], end_stored[i, 2] = end_1, end_2
         t_1, t_2 = shear.traction
         end_gap[i, 0] = normal.gap
         end_gap[i, 1] -= c_s * t_1
         end_gap[i, 2] -= c_s * t_2
-        # D below (16).
-        change = (end_1 * end_1 + end_2 * end_2) - (q_1 * q_1 + q_2 * q_2)
-        way = h_1 - c_s * t_1, h_2 - c_s * t_2
-        lost = t_1 * way[0] + t_2 * way[1] - 0.5 * change + put_by
         if slides and stays:
+            way = h_1 - c_s * t_1, h_2 - c_s * t_2
             end_stored[i, 3] = min(_put_by(way, course, -mu * t_n), max(lost, 0.0))
         dissipation[i] = lost - end_stored[i, 3]
         # The gap of a point without rebound that is pressed is as its impact left it.

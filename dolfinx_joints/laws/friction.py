@@ -20,7 +20,8 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
-from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Response
+from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Losses, Response
+from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
 from dolfinx_joints.laws.return_mapping import (
     Answer,
     Coulomb,
@@ -196,6 +197,13 @@ class FrictionNoTension:
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Energy-consistent answer over a whole step: (15), (16)."""
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of an end-point step (30), see `LawWithLosses`."""
+        k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
+        mean = 0.5 * k * (overlap_and_slip(before) + overlap_and_slip(answer.state))
+        way = way_with_friction(before, answer.state)
+        return losses_on(way, traction, mean, answer.dissipation)
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState

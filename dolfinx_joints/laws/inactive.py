@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Status
 
 
 class Inactive:
@@ -28,6 +28,10 @@ class Inactive:
     ) -> Response:
         """The same: without traction the trial gap is the gap."""
         return self.backward_euler(trial_gap, state)
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """None."""
+        return Losses(np.zeros(len(traction)), np.zeros(len(traction)))
 
     def stored_energy(self, state: JointState) -> Floats:
         """None, shape (n,), [J/m^2]."""

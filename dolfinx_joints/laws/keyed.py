@@ -16,10 +16,12 @@ from dolfinx_joints.laws.law import (
     NO_COMPLIANCE,
     Floats,
     JointState,
+    Losses,
     Response,
     Status,
     gap_under,
 )
+from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
 from dolfinx_joints.laws.return_mapping import Coulomb
 
 
@@ -55,6 +57,15 @@ class KeyedJoint:
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Tractions over a step that balance the energy; see `FrictionNoTension`."""
         return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of an end-point step (30), see `LawWithLosses`."""
+        k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
+        start, end = overlap_and_slip(before), overlap_and_slip(answer.state)
+        flight = np.zeros_like(start)
+        flight[:, 0] = np.maximum(answer.state.gap[:, 0], 0.0) - np.maximum(before.gap[:, 0], 0.0)
+        way = Way(end - start, np.zeros_like(start), flight)
+        return losses_on(way, traction, 0.5 * k * (start + end), answer.dissipation)
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState

@@ -8,7 +8,8 @@ compression. A trial never changes the state it starts from; whoever accepts a s
 that the trial returned.
 
 A joint takes a `Law`, or a `CondensedLaw` with the condensed solver alone. A law may give more:
-`EnergyConsistentLaw`, `CondensedEnergyConsistentLaw`, `LawWithHistory`, `RateDependentLaw`.
+`EnergyConsistentLaw`, `CondensedEnergyConsistentLaw`, `LawWithHistory`, `RateDependentLaw`,
+`LawWithLosses`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +107,10 @@ class Response:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d gap, shape (n, 3, 3), [Pa/m].
         state: State to keep if the step is accepted.
-        dissipation: Friction work of the step per area, shape (n,), [J/m^2]; at the end point the
-            mean tangential traction times the plastic slip in contact, which is what the
-            trapezoidal rule sees, and may be negative where slip reverses within a long step.
+        dissipation: Friction work of the step per area, shape (n,), [J/m^2]; at the end point that
+            of the mean of the law's tractions at both ends on the plastic slip in contact, which is
+            what the trapezoidal rule sees, and may be negative where slip reverses within a long
+            step.
         status: `Status` of each point, shape (n,).
         impact: Energy that points without rebound lost as they stopped, shape (n,), [J/m^2]; empty
             where all rebound.
@@ -141,11 +143,41 @@ class EnergyConsistentLaw(Law, Protocol):
     """A law with an answer over a whole step.
 
     Energy-consistent schemes ask other laws for `Law.backward_euler`; what that loses is counted as
-    numerical.
+    numerical (`LawWithLosses`).
     """
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Traction whose work from ``state.gap`` to ``gap`` is what is stored and dissipated."""
+
+
+class Losses(NamedTuple):
+    """What is lost of the work of a step on ``n`` points, each of shape (n,), [J/m^2].
+
+    Attributes:
+        friction: Dissipated by the law.
+        numerical: By the time scheme; gained if negative.
+    """
+
+    friction: Floats
+    numerical: Floats
+
+
+@runtime_checkable
+class LawWithLosses(Protocol):
+    """A law with formulas of its own for what a step loses that `Law.backward_euler` answered.
+
+    Of another law the numerical loss in such steps is the rest of the work on its points, so that
+    the energy balance says nothing of these.
+    """
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """What is lost of the work of a traction that acts over a step.
+
+        Args:
+            before: State at the start of the step.
+            answer: What the law answered.
+            traction: That of the end, or the mean of both ends, shape (n, 3), [Pa].
+        """
 
 
 @runtime_checkable

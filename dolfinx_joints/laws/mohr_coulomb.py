@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.law import Floats, JointState, Response, Status
+from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Status
+from dolfinx_joints.laws.losses import Way, losses_on, work
 from dolfinx_joints.laws.return_mapping import contact_fraction
 
 
@@ -127,11 +128,12 @@ class MohrCoulombJoint:
             traction[loose], tangent[loose], internal[loose, 1], status[loose] = answer
         elastic_slip: NDArray[Any] = traction[:, 1:] / (k_s or 1.0)
         after = JointState(gap=gap.copy(), elastic_slip=elastic_slip, internal=internal)
+        way = self._way(state, after)
         return Response(
             traction=traction,
             tangent=tangent,
             state=after,
-            dissipation=self._dissipation(traction, state, after),
+            dissipation=work(0.5 * (self._tractions(state) + traction), way.plastic),
             status=status,
         )
 
@@ -191,32 +193,51 @@ class MohrCoulombJoint:
         rise = np.where(leaving, rise * (-was / way), tan_psi * length)
         return traction, tangent, dilation + rise, status
 
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of an end-point step (30); what breaking bonds set free counts as friction."""
+        way = self._way(before, answer.state)
+        breaks = answer.state.internal[:, 0] > before.internal[:, 0]
+        way.plastic[breaks] += way.elastic[breaks]
+        way.elastic[breaks] = 0.0
+        mean = 0.5 * (self._tractions(before) + self._tractions(answer.state))
+        return losses_on(way, traction, mean, answer.dissipation)
+
+    def _way(self, before: JointState, after: JointState) -> Way:
+        """The way of a step; where a bond breaks in it, all that is not elastic is plastic."""
+        broken, breaks = before.internal[:, 0] > 0.0, after.internal[:, 0] > before.internal[:, 0]
+        dilation, moved = before.internal[:, 1], after.gap - before.gap
+        elastic = self._elastic(after) - self._elastic(before)
+        # Slip in flight, before a point touches, meets no friction.
+        fraction = contact_fraction(
+            np.where(broken, before.gap[:, 0] - dilation, 0.0),
+            np.minimum(after.gap[:, 0] - dilation, 0.0),
+        )
+        plastic, flight = np.zeros_like(moved), np.zeros_like(moved)
+        plastic[:, 0] = after.internal[:, 1] - dilation
+        plastic[:, 1:] = fraction[:, None] * moved[:, 1:] - elastic[:, 1:]
+        flight[:, 0] = self._opening(after) - self._opening(before)
+        flight[:, 1:] = (1.0 - fraction)[:, None] * moved[:, 1:]
+        plastic[breaks] += flight[breaks]
+        flight[breaks] = 0.0
+        return Way(elastic, plastic, flight)
+
+    def _opening(self, state: JointState) -> Floats:
+        """How far points without a bond are open, shape (n,), [m]."""
+        opening = np.maximum(state.gap[:, 0] - state.internal[:, 1], 0.0)
+        return np.where(state.internal[:, 0] > 0.0, opening, 0.0)
+
+    def _elastic(self, state: JointState) -> Floats:
+        """Elastic normal gap and slip, shape (n, 3), [m]."""
+        return np.column_stack([self._elastic_gap(state), state.elastic_slip])
+
+    def _tractions(self, state: JointState) -> Floats:
+        """Tractions that a state holds, shape (n, 3), [Pa]."""
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness
+        return np.array([k_n, k_s, k_s]) * self._elastic(state)
+
     def _elastic_gap(self, state: JointState) -> Floats:
         """Elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""
         bonded = state.internal[:, 0] == 0.0
         return np.where(
             bonded, state.gap[:, 0], np.minimum(state.gap[:, 0] - state.internal[:, 1], 0.0)
         )
-
-    def _dissipation(self, traction: Floats, before: JointState, after: JointState) -> Floats:
-        """Mean traction times plastic slip and dilation; where a bond broke, all energy lost."""
-        normal = self._elastic_gap(before)
-        start = np.column_stack(
-            [self.normal_stiffness * normal, self.shear_stiffness * before.elastic_slip]
-        )
-        mean = 0.5 * (start + traction)
-        moved = after.gap - before.gap
-        plastic = moved.copy()
-        # Slip in flight, before a point touches, meets no friction.
-        dilation, broken = before.internal[:, 1], before.internal[:, 0] > 0.0
-        plastic[:, 1:] *= contact_fraction(
-            np.where(broken, before.gap[:, 0] - dilation, 0.0),
-            np.minimum(after.gap[:, 0] - dilation, 0.0),
-        )[:, None]
-        plastic[:, 1:] -= after.elastic_slip - before.elastic_slip
-        plastic[:, 0] = after.internal[:, 1] - before.internal[:, 1]
-        lost = np.einsum("ij,ij->i", mean, plastic)
-        breaks = after.internal[:, 0] > before.internal[:, 0]
-        released = np.einsum("ij,ij->i", mean, moved)
-        released -= self.stored_energy(after) - self.stored_energy(before)
-        return np.where(breaks, released, lost)

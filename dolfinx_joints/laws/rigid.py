@@ -15,7 +15,8 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient
 from dolfinx_joints.laws.friction import solve_backward_euler
-from dolfinx_joints.laws.law import Floats, JointState, Response
+from dolfinx_joints.laws.law import Floats, JointState, Losses, Response
+from dolfinx_joints.laws.losses import losses_on, way_with_friction
 from dolfinx_joints.laws.return_mapping import Coulomb, response_of
 
 
@@ -79,6 +80,12 @@ class RigidJoint:
         if self.restitution:
             stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
         return stored + state.turning if len(state.turning) else stored
+
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Losses of an end-point step (30); what was stored before it is let go."""
+        way = way_with_friction(before, answer.state)
+        lost = losses_on(way, traction, answer.traction, answer.dissipation)
+        return lost._replace(numerical=lost.numerical + self.stored_energy(before))
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState

@@ -19,10 +19,12 @@ from dolfinx_joints.laws.law import (
     JointState,
     Law,
     LawWithHistory,
+    Losses,
     Response,
     Status,
     variables_of,
 )
+from dolfinx_joints.laws.losses import losses_of, work
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 from dolfinx_joints.laws.return_mapping import contact_fraction
 
@@ -123,6 +125,13 @@ class DashpotStep:
             return self.backward_euler(gap, state)
         return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
 
+    def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
+        """Those of the law under what the dashpots leave of a traction, and all work on these."""
+        alone = self.law.backward_euler(answer.state.gap, before)
+        dash = answer.traction - alone.traction
+        lost = losses_of(self.law, before, alone, traction - dash)
+        return lost._replace(friction=lost.friction + work(dash, answer.state.gap - before.gap))
+
     def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:
         """The answer with the tractions of dashpots where the point is closed at the end."""
         closed = answer.status != Status.OPEN
@@ -147,12 +156,12 @@ class DashpotStep:
         falling = np.where(t_n[:, None] < 0.0, -tangent[:, 0], 0.0)
         dash_s, rates = _at_most(dash_s, rates, np.maximum(-t_n, 0.0), falling)
         tangent[:, 1:] += rates
-        lost = dash_n * pressed + fraction * np.einsum("ij,ij->i", dash_s, slip)
+        dash = np.column_stack([dash_n, dash_s])
         return replace(
             answer,
-            traction=answer.traction + np.column_stack([dash_n, dash_s]),
+            traction=answer.traction + dash,
             tangent=tangent,
-            dissipation=answer.dissipation + lost,
+            dissipation=answer.dissipation + work(dash, gap - state.gap),
         )
 
 

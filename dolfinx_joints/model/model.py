@@ -124,8 +124,8 @@ class Model:
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
         warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
-        self.jointed, self.loads, self.supports = jointed, list(loads), list(supports)
-        self.gdim = jointed.mesh.geometry.dim
+        self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
+        self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
         if jointed.joint_names and joints is None:

@@ -19,6 +19,15 @@ from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
+# Modes whose frequencies differ by less, relative, are a group.
+SAME_FREQUENCY = 1e-6
+
+# Of the mean omega^2 of the mesh, by which loose blocks are held while modes are sought.
+SHIFT = 1e-8
+
+# Of the frequency of that, below which a frequency is zero.
+ZERO = 1e-3
+
 
 @dataclass(frozen=True, kw_only=True)
 class Modes:
@@ -70,14 +79,46 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
         system: The system; its joints enter with their elastic stiffness k_n, k_s.
         count: Number of modes.
     """
-    from slepc4py import SLEPc
-
     check_system(system)
-    without = np.union1d(system.constrained, system.massless)
-    left = system.mass.getLocalSize()[0] - len(without)
-    most = sum(system.mass.comm.tompi4py().allgather(left))
+    most = _number_of_modes(system)
     if count > most:
         raise ValueError(f"count is {count}; the system has {most} modes.")
+    return _lowest(system, count, 0.0)
+
+
+def whole_groups(system: MatrixSystem, count: int) -> Modes:
+    """At most ``count`` of the lowest modes, no group of equal frequencies cut (collective).
+
+    Which modes of a group come first depends on rounding. Blocks may be loose: those modes have
+    the frequency zero.
+    """
+    most = _number_of_modes(system)
+    traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
+    shift = SHIFT * traces[0] / traces[1] or 1.0
+    found = _lowest(system, min(count + 1, most), -shift)
+    rounding = ZERO * math.sqrt(shift) / (2.0 * math.pi)
+    frequencies = np.where(found.frequencies < rounding, 0.0, found.frequencies)
+    kept = len(frequencies)
+    if kept > count:
+        kept = int(np.count_nonzero(frequencies < (1.0 - SAME_FREQUENCY) * frequencies[count]))
+    return Modes(
+        frequencies=frequencies[:kept],
+        shapes=found.shapes[:kept],
+        participation=found.participation[:kept],
+        mass=found.mass,
+    )
+
+
+def _number_of_modes(system: MatrixSystem) -> int:
+    without = np.union1d(system.constrained, system.massless)
+    left = system.mass.getLocalSize()[0] - len(without)
+    return int(sum(system.mass.comm.tompi4py().allgather(left)))
+
+
+def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
+    """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
+    from slepc4py import SLEPc
+
     stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
     if system.contact is not None:
         every = stiffness.createVecRight()
@@ -91,7 +132,7 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     solver.setOperators(stiffness, mass)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     solver.setDimensions(count)
-    solver.setTarget(0.0)
+    solver.setTarget(target)
     solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     solver.setTolerances(tol=1e-10)
     transform = solver.getST()

@@ -76,8 +76,9 @@ def warn_of_what_no_dam_has(
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return
-    lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
-    size = float((np.max(highest, axis=0) - np.min(lowest, axis=0)).max())
+    low, high = zip(*(box for box in boxes if box is not None), strict=True)
+    lowest, highest = np.min(low, axis=0), np.max(high, axis=0)
+    size, up = float((highest - lowest).max()), jointed.mesh.geometry.dim - 1
     by_joint = laws if isinstance(laws, Mapping) else {"": laws}
     named = [*materials.items(), *by_joint.items(), *(("", load) for load in loads)]
     owners = {id(given): (given, [n for n, other in named if other is given]) for _, given in named}
@@ -86,6 +87,7 @@ def warn_of_what_no_dam_has(
         others = f" and {len(more)} more" if more else ""
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
         texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
+        texts += _level(owner, given, float(lowest[up]), float(highest[up]))
     for text in texts:
         warnings.warn(text, PlausibilityWarning, stacklevel=3)
 
@@ -100,6 +102,14 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
 
 def _of(owner: str, name: str, value: Any) -> list[str]:
     return _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
+
+
+def _level(owner: str, load: Any, bottom: float, top: float) -> list[str]:
+    """A line for water that does not reach the body, or stands above it by its height."""
+    level = getattr(load, "level", None)
+    if not isinstance(level, int | float) or bottom < level <= 2.0 * top - bottom:
+        return []
+    return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
 
 
 def _doubts(what: str, value: Any, known: Range) -> list[str]:

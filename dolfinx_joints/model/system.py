@@ -50,6 +50,7 @@ class MatrixSystem:
         components: Displacement components per node.
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
+        lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
 
     mass: PETSc.Mat
@@ -67,6 +68,7 @@ class MatrixSystem:
     components: int = 1
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
+    lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def from_arrays(
@@ -185,7 +187,7 @@ class MatrixSystem:
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
-        names = self._names
+        names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
         means = 0.5 * (self._factors(start) + self._factors(end))
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
@@ -193,20 +195,25 @@ class MatrixSystem:
                 works[name] += float(mean * vector.dot(x))
         return works if self.water is None else works | self.water.work(x, start, end)
 
+    def load_change(self, start: float, end: float) -> Floats:
+        """Change of the factors of the patterns between two times [s], shape (patterns,)."""
+        return self._factors(end) - self._factors(start)
+
+    @property
+    def names_of_patterns(self) -> Sequence[str]:
+        """Name of the load that each pattern belongs to."""
+        return self.load_names or ["load"] * len(self.patterns)
+
     @property
     def names_of_works(self) -> list[str]:
         """Names that `work_of_loads` gives."""
         fixed = dict.fromkeys(self.load_names or ["load"])
         return [*fixed, *([] if self.water is None else self.water.names)]
 
-    @property
-    def _names(self) -> Sequence[str]:
-        return self.load_names or ["load"] * len(self.patterns)
-
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
         """Factors of the patterns at a time, those of the last times kept."""
-        named = list(zip(self._names, self.patterns, strict=True))
+        named = list(zip(self.names_of_patterns, self.patterns, strict=True))
 
         def factors(time: float) -> Floats:
             return np.array([number_at(f"The factor of {n}", f, time) for n, (_, f) in named])

@@ -108,11 +108,16 @@ class StageFields:
         """Declare the stream, from the arrays of `joint_statics`; on the rank that writes."""
         declare_static_stages(writer, self._probe.positions, self._nodes.positions, joints)
         self._fields.declare(writer, "statics", joints)
-        for group in self._model.constraints.groups:
+        for group in self._held():
             text = f"force of the support {group} on the body"
             writer.series("statics", f"reaction/{group}", (self._model.gdim,), "N", text)
         if self._envelopes is not None:
             declare_stage_stresses(writer, self._envelopes.nodes)
+
+    def _held(self) -> tuple[str, ...]:
+        """Supports; viscous boundaries hold the body in static stages."""
+        model = self._model
+        return tuple(dict.fromkeys((*model.constraints.groups, *model.absorbing)))
 
     def values(self, stage: StageRecord) -> dict[str, Any]:
         """Record of a stage on rank 0 (collective)."""
@@ -122,7 +127,7 @@ class StageFields:
         )
         found |= {"name": stage_bytes(stage.name), "load_time": stage.time}
         found["point_displacement"] = self._probe.read(state.displacement)
-        for group in self._model.constraints.groups:
+        for group in self._held():
             found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             columns = self._envelopes.at(state.displacement, stage.time, stage.loads)

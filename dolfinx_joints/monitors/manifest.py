@@ -9,7 +9,7 @@ import platform
 import re
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from dolfinx_joints import __version__
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
+    from dolfinx_joints.simulation.record import StageRecord
 
 # Packages whose version is that of their distribution.
 _PACKAGES = ("numpy", "scipy", "h5py", "numba", "petsc4py", "slepc4py", "mpi4py")
@@ -28,9 +29,13 @@ _LONGEST = 1000  # characters of a parameter
 
 
 def manifest(
-    model: Model, settings: Mapping[str, Any], nodes: ArrayLike, surface: ArrayLike
+    model: Model,
+    settings: Mapping[str, Any],
+    nodes: ArrayLike,
+    surface: ArrayLike,
+    stages: Sequence[StageRecord],
 ) -> dict[str, Any]:
-    """Facts that JSON can hold, of a model and of settings such as the time step.
+    """Facts that JSON can hold, of a model, its static stages and settings such as the time step.
 
     Nodes are in the order of the input mesh, shape (num_nodes, 3), [m]; the surface is vertices of
     boundary facets, shape (num_facets, 2 to 4).
@@ -47,11 +52,22 @@ def manifest(
         "material": {name or "all": as_json(one) for name, one in model.body.materials.items()},
         "joint_laws": {name: as_json(law) for name, law in laws.items()},
         "loads": [as_json(load) for load in model.loads],
+        "added_mass": [as_json(added) for added in model.added_mass],
         "supports": [as_json(support) for support in model.supports],
+        "static_stages": {stage.name: _acting(model, stage) for stage in stages},
         "damping": as_json(model.rayleigh),
         "settings": {name: as_json(value) for name, value in settings.items()},
         "petsc_options": dict(PETSc.Options().getAll()),
     }
+
+
+def _acting(model: Model, stage: StageRecord) -> str:
+    """Loads of a static stage, and joints and blocks that it leaves out."""
+    loads = [type(model.loads[i]).__name__ for i in stage.loads]
+    text = ", ".join(loads) or "no loads"
+    for what, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
+        text += f"; {what}: {', '.join(names)}" if names else ""
+    return text
 
 
 def versions() -> dict[str, str]:

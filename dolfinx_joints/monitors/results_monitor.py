@@ -132,7 +132,7 @@ class ResultsMonitor(Monitor):
         """Writer of a file of static stages alone, on rank 0."""
         if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages})
-        made_by = manifest(model, {}, self._nodes.positions, self._surface)
+        made_by = manifest(model, {}, self._nodes.positions, self._surface, ())
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
         aside = None if _holds_statics_alone(self._path) else self._aside
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
@@ -154,7 +154,8 @@ class ResultsMonitor(Monitor):
         facts["displacements"] = RELATIVE if relative else ABSOLUTE
 
         def create() -> None:
-            made_by = manifest(model, first.settings, self._nodes.positions, surface)
+            nodes = self._nodes.positions
+            made_by = manifest(model, first.settings, nodes, surface, first.stages)
             facts["manifest"] = made_by
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=overwrite)
             self._aside.unlink(missing_ok=True)

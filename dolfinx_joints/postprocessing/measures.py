@@ -63,6 +63,7 @@ JOINT_MEASURES = (
     "pressure_time",
     "share_open",
     "share_sliding",
+    "share_broken",
 )
 
 
@@ -219,7 +220,9 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
       largest of the points. While the body still moves a mean is what it moves about;
     - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points that are so
       at the records (``status``) over the joint's, averaged over the records. Where a file holds no
-      ``status``, open are points without traction and sliding is NaN.
+      ``status``, open are points without traction and sliding is NaN;
+    - ``share_broken``, the share of the area whose bond was gone at the last record, zero for
+      joints that never had one.
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
@@ -237,7 +240,12 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         "opening_static": float(opening[0].max()),
         "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
+        "share_broken": 0.0,
     }
+    if has_bonds(results, joint):
+        found["share_broken"] = float(
+            results.series("states", f"joints/{joint}/broken", -1) @ shares
+        )
     extremes = joint_extremes(results, joint)
     for name in ("opening", "slip", "pressure"):
         largest = getattr(extremes, name)
@@ -251,6 +259,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     for name, which in (("share_open", is_open), ("share_sliding", slides)):
         found[name] = float((which @ shares).mean())
     return {name: found[name] for name in JOINT_MEASURES}
+
+
+def has_bonds(results: Results, joint: str) -> bool:
+    """Whether the points of a joint had bonds that can break."""
+    return f"joints/{joint}/broken" in results.streams["states"]
 
 
 def stress_extremes(results: Results) -> dict[str, float]:

@@ -35,6 +35,7 @@ _COLUMNS = (
     ("sliding [%]", 100.0, "share_sliding"),
     ("largest pressure [MPa]", 1e-6, "pressure_max"),
 )
+_BONDS = ("bonds broken at the end [%]", 100.0, "share_broken")
 _SAFEST = 5.0  # end of the axis of safeties
 
 
@@ -44,17 +45,21 @@ def joints(content: Content) -> Section:
     if not runs:
         return nothing("joints", "Joints", "joints with recorded states")
     pieces: list[Html] = []
-    head = ["joint", *(title for title, _, _ in _COLUMNS)]
+    bonds = any(
+        measures.has_bonds(run.results, name) for run in runs for name in run.results.joints
+    )
+    columns = (*_COLUMNS, _BONDS) if bonds else _COLUMNS
+    head = ["joint", *(title for title, _, _ in columns)]
     for run in runs:
         rows = [
-            [name, *(factor * found[key] for _, factor, key in _COLUMNS)]
+            [name, *(factor * found[key] for _, factor, key in columns)]
             for name, found in measures.joint_measures(run.results).items()
         ]
         pieces.append(table(f"Motion of the joints ({run.label})", head, rows))
     pieces.append(
         paragraph(
-            "Residual values are what the last second's mean adds to the static state. Shares are "
-            "of area and time.",
+            "Residual values are what the mean of the last second (of all, if shorter) adds to the "
+            "static state. Shares are of area and time.",
             "note",
         )
     )

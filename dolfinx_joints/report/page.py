@@ -110,7 +110,7 @@ def plain(value: Cell) -> str:
     if isinstance(value, float | np.floating):
         if not np.isfinite(value):
             return "–" if np.isnan(value) else str(float(value))
-        return _figures(value + 0.0, ".4g")  # no sign of zero
+        return _figures(float(value) + 0.0, ".4g")  # no sign of zero
     if isinstance(value, list | tuple):
         return ", ".join(plain(item) for item in value)
     return str(value)

@@ -115,8 +115,8 @@ def response_spectra(content: Content) -> Section:
             f"{name}"
         )
         for what in ground:
-            caption += f", and on the {what} of {runs[0].label} (hidden at first)"
-        caption += "."
+            caption += f", and on the {what} of {runs[0].label}"
+        caption += " (hidden at first)." if ground and len(having) > 1 else "."
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]

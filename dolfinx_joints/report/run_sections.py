@@ -26,7 +26,7 @@ _COUNTS = {
 }
 _ERRORS = {
     "energy_error": "energy error / largest energy",
-    "imbalance": "energy error / sum of all lines",
+    "imbalance": "energy that no line accounts for / largest energy",
     "local_error": "largest error of one step / largest displacement",
 }
 
@@ -58,6 +58,9 @@ def energies(content: Content) -> Section:
     """Closure of the energies, and their plots."""
     summaries = [run.results.summary for run in content.runs]
     rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
+    unstated = [", ".join(s.get("laws_without_losses") or ()) or None for s in summaries]
+    if any(unstated):
+        rows.append(["says nothing of joints of the laws", *unstated])
     pieces = [
         table("How well the energies balance", _head("", content), rows),
         paragraph(

@@ -42,6 +42,9 @@ _MOST_NAMED = 5  # values in a warning
 # Parts of every checkpoint.
 PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
 
+# Numbers of a state besides its time.
+_NUMBERS = ("exact_modes", "exact_rate")
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Saved:
@@ -218,13 +221,16 @@ class CheckpointKeeper:
         vectors = {
             name: self._vector(value)
             for name, value in tree.items()
-            if name not in ("time", "joints", "water") and value is not None
+            if name not in ("time", "joints", "water", *_NUMBERS) and value is not None
         }
+        # None in files of earlier versions.
+        numbers = {name: tree[name] for name in _NUMBERS if name in tree}
         water = tree.get("water")
         return DynamicState(
             time=tree["time"],
             joints=self._response(tree["joints"]),
             water=None if water is None else water[self._mine()],
+            **numbers,
             **vectors,
         )
 

@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR
+from dolfinx_joints.common.constants import (
+    LARGE_ENERGY_ERROR,
+    LARGE_IMBALANCE,
+    LARGE_LOCAL_ERROR,
+)
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.joints.chatter import RESOLVED, Chatter
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
@@ -88,6 +92,7 @@ class DynamicRun:
         whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
         self._chatter = Chatter(contact)
         self._backward_euler_laws = contact.without_balance if whole and contact else ()
+        self._laws_without_losses = contact.without_losses(scheme.rule) if contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
         self.origin = state.displacement.copy()
@@ -218,6 +223,7 @@ class DynamicRun:
             "solver": outcome.solver,
             "energy_error": outcome.energy_error,
             "imbalance": outcome.imbalance,
+            "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
             **({"warnings": self._warnings} if self._warnings else {}),
@@ -248,6 +254,7 @@ class DynamicRun:
             solver=self._solver.name,
             backward_euler_laws=self._backward_euler_laws,
             chatter=self._chatter.joints(),
+            laws_without_losses=self._laws_without_losses,
         )
 
 
@@ -302,6 +309,13 @@ def warn_of(outcome: Outcome) -> None:
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
             "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
             "smaller step.",
+            stacklevel=6,
+        )
+    if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
+        warnings.warn(
+            f"The lines of the energy ledger leave {outcome.imbalance:.1e} of the largest energy "
+            "unexplained: tractions, stored_energy and dissipation of a joint law contradict each "
+            "other.",
             stacklevel=6,
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:

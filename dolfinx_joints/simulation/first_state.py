@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.exact_steps import scaled
 from dolfinx_joints.time_integration.initial_state import SPACING, initial_state
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -56,6 +57,7 @@ def first_state(
         fields: ``velocity`` [m/s] and ``displacement`` beyond the static state [m], where given.
     """
     if start is not None:
+        start = scaled(solver.system, start, 0, 0.0)
         return initial_state(
             solver,
             time=start.time,
@@ -112,3 +114,9 @@ def in_words(value: Any) -> Any:
     if not isinstance(value, PETSc.Vec):
         return value
     return f"up to {value.norm(PETSc.NormType.INFINITY):.6g} along an axis"
+
+
+def shaken_by(motion: Any, loads: Sequence[Any]) -> dict[str, Any]:
+    """What acts in a dynamic stage besides the loads of the model, as a results file keeps it."""
+    found = {f"load {i}" if len(loads) > 1 else "load": load for i, load in enumerate(loads, 1)}
+    return found if motion is None else found | {"ground motion": getattr(motion, "name", motion)}

@@ -63,6 +63,8 @@ class Outcome:
             for whole steps, because they know nothing else.
         chatter: Joints whose points touch and lift every few steps, with the share of the normal
             impulse that such contacts carry.
+        laws_without_losses: Kinds of laws that do not state what steps lose in them
+            (`LawWithLosses`): ``imbalance`` says nothing of their joints.
     """
 
     state: DynamicState
@@ -76,6 +78,7 @@ class Outcome:
     solver: str
     backward_euler_laws: tuple[str, ...]
     chatter: Mapping[str, float]
+    laws_without_losses: tuple[str, ...]
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:
@@ -83,7 +86,11 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
     phases = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
     counts = outcome.counts
     mean = outcome.iterations / max(counts.accepted, 1)
-    balance = "" if outcome.imbalance is None else f", of all lines {outcome.imbalance:.1e}"
+    balance = (
+        "" if outcome.imbalance is None else f" ({100 * outcome.imbalance:.1e} % with all lines)"
+    )
+    if balance and outcome.laws_without_losses:
+        balance = f"{balance[:-1]} but for joints of {', '.join(outcome.laws_without_losses)})"
     rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
     return (
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "

@@ -31,7 +31,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
-from dolfinx_joints.simulation.first_state import first_state, given_fields, in_words
+from dolfinx_joints.simulation.first_state import first_state, given_fields, in_words, shaken_by
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
@@ -315,7 +315,7 @@ class Simulation:
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
-        motion = ground_motion(self.model, motion, loads)
+        acting, motion = shaken_by(motion, loads), ground_motion(self.model, motion, loads)
         shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
         if not resume and start is None:
             check_grouted(self.static)
@@ -350,7 +350,7 @@ class Simulation:
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),
-                settings={name: in_words(value) for name, value in facts.items()},
+                settings={k: in_words(v) for k, v in facts.items()} | acting,
                 stages=tuple(self.stages),
             )
         with released(checkpoint, at_end=True), run.watched():

@@ -4,27 +4,49 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.memory import factor_fits
+from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import DirectSolver
+from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid import IterativeSolver
 
+Floats = NDArray[np.float64]
 LinearSolver = Literal["auto", "direct", "mumps", "iterative"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixCoefficients:
-    """Coefficients of A = mass M + damping C + stiffness K."""
+    """Coefficients of A = mass M + damping C + stiffness K.
+
+    Attributes:
+        mass: Of M.
+        damping: Of C.
+        stiffness: Of K.
+        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`.
+    """
 
     mass: float
     damping: float
     stiffness: float
+    exact_modes: int = 0
+
+    def modal_step(self, system: MatrixSystem) -> ModalStep | None:
+        """Mass and damping of the exact modes, None without any (collective)."""
+        if not self.exact_modes:
+            return None
+        rate = math.sqrt(2.0 * self.mass)
+        step = lowest_modes(system, self.exact_modes).step(rate)
+        return step if step.used else None
 
 
 # K alone.
@@ -43,8 +65,9 @@ class EffectiveMatrix:
         added: Matrix added to A.
 
     Attributes:
-        full: A.
+        full: A, without what exact modes add.
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
+        change: What exact modes add to both, None without any.
         norm: Infinity norm of A.
         symmetric: Whether A is.
     """
@@ -73,10 +96,24 @@ class EffectiveMatrix:
         self._linear, self._components = linear, system.components
         self._near = system.stiffness.getNearNullSpace()
         self._solver: DirectSolver | IterativeSolver | None = None
+        self.change: ModalChange | None = None
+        self._changed: ChangedSolver | None = None
+        step = effective.modal_step(system)
+        if step is not None:
+            delta = step.change(effective.mass, effective.damping)
+            self.change = ModalChange(
+                step.modes.weighted(step.used),
+                delta,
+                lambda x: effective.mass * step.of_supports(x),
+                step.modes.comm,
+            )
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
-        """Solver of ``constrained``, made when first asked for and then kept (collective)."""
+        """Solver of ``constrained``, made when first asked for and then kept (collective).
+
+        `solve` and `solve_block` add what exact modes change.
+        """
         if self._solver is None:
             self._solver = self._made()
         return self._solver
@@ -96,6 +133,28 @@ class EffectiveMatrix:
         comm = self.constrained.comm.tompi4py()
         return not factor_fits(comm, self.constrained.getSize()[0], self._components)
 
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
+        """Solve A x = b with zero at constrained dofs; whether A was factored (collective)."""
+        return bool(self._complete.solve(b, x, **options))
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Solve A X = B for the owned rows of many right-hand sides (collective)."""
+        return self._complete.solve_block(right)
+
+    def multiply(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        """A x written to ``out`` (collective)."""
+        self.full.mult(x, out)
+        if self.change is not None:
+            self.change.add_product(x, out)
+
+    @property
+    def _complete(self) -> DirectSolver | IterativeSolver | ChangedSolver:
+        if self.change is None:
+            return self.solver
+        if self._changed is None:
+            self._changed = ChangedSolver(self.solver, self.change)
+        return self._changed
+
     def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
 
@@ -111,17 +170,17 @@ class EffectiveMatrix:
         right.pointwiseMult(b, unconstrained)
         if not self._moves:
             x.set(0.0)
-            factored = self.solver.solve(right, x)
+            factored = self.solve(right, x)
             # Iterations leave rounding there: clamped points would open.
             x.pointwiseMult(x, unconstrained)
             return factored
         prescribed, pushed = x.duplicate(), b.duplicate()
         prescribed.pointwiseMult(x, unconstrained)
         prescribed.aypx(-1.0, x)
-        self.full.mult(prescribed, pushed)
+        self.multiply(prescribed, pushed)
         pushed.pointwiseMult(pushed, unconstrained)
         right.axpy(-1.0, pushed)
-        factored = self.solver.solve(right, x)
+        factored = self.solve(right, x)
         x.pointwiseMult(x, unconstrained)
         x.axpy(1.0, prescribed)
         return factored

@@ -225,7 +225,7 @@ class _Balance:
         """Response to a change, and the norm of the residual at the unconstrained dofs."""
         response = self._internal_forces.respond(change, self.state, self.rule)
         self._internal_forces.force(response, self._force)
-        self._matrix.full.mult(change, self.residual)
+        self._matrix.multiply(change, self.residual)
         norms = (v.norm() for v in (self.residual, self._force, self._right))
         self._trial_scale = max(float(norm) for norm in norms)
         self._rounding = self._rounding_error(response, change)

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
+from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class Tangent:
         self._sum: _Sum | None = None
         self._last: Floats | None = None
 
-    def update(self, values: Floats) -> DirectSolver:
+    def update(self, values: Floats) -> Solver:
         """Solver for point tangents D, factored anew only where D changed (collective)."""
         assert self._product is not None
         same = self._last is not None and np.array_equal(values, self._last)
@@ -50,7 +51,7 @@ class Tangent:
             return self._sum.solver
         added = self._product.assemble(values)
         if self._sum is None:
-            self._sum = _Sum(self.effective.constrained, added, self._options)
+            self._sum = _Sum(self.effective, added, self._options)
         self._sum.add(added)
         self._last = values.copy()
         return self._sum.solver
@@ -70,22 +71,26 @@ class _Sum:
     """A constant matrix plus a changing one, both on the union of their patterns."""
 
     def __init__(
-        self, constant: PETSc.Mat, added: PETSc.Mat, options: Mapping[str, Any] | None
+        self, effective: EffectiveMatrix, added: PETSc.Mat, options: Mapping[str, Any] | None
     ) -> None:
         self._base = added.copy()
         self._base.zeroEntries()
-        self._base.axpy(1.0, constant, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._base.axpy(1.0, effective.constrained, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._total = self._base.copy()
-        self.solver = DirectSolver(self._total, symmetric=False, options=options)
+        self._direct = DirectSolver(self._total, symmetric=False, options=options)
+        change = effective.change
+        self.solver: Solver = (
+            self._direct if change is None else ChangedSolver(self._direct, change)
+        )
 
     def add(self, added: PETSc.Mat) -> None:
         """Make the sum anew; the solver factors it when next used."""
         self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        self.solver.refresh()
+        self._direct.refresh()
 
     def destroy(self) -> None:
         """Free matrices and factor."""
-        self.solver.destroy()
+        self._direct.destroy()
         self._total.destroy()
         self._base.destroy()

@@ -35,6 +35,11 @@ class EnergyRow:
         joint_friction: Work done against friction in each joint, shape (number of joints,).
         joint_numerical: Energy that each joint took in besides, lost or (negative) made up by the
             time scheme where it opens, closes or slides within a step, shape (number of joints,).
+            By formulae of the laws: none of a law answered over whole steps, `LawWithLosses` of
+            others. Of a law that has neither it is the rest of the work on its joints, so that
+            ``imbalance`` says nothing of these (`Contact.without_losses` names such laws).
+        joint_imbalance: The part of ``imbalance`` that arises in each joint: its elastic energy,
+            friction and numerical loss less the work of the body on it, shape (number of joints,).
         error: stored - stored at the start - input + viscous + friction + plastic + impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` that viscous boundaries took.
@@ -49,6 +54,7 @@ class EnergyRow:
     viscous: float
     joint_friction: Floats
     joint_numerical: Floats
+    joint_imbalance: Floats
     error: float
     plastic: float = 0.0
     absorbed: float = 0.0
@@ -76,15 +82,21 @@ class EnergyRow:
 
     @cached_property
     def imbalance(self) -> float:
-        """Energy that no line accounts for: error + numerical, rounding where solves are right."""
+        """Energy that no line accounts for: error + numerical, rounding where all is right."""
         return self.error + self.numerical
+
+    @cached_property
+    def body_imbalance(self) -> float:
+        """The same with the work on the joints for their lines: rounding where solves are right."""
+        return self.imbalance - float(self.joint_imbalance.sum())
 
 
 class EnergyLedger:
     """Adds up energies and works step by step.
 
     The works are those that the scheme balances (`StepWork`), so that for schemes with
-    ``conserves`` the lines of a right solve add up to rounding.
+    ``conserves`` the lines of a right solve add up to rounding. Each comes from a formula of its
+    own, none is what others leave.
 
     Attributes:
         row: The newest row.
@@ -109,6 +121,7 @@ class EnergyLedger:
             viscous=0.0,
             joint_friction=self._none,
             joint_numerical=self._none,
+            joint_imbalance=self._none,
             error=0.0,
         )
         self._at_start = self.scale = self.largest = self.row.stored
@@ -119,17 +132,10 @@ class EnergyLedger:
         """The row that a step would lead to; the ledger stays as it is (collective)."""
         last, work = self.row, report.work
         elastic = self._elastic(state)
-        friction = struck = self._none
-        if self._system.contact is not None and state.joints is not None:
-            friction = self._system.contact.integrals(state.joints.dissipation)
-            struck = np.zeros_like(friction)
-            if self._system.contact.stops:
-                lost = state.joints.impact
-                none = np.zeros_like(state.joints.dissipation)
-                struck = self._system.contact.integrals(lost if len(lost) else none)
-        numerical = work.joints - (elastic - last.joint_elastic) - friction - struck
+        joints, struck = work.joints, self._struck(state)
+        own = elastic - last.joint_elastic + joints.friction + joints.numerical + struck
         entered = last.input + sum(work.loads.values()) + work.supports
-        viscous, rubbed = last.viscous + work.viscous, last.joint_friction + friction
+        viscous, rubbed = last.viscous + work.viscous, last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
@@ -147,7 +153,8 @@ class EnergyLedger:
             },
             viscous=viscous,
             joint_friction=rubbed,
-            joint_numerical=last.joint_numerical + numerical,
+            joint_numerical=last.joint_numerical + joints.numerical,
+            joint_imbalance=last.joint_imbalance + own - joints.taken,
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
@@ -190,6 +197,14 @@ class EnergyLedger:
         if self._system.contact is None or state.joints is None:
             return self._none
         return self._system.contact.stored_energy(state.joints.state)
+
+    def _struck(self, state: DynamicState) -> Floats:
+        """What points without rebound lost in the step that led to a state, of each joint."""
+        contact, joints = self._system.contact, state.joints
+        if contact is None or joints is None or not contact.stops:
+            return np.zeros_like(self._none)
+        lost = joints.impact if len(joints.impact) else np.zeros_like(joints.dissipation)
+        return contact.integrals(lost)
 
     def _strain(self, state: DynamicState) -> float:
         """Elastic energy of bulk and springs."""

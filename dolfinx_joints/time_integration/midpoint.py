@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
+import annotated_types as at
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
@@ -18,10 +20,18 @@ from dolfinx_joints.laws.law import (
     Rule,
     Status,
 )
+from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.products import Products, combination, joint_work
+from dolfinx_joints.time_integration.exact_steps import (
+    LoadKick,
+    add_free_vibration,
+    add_inertia,
+    complete,
+    scaled,
+)
+from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -39,6 +49,7 @@ class _Midpoint:
     """
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
+    exact_modes: ClassVar[int] = 0
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -54,6 +65,14 @@ class _Midpoint:
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
             )
+        state = scaled(system, state, self.exact_modes, rate)
+        effective = MatrixCoefficients(
+            mass=0.5 * rate**2,
+            damping=0.5 * rate,
+            stiffness=0.5,
+            exact_modes=self.exact_modes,
+        )
+        exact = effective.modal_step(system)
         load = system.load(time, state.load.duplicate())
         known = [(0.5, load), (0.5, state.load)]
         known += [(rate, state.momentum), (-1.0, state.elastic_force)]
@@ -63,12 +82,14 @@ class _Midpoint:
         x = combination((dt, state.velocity))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        turn = _Turn(system, state, x, rate, time, dt)
+        turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
         before = self._before(system, state, dt)
-        effective = MatrixCoefficients(mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
+        if exact is not None:
+            modal = exact.modes.amounts(exact.used, x)
+            complete(exact, products, effective, x, modal, fixed)
         velocity = combination((rate, x), (-1.0, state.velocity))
         turn.add(turn.velocity, velocity)
         if len(system.massless):
@@ -89,16 +110,25 @@ class _Midpoint:
             elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
             joints=joints,
             remainder=products.remainder,
+            exact_modes=state.exact_modes,
+            exact_rate=state.exact_rate,
         )
+        change = combination((1.0, acceleration), (-1.0, state.acceleration))
+        loads = system.work_of_loads(x, state.time, time)
+        if exact is not None:
+            rates = exact.modes.amounts(exact.used, state.velocity)
+            add_free_vibration(exact, rates, dt, change)
+            of_supports = dt * exact.modes.carried(exact.used, acceleration)
+            for name, kicked in turn.works(modal, rates, rate, of_supports).items():
+                loads[name] += kicked
         work = StepWork(
-            loads=system.work_of_loads(x, state.time, time),
+            loads=loads,
             supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
             viscous=products.viscous,
             absorbed=products.absorbed,
-            joints=joint_work(system, state, joints, mean_traction=False),
+            joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
         )
-        change = combination((1.0, acceleration), (-1.0, state.acceleration)).norm()
-        error = float(change) * dt**2 / 12.0
+        error = float(change.norm()) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
     def _before(self, system: MatrixSystem, state: DynamicState, dt: float) -> JointState | None:
@@ -107,19 +137,22 @@ class _Midpoint:
             return None
         if system.contact is None or self.rule != DISCRETE_GRADIENT:
             return state.joints.state
-        velocity = state.velocity
+        velocity, status = state.velocity, state.joints.status[:, None]
         if len(system.massless):
             # Theirs is that in the middle of the last step.
             velocity, late = velocity.copy(), system.massless
             velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
-        jump, slid = system.contact.operator.jump, state.joints.status == Status.SLIP
-        change = np.where(slid[:, None], dt**2 * jump(state.acceleration)[:, 1:], 0.0)
-        way = dt * jump(velocity)
-        course = np.column_stack([way[:, 1:], change, way[:, 0]])
+        jump = system.contact.operator.jump
+        # Between a side with mass and one without, what sticks seems to creep.
+        full = dt * jump(velocity)
+        way = np.where(status == Status.STICK, 0.0, full[:, 1:])
+        change = np.where(status == Status.SLIP, dt**2 * jump(state.acceleration)[:, 1:], 0.0)
+        course = np.column_stack([way, change, full[:, 0]])
         return replace(state.joints.state, course=course)
 
 
 @dataclass(frozen=True, kw_only=True)
+@checked
 class EnergyConsistent(_Midpoint):
     """Midpoint rule with the discrete gradient of the joints' energy: the balance always closes.
 
@@ -127,7 +160,13 @@ class EnergyConsistent(_Midpoint):
     stiff they are (`laws.discrete_gradient`). Where every joint sticks, and without joints, this is
     Newmark's average acceleration. Accurate it is only where the step resolves the motion: watch
     the local error, and let `StepControl` shorten steps in which joints open or close.
+
+    Attributes:
+        exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
+            are exact; of them a step takes those with omega dt up to 1.
     """
+
+    exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,12 +181,13 @@ class ImplicitContact(_Midpoint):
 
 
 class _Turn:
-    """Change that prescribed dofs make to the midpoint rule: their velocities are prescribed, too.
+    """Change that prescribed dofs and exact modes make to the midpoint rule.
 
-    Left to v1 = 2 x / dt - v0, they would swing for ever after every corner of their motion.
+    The velocities of prescribed dofs are prescribed, too: left to v1 = 2 x / dt - v0, they would
+    swing for ever after every corner of their motion. In exact modes there is a `LoadKick`.
 
     Attributes:
-        velocity: v1 - (2 x / dt - v0), zero at unconstrained dofs; None where supports rest [m/s].
+        velocity: v1 - (2 x / dt - v0), None where it is zero [m/s].
         momentum: M times that, or None [N s].
     """
 
@@ -159,18 +199,28 @@ class _Turn:
         rate: float,
         time: float,
         dt: float,
+        exact: ModalStep | None,
     ) -> None:
-        """Find the change, none where supports rest (collective)."""
+        """Find the change (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
+        self._fixed = system.constrained
+        self._kick = None if exact is None else LoadKick(system, exact, state.time, time)
+        kicked = self._kick is not None and self._kick.felt
         rates = system.prescribed_rates(time, 0.5 * dt)
+        if rates is None and not kicked:
+            return
+        self.velocity, self.momentum = x.duplicate(), x.duplicate()
+        self.velocity.set(0.0)
+        self.momentum.set(0.0)
         if rates is not None:
-            self.velocity, self.momentum = x.duplicate(), x.duplicate()
-            fixed = system.constrained
-            by_rule = rate * x.array[fixed] - state.velocity.array[fixed]
-            self.velocity.set(0.0)
-            self.velocity.getArray()[fixed] = rates[0] - by_rule
+            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
+            self.velocity.getArray()[self._fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
+            if exact is not None:
+                add_inertia(exact, self.velocity, self.momentum)
+        if self._kick is not None and kicked:
+            self._kick.add(self.velocity, self.momentum)
 
     @staticmethod
     def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
@@ -182,7 +232,13 @@ class _Turn:
         """Work of the supports on this part of the motion, from momenta of the body [J]."""
         if self.velocity is None:
             return 0.0
-        return 0.5 * float(self.velocity.dot(after) - self.velocity.dot(before))
+        gained = (after.array_r - before.array_r)[self._fixed]
+        mine = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
+        return float(np.sum(before.comm.tompi4py().allgather(mine)))
+
+    def works(self, *parts: Any) -> dict[str, float]:
+        """Work of each load on this part of the motion [J], see `LoadKick.work`."""
+        return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
 
 
 def _exact_square(rate: float) -> float:

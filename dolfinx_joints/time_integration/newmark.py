@@ -15,7 +15,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.products import Products, combination, joint_work
+from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -105,7 +105,7 @@ class _Alpha:
             supports=0.5 * float(state.reaction.dot(x) + products.reaction.dot(x)),
             viscous=products.viscous / (of_damping * dt),
             absorbed=products.absorbed / (of_damping * dt),
-            joints=joint_work(system, state, joints, mean_traction=True),
+            joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=True),
         )
         change = combination((1.0, a_known), (-1.0, a)).norm()
         error = float(change) * dt**2 * abs(self.beta - 1.0 / 6.0)

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.laws.law import Floats, Response
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.laws.law import Floats, Response, Rule
+from dolfinx_joints.laws.losses import work
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.time_integration.states import DynamicState
@@ -38,18 +42,19 @@ class Products:
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
         system.mass.mult(x, self.mass)
         system.stiffness.mult(x, self.stiffness)
-        products = [self.mass, self.stiffness]
-        factors = np.array([effective.mass, effective.stiffness])
-        damped = np.array(
-            system.coefficients(effective.mass, effective.damping, effective.stiffness)
+        residual = combination(
+            (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )
-        # The difference of what the equation holds: nothing of it goes unaccounted by rounding.
-        self.viscous = float((damped - factors) @ [product.dot(x) for product in products])
-        residual = combination((-1.0, b), *zip(damped, products, strict=True))
+        # C x by itself, not from the matrix that was solved: the balance is to see that one's.
+        damped = combination(
+            (system.rayleigh.mass_factor, self.mass),
+            (system.rayleigh.stiffness_factor, self.stiffness),
+        )
         if system.dashpots is not None:
             system.dashpots.mult(x, self.reaction)
-            residual.axpy(effective.damping, self.reaction)
-            self.viscous += effective.damping * float(self.reaction.dot(x))
+            damped.axpy(1.0, self.reaction)
+        self.viscous = effective.damping * float(damped.dot(x))
+        residual.axpy(effective.damping, damped)
         self.absorbed = 0.0
         if system.absorption is not None:
             system.absorption.mult(x, self.reaction)
@@ -76,17 +81,41 @@ def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
     return total
 
 
-def joint_work(
-    system: MatrixSystem, before: DynamicState, joints: Response | None, *, mean_traction: bool
-) -> Floats:
-    """Work of the body on each joint in a step that ends with a response [J] (collective).
+@dataclass(frozen=True, kw_only=True)
+class JointWorks:
+    """Works of a step on each joint, all of shape (number of joints,), [J].
+
+    Attributes:
+        taken: Work of the body.
+        friction: What of it is dissipated.
+        numerical: What of it the time scheme loses, by the formulae of the laws.
+    """
+
+    taken: Floats
+    friction: Floats
+    numerical: Floats
+
+
+def joint_works(
+    system: MatrixSystem,
+    before: DynamicState,
+    joints: Response | None,
+    rule: Rule,
+    *,
+    mean_traction: bool,
+) -> JointWorks:
+    """Works on the joints in a step that ends with a response (collective).
 
     ``mean_traction`` takes the mean of the tractions at both ends, not those of the response.
     """
     if system.contact is None or before.joints is None or joints is None:
-        return np.zeros(0)
-    traction = joints.traction
+        none = np.zeros(0)
+        return JointWorks(taken=none, friction=none, numerical=none)
+    traction, start = joints.traction, before.joints.state
     if mean_traction:
         traction = 0.5 * (traction + before.joints.traction)
-    moved = joints.state.gap - before.joints.state.gap
-    return system.contact.integrals(np.einsum("ij,ij->i", traction, moved))
+    with raised_together(system.contact.operator.comm):
+        lost = system.contact.losses(rule, start, joints, traction)
+    taken = work(traction, joints.state.gap - start.gap)
+    sums = system.contact.integrals(np.array([taken, lost.friction, lost.numerical]))
+    return JointWorks(taken=sums[0], friction=sums[1], numerical=sums[2])

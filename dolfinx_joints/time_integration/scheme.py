@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from dolfinx_joints.laws.law import Floats, Rule
+from dolfinx_joints.laws.law import Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
+from dolfinx_joints.time_integration.products import JointWorks
 from dolfinx_joints.time_integration.states import DynamicState
 
 
@@ -23,13 +24,13 @@ class StepWork:
         supports: Of moving supports [J].
         viscous: Against the damping [J].
         absorbed: The part of it of the dashpots that take waves out [J].
-        joints: Of the body on each joint, shape (number of joints,), [J].
+        joints: Of the body on each joint, and what of it is lost [J].
     """
 
     loads: Mapping[str, float]
     supports: float
     viscous: float
-    joints: Floats
+    joints: JointWorks
     absorbed: float = 0.0
 
 

@@ -32,6 +32,9 @@ class DynamicState:
             None at the start [N]. Taken into the next step it does not add up over many of them.
         water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
             None where no load depends on the joints.
+        exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
+            (`exact_steps`).
+        exact_rate: 2 / dt of that step [1/s].
     """
 
     time: float
@@ -45,6 +48,8 @@ class DynamicState:
     joints: Response | None
     remainder: PETSc.Vec | None = None
     water: NDArray[np.int8] | None = None
+    exact_modes: int = 0
+    exact_rate: float = 0.0
 
     @property
     def kinetic_energy(self) -> float:

@@ -160,7 +160,7 @@ class Stepper:
         """Whether an attempt is rejected (collective)."""
         if self._scheme.conserves(self._solver.system):
             scale = max(self._ledger.scale, row.stored, abs(row.input))
-            missing = abs(row.imbalance - self._ledger.row.imbalance)
+            missing = abs(row.body_imbalance - self._ledger.row.body_imbalance)
             if missing > LARGEST_IMBALANCE * scale > 0.0:
                 self.counts.unbalanced += 1
                 if shortest:

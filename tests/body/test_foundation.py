@@ -27,6 +27,8 @@ from dolfinx_joints import (
     Model,
     Newmark,
     Orthotropic,
+    Results,
+    ResultsMonitor,
     RigidJoint,
     Simulation,
     Traction,
@@ -37,6 +39,7 @@ from dolfinx_joints import (
     synthetic_motion,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -303,8 +306,16 @@ def test_dashpots_are_held_in_statics(dam, new_path):
         supports=[ViscousBoundary(group=group) for group in SIDES],
         loads=[Gravity()],
     )
+    path = new_path("run.h5")
+    monitor = ResultsMonitor(path, points={"crest": (0.0, 4.0)})
+    static = Simulation(model, monitors=[monitor]).statics()
     simulation = Simulation(model)
-    static = simulation.statics()
+    simulation.static = static
+    with Results(path) as results:
+        reaction = measures.static_stages(results)[0].reaction
+    assert set(reaction) == set(SIDES)
+    held = model.resultant(static.reaction, SIDES[0])
+    np.testing.assert_allclose(reaction[SIDES[0]], held, atol=1e-12 * np.abs(held).max())
     fixed = [Fixed(group=group) for group in SIDES]
     clamped = Model(
         dam(),

@@ -116,6 +116,20 @@ def test_what_dams_have_is_not(comm, wall):
     )
 
 
+@pytest.mark.parametrize(("level", "strange"), [(-2.0, True), (18.0, False), (1418.0, True)])
+def test_water_that_misses_the_body(comm, wall, level, strange):
+    water = HydrostaticPressure(group="y_min", level=level)
+    found = told(
+        comm,
+        jointed=wall,
+        material=Elastic(**CONCRETE),
+        joints=FrictionNoTension(**JOINT, friction_angle_deg=30.0),
+        loads=[water],
+    )
+    text = f"HydrostaticPressure: level is {level:g} m; the body reaches from 0 to 20 m."
+    assert found == ([text] if strange else [])
+
+
 def test_a_mesh_in_millimetres_and_the_switch(comm):
     # A body of 80 m by 40 m in mm.
     x = 1e3 * np.array([[0.0, 0.0], [80.0, 0.0], [0.0, 40.0], [80.0, 40.0]])

@@ -100,6 +100,7 @@ def test_plane_joint(tmp_path):
         assert found.sliding_safety[0] == pytest.approx(expected, rel=1e-12)
         assert found.plane_safety[0] == pytest.approx(expected, rel=1e-12)
         assert not found.geometry.warning
+        assert measures.joint_measures(results)["base"]["share_broken"] == pytest.approx(1 / 3)
     path = write_joint(tmp_path / "s.h5", level[:2], [[-1e6, 5e5, 0.0], [-1e6, -5e5, 0.0]])
     with Results(path) as results:
         found = joint_resultants(results, "base")

@@ -218,6 +218,7 @@ def test_joint_measures(tmp_path: Path) -> None:
             "pressure_time": 1.0,
             "share_open": 6 / (5 * 8),
             "share_sliding": 9 / (5 * 8),
+            "share_broken": 0.0,
         }
     )
     assert found["joint_2"]["opening_max"] == found["joint_2"]["slip_max"] == 0.0

@@ -106,6 +106,7 @@ def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
                 "open [": "share_open",
                 "sliding [": "share_sliding",
                 "largest pressure": "pressure_max",
+                "bonds broken": "share_broken",
             }.items():
                 shown(motion.value(joint, words), found[name])
             safety = measures.joint_extremes(run, joint).safety

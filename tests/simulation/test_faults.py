@@ -592,12 +592,13 @@ def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
 
 @pytest.mark.mpi
 def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
-    from dolfinx_joints import ResultsMonitor, Simulation, __version__
+    from dolfinx_joints import ResultsMonitor, Simulation, __version__, synthetic_motion
 
     path = new_path("run.h5")
     run = Simulation(wall(), monitors=[ResultsMonitor(path, points=POINTS)])
-    run.statics()
-    run.dynamics(dt=4e-3, steps=2, motion=shaking)
+    run.statics(joints=["joint_2", "joint_3"], name="weight")
+    run.grout(name="grout")
+    run.dynamics(dt=4e-3, steps=2, motion=synthetic_motion(seed=5))
     comm.barrier()
     with Results(path) as results:
         made = results.metadata["manifest"]
@@ -610,6 +611,8 @@ def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
     assert made["material"]["all"].startswith("Elastic(young=24000000000.0")
     assert set(made["joint_laws"]) == {"joint_1", "joint_2", "joint_3"}
     assert "base" in made["supports"][0]
+    assert made["static_stages"] == {"weight": "Gravity; inactive: joint_1", "grout": "Gravity"}
+    assert made["settings"]["ground motion"] == "synthetic motion 5"
     assert len(made["mesh_sha256"]) == 64
     assert made["mesh_sha256"] in (comm.bcast(made["mesh_sha256"]),)
     assert main(["info", "--all", str(path)]) == 0

@@ -256,7 +256,10 @@ def test_a_moving_support_moves_as_prescribed():
         assert state.reaction.getArray()[0] == pytest.approx(10.0 * m1 - k * r, abs=0.1)
 
 
-@pytest.mark.parametrize("scheme", [EnergyConsistent(), ImplicitContact(), Newmark()])
+EXACT = EnergyConsistent(exact_modes=2)
+
+
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), EXACT, ImplicitContact(), Newmark()])
 def test_a_support_that_stops_stays_at_rest(scheme):
     # Moved by 1 mm in 20 ms and then held: no velocity is left at the support, and the energy of
     # the damped mass behind it dies out.
@@ -281,7 +284,7 @@ def test_a_support_that_stops_stays_at_rest(scheme):
         assert ledger.relative_imbalance < 1e-12
 
 
-@pytest.mark.parametrize("scheme", [EnergyConsistent(), ImplicitContact()])
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), EXACT, ImplicitContact()])
 def test_moving_supports_keep_the_balance(scheme):
     # Whatever they do: t^3, a sine, a corner.
     rng = np.random.default_rng(8)
@@ -400,7 +403,8 @@ def test_mass_that_strikes_a_stop(kind, gap, duration, force):
     assert dt * np.count_nonzero(push > 0) == pytest.approx(duration, abs=3 * dt)
 
 
-def test_both_solvers_walk_alike():
+@pytest.mark.parametrize("scheme", [Newmark(), EXACT])
+def test_both_solvers_walk_alike(scheme):
     # A body on a frictional joint, pushed to and fro: the same states from either solver.
     law = FrictionNoTension(normal_stiffness=1e6, shear_stiffness=5e5, friction_angle_deg=30.0)
     m, k, _ = random_system(seed=5)
@@ -415,7 +419,9 @@ def test_both_solvers_walk_alike():
     )
     # A tight tolerance: what Newton leaves over grows where points start and cease to slide.
     newton = SolverOptions(relative_tolerance=1e-13)
-    one, two = (march(system, 2e-3, 200, kind=kind, newton=newton) for kind in SOLVERS)
+    one, two = (
+        march(system, 2e-3, 200, scheme=scheme, kind=kind, newton=newton) for kind in SOLVERS
+    )
     seen = {int(s) for state in one for s in state.joints.status}
     assert seen == {0, 1, 2}  # open, sticking and sliding
     size = np.abs(history(one)).max()

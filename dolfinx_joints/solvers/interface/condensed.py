@@ -139,7 +139,7 @@ def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
     load.setRandom()
     load.pointwiseMult(load, unconstrained)
     try:
-        matrix.solver.solve(load, moved)
+        matrix.solve(load, moved)
     except JointsError:
         return False
     rest = load.duplicate()

@@ -166,7 +166,10 @@ class InterfaceSolver:
         for i in range(len(state_dict["matrices"])):
             one = state_dict["matrices"][str(i)]
             effective = MatrixCoefficients(
-                mass=one["mass"], damping=one["damping"], stiffness=one["stiffness"]
+                mass=one["mass"],
+                damping=one["damping"],
+                stiffness=one["stiffness"],
+                exact_modes=one.get("exact_modes", 0),
             )
             kept.append(self._condensed((effective, one["weight"])))
             kept[-1].load_state_dict(one["corrections"])
@@ -220,7 +223,7 @@ class InterfaceSolver:
         scale, change = condensed.compliance.scale, force - known
         self._points.setArray((change / scale)[self._mine])
         self._operator.multTranspose(self._points, self._nodal)
-        condensed.matrix.solver.solve(self._nodal, self._moved)
+        condensed.matrix.solve(self._nodal, self._moved)
         if condensed.static:
             self._refine(condensed.matrix, self._nodal, self._moved)
         self._moved.pointwiseMult(self._moved, self._unconstrained)
@@ -238,7 +241,7 @@ class InterfaceSolver:
         matrix.full.mult(x, rest)
         rest.aypx(-1.0, right)
         rest.pointwiseMult(rest, self._unconstrained)
-        matrix.solver.solve(rest, change)
+        matrix.solve(rest, change)
         change.pointwiseMult(change, self._unconstrained)
         x.axpy(1.0, change)
 

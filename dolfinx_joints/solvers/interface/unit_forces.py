@@ -65,7 +65,7 @@ class UnitForces:
         taken = np.repeat(firsts, counts) + within
         right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
         right[self._lines[taken], columns] = self._entries[taken]
-        moved = self._effective.solver.solve_block(right)
+        moved = self._effective.solve_block(right)
         size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
         dense = PETSc.Mat().createDense(
             size, array=np.asfortranarray(moved), comm=self._operator.comm
@@ -79,14 +79,14 @@ class UnitForces:
     def product(self, forces: Floats) -> Floats:
         """G F at the rank's points, F of all points (collective)."""
         self._load(forces)
-        self._effective.solver.solve(self._nodal, self._moved)
+        self._effective.solve(self._nodal, self._moved)
         return self._gaps()
 
     def rough_product(self, forces: Floats, tolerance: float) -> Floats:
         """G F to a tolerance, for a bulk solved by iteration (collective)."""
         assert isinstance(self._effective.solver, IterativeSolver)
         self._load(forces)
-        self._effective.solver.solve(self._nodal, self._moved, tolerance)
+        self._effective.solve(self._nodal, self._moved, tolerance=tolerance)
         return self._gaps()
 
     def diagonal(self) -> Floats:

@@ -1,0 +1,292 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What `EnergyConsistent(exact_modes=...)` gains and costs, beside the plain scheme.
+
+- Two rods tied by a closed joint: error of the lowest mode over ten periods, and the jump of the
+  velocity across the joint over the largest velocity.
+- A mass that strikes a stop, two periods: error with steps of T/20 in flight and T/1500 near the
+  stop, and the fewest steps for an error by such steps.
+- A bar of 40 cells, one end held, that strikes a stop with the other: error by the number of steps.
+- ``--scene``: displacement of a crest, velocities and opening of a shaken wall or dam against the
+  plain scheme with 32 times shorter steps.
+- ``--cost``: processor time per step of a wall.
+
+Errors are root mean squares in time over that of the right motion; of the rods the largest over
+the amplitude.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+import dolfinx_joints as dj
+from benchmarks.shared.measure import StepWatch
+from benchmarks.shared.problems import Problem, first_state, impact, march
+from benchmarks.shared.scenes import TIME_STEP, Scene, dam, wall
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.initial_state import initial_state
+
+Floats = NDArray[np.float64]
+
+CELLS = 40
+SCENES = {
+    "wall": lambda: wall("coarse"),
+    "wall 0.3 MPa": lambda: wall("coarse", pressure=0.3),
+    "dam tiny": lambda: dam("dam tiny"),
+    "dam": lambda: dam("dam"),
+}
+
+
+def scheme(modes: int) -> dj.EnergyConsistent:
+    """The scheme exact in some modes."""
+    return dj.EnergyConsistent(exact_modes=modes)
+
+
+def bars(*stiffnesses: float) -> tuple[Floats, Floats]:
+    """M and K of bars of unit length and density, not tied to each other."""
+    h, n = 1.0 / CELLS, CELLS + 1
+    mass, stiffness = np.zeros((2, len(stiffnesses) * n, len(stiffnesses) * n))
+    for bar, young in enumerate(stiffnesses):
+        for i in range(bar * n, bar * n + CELLS):
+            part = slice(i, i + 2)
+            mass[part, part] += h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+            stiffness[part, part] += young / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return mass, stiffness
+
+
+# ---------------------------------------------------------------- closed joints
+
+
+def tied(joint_stiffness: float, steps: int, modes: int) -> tuple[float, float, float]:
+    """Error, jump of velocity and ledger of two rods that are pressed together."""
+    mass, stiffness = (whole[1:-1, 1:-1] for whole in bars(1.0, 3.0))
+    gap = np.zeros((3, len(mass)))
+    gap[0, CELLS - 1 : CELLS + 1] = -1.0, 1.0
+    law = dj.frictionless(normal_stiffness=joint_stiffness)
+    system = dj.MatrixSystem.from_arrays(
+        mass=mass, stiffness=stiffness, gap=gap, law=law, initial_gap=-1.0
+    )
+    closed = stiffness + joint_stiffness * np.outer(gap[0], gap[0])
+    static = np.linalg.solve(closed, joint_stiffness * gap[0])
+    squares, shapes = eigh(closed, mass)
+    shape, omega = 0.1 * shapes[:, 0] / np.abs(shapes[:, 0]).max(), math.sqrt(squares[0])
+    period = 2.0 * math.pi / omega
+    problem = Problem(
+        system=system,
+        period=period,
+        end=10.0 * period,
+        displacement=static + shape,
+        velocity=np.zeros(len(mass)),
+    )
+    run = march(problem, scheme(modes), period / steps)
+    right = static + np.cos(omega * run.time)[:, None] * shape
+    off = float(np.abs(run.displacement - right).max()) / 0.1
+    jump = np.abs(run.velocity @ gap[0]).max() / np.abs(run.velocity).max()
+    return off, float(jump), run.ledger or 0.0
+
+
+def closed_joints() -> None:
+    """Table of the rods."""
+    print("Closed joint      steps   plain error    jump    4 modes exact    jump   ledger")
+    for joint_stiffness in (1.0, 1e2, 1e6):
+        for steps in (20, 80):
+            plain, exact = (tied(joint_stiffness, steps, modes) for modes in (0, 4))
+            print(
+                f"k_j = {joint_stiffness:6.0e} {steps:10d} {plain[0]:13.4f} {plain[1]:7.0e} "
+                f"{exact[0]:16.4f} {exact[1]:7.0e}  {exact[2]:7.0e}"
+            )
+
+
+# ---------------------------------------------------------------- impacts
+
+
+def struck(problem: Problem, modes: int, away: float, near: float) -> tuple[int, float]:
+    """Steps and error of the mass: long steps where the stop is open before and after."""
+    solver, ledger = make_solver(problem.system, rule=scheme(0).rule), EnergyLedger(problem.system)
+    state, exact = first_state(problem, solver), problem.motion.exact
+    ledger.start(state)
+    steps, squares, before = 0, 0.0, 0.0
+    while state.time < problem.end:
+        for part in (away, near):
+            after, report = scheme(modes).advance(solver, state, problem.period / part)
+            if state.joints.state.gap[0, 0] > 0.0 and after.joints.state.gap[0, 0] > 0.0:
+                break
+        ledger.record(ledger.after(after, report))
+        off = float(after.displacement.array[0] - exact.displacement(after.time))
+        squares += 0.5 * report.dt * (off**2 + before**2)
+        state, before, steps = after, off, steps + 1
+    assert ledger.relative_imbalance < 1e-10
+    return steps, math.sqrt(squares / state.time) / exact.amplitude
+
+
+def impacts() -> None:
+    """Table of the impact oscillator."""
+    print("\nImpact          error with T/20, T/1500   fewest steps for 1e-2, 1e-3, 1e-4")
+    grid = [
+        (a, n)
+        for a in (8, 12, 20, 40, 80, 160, 320)
+        for n in (80, 160, 320, 640, 1000, 1500)
+        if n > a
+    ]
+    for gap in (0.0, 0.03):
+        problem = impact(100.0, gap=gap)
+        for modes in (0, 1):
+            _, paper = struck(problem, modes, 20, 1500)
+            found = [struck(problem, modes, *each) for each in grid]
+            fewest = [min((n for n, e in found if e <= t), default=0) for t in (1e-2, 1e-3, 1e-4)]
+            text = " ".join(f"{n:5d}" if n else " more" for n in fewest)
+            print(f"gap {gap:4.2f} m, {modes} exact {paper:16.2e}             {text}")
+
+
+def striking_bar(modes: int, steps: int) -> Floats:
+    """Displacements of the bar at 50 times of a march, shape (50, dofs)."""
+    mass, stiffness = (whole[:-1, :-1] for whole in bars(1.0))
+    gap = np.zeros((3, len(mass)))
+    gap[0, 0] = 1.0
+    system = dj.MatrixSystem.from_arrays(
+        mass=mass, stiffness=stiffness, gap=gap, law=dj.frictionless(normal_stiffness=100.0)
+    )
+    shape = eigh(stiffness, mass)[1][:, 0]
+    problem = Problem(
+        system=system,
+        period=4.0,
+        end=10.0,
+        displacement=np.zeros(len(mass)),
+        velocity=-shape / shape[0],
+    )
+    return march(problem, scheme(modes), 10.0 / steps).displacement[steps // 50 - 1 :: steps // 50]
+
+
+def bar() -> None:
+    """Table of the bar."""
+    print("\nBar of 40 cells, four impacts: error by the number of steps")
+    right = striking_bar(0, 25600)
+    counts = (100, 200, 400, 800, 1600, 3200)
+    print("steps     " + " ".join(f"{steps:8d}" for steps in counts))
+    for modes in (0, 10, 40):
+        off = [np.linalg.norm(striking_bar(modes, n) - right) for n in counts]
+        print(f"{modes:2d} exact  " + " ".join(f"{e / np.linalg.norm(right):8.4f}" for e in off))
+
+
+# ---------------------------------------------------------------- bodies
+
+
+class Watch(StepWatch):
+    """Also keeps the crest's velocity [m/s] and the largest opening [m] of each step."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Nothing is seen yet."""
+        super().__init__(scene)
+        self.velocity: list[Floats] = []
+        self.opening: list[float] = []
+
+    def record(self, record: Record) -> None:
+        """Keep them."""
+        super().record(record)
+        assert record.joints is not None
+        self.velocity.append(self._probe.read(record.velocity)[0].copy())
+        self.opening.append(float(record.joints.state.gap[:, 0].max()))
+
+
+def shaken(scene: Scene, model: dj.Model, dt: float, steps: int, modes: int) -> tuple[Watch, float]:
+    """A run from self weight on, and its friction work [J]."""
+    watch = Watch(scene)
+    simulation = dj.Simulation(model, monitors=[watch])
+    simulation.statics(steps=scene.load_steps)
+    motion = scene.strong_shaking(steps * dt)
+    outcome = simulation.dynamics(dt=dt, steps=steps, motion=motion, scheme=scheme(modes))
+    assert outcome.imbalance is not None
+    assert outcome.imbalance < 1e-10
+    return watch, outcome.energy.friction
+
+
+def body(name: str, seconds: float, counts: list[int]) -> None:
+    """Table of errors of a scene."""
+    scene, coarsest, finest = SCENES[name](), 2.0 * TIME_STEP, TIME_STEP / 32.0
+    intervals = round(seconds / coarsest)
+    with scene.mesh_file() as path:
+        model = scene.model(scene.read(path), scene.law())
+        right, rubbed = shaken(scene, model, finest, 64 * intervals, 0)
+        print(f"\n{name}, {model.num_dofs} dofs, {intervals * coarsest:.3g} s")
+        print("dt [ms]  exact   crest x, y, z [%]        velocity [%]  opening [%]  friction [%]")
+        for parts in (1, 2, 4, 8):
+            for modes in (0, *counts):
+                dt, steps = coarsest / parts, intervals * parts
+                run, work = shaken(scene, model, dt, steps, modes)
+                every = slice(64 // parts - 1, None, 64 // parts)
+                off = [
+                    np.linalg.norm(np.subtract(mine, of[every]), axis=0)
+                    / np.linalg.norm(of[every], axis=0)
+                    for mine, of in (
+                        (run.crest, right.crest),
+                        (run.velocity, right.velocity),
+                    )
+                ]
+                opened = np.abs(np.subtract(run.opening, right.opening[every])).max()
+                print(
+                    f"{1e3 * dt:6.2f} {modes:6d}    "
+                    + " ".join(f"{100 * each:7.2f}" for each in off[0])
+                    + f" {100 * off[1].max():13.2f} {100 * opened / max(right.opening):12.2f}"
+                    + f" {100 * (work / rubbed - 1.0):12.2f}",
+                    flush=True,
+                )
+
+
+def cost(mesh: str, modes: int, steps: int) -> None:
+    """Processor time of steps of a wall, plain and exact in turn."""
+    scene, dt = wall(mesh), 0.4 * TIME_STEP
+    with scene.mesh_file() as path:
+        model = scene.model(scene.read(path), scene.law())
+    static = dj.Simulation(model).statics(steps=scene.load_steps)
+    motion = dj.BaseMotion(acceleration=scene.strong_shaking(steps * dt))
+    runs, taken = [], []
+    for each in (0, modes):
+        solver = make_solver(model.system([motion]), rule=scheme(0).rule)
+        state = initial_state(solver, dt=dt, displacement=static.displacement, joints=static.joints)
+        runs.append([scheme(each), solver, state])
+    for _ in range(steps):
+        times = []
+        for run in runs:
+            began = clock.process_time()
+            run[2], _ = run[0].advance(run[1], run[2], dt)
+            times.append(1e3 * (clock.process_time() - began))
+        taken.append(times)
+    plain, exact = np.median(taken[1:], axis=0)
+    ratio = np.median([b / a for a, b in taken[1:]])
+    print(f"wall {mesh}, {model.num_dofs} dofs, {dt * 1e3:.2f} ms: processor time per step")
+    print(f"plain {plain:.1f} ms, {modes} exact {exact:.1f} ms, ratio {ratio:.3f}")
+    print(f"first step {taken[0][0]:.0f} and {taken[0][1]:.0f} ms")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print tables."""
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", choices=SCENES, help="errors of a body instead")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of its motion")
+    parser.add_argument("--modes", type=int, nargs="+", default=[20], help="exact ones")
+    parser.add_argument("--cost", help="time per step of a wall of this mesh instead")
+    parser.add_argument("--steps", type=int, default=60, help="of --cost")
+    options = parser.parse_args(arguments)
+    warnings.simplefilter("ignore")
+    if options.cost:
+        cost(options.cost, options.modes[0], options.steps)
+    elif options.scene:
+        body(options.scene, options.seconds, options.modes)
+    else:
+        closed_joints()
+        impacts()
+        bar()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Solutions with a matrix that differs from a factored one in a few modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+Floats = NDArray[np.float64]
+
+
+class Solver(Protocol):
+    """Solver of A, factored or iterated."""
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve A x = b; whether the matrix was factored for it (collective)."""
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Owned rows of X with A X = B (collective)."""
+
+
+class ModalChange:
+    """The change Psi delta Psi^T of a matrix, Psi = M Phi, zero at constrained dofs.
+
+    Args:
+        columns: Owned rows of Psi, shape (local dofs, modes).
+        delta: Diagonal, shape (modes,), [N/m].
+        of_supports: What moving supports add to delta Psi^T x, for x.
+        comm: Communicator of the ranks.
+    """
+
+    def __init__(
+        self,
+        columns: Floats,
+        delta: Floats,
+        of_supports: Callable[[PETSc.Vec], Floats],
+        comm: Any,
+    ) -> None:
+        """Keep the parts."""
+        self.columns, self.delta, self._comm = columns, delta, comm
+        self._of_supports = of_supports
+
+    def amounts(self, values: Floats) -> Floats:
+        """Psi^T times owned rows (collective)."""
+        parts = self.columns.T @ values
+        return parts if self._comm.size == 1 else np.sum(self._comm.allgather(parts), axis=0)
+
+    def add_product(self, x: PETSc.Vec, to: PETSc.Vec) -> None:
+        """Add the change times x to the unconstrained dofs of a vector (collective)."""
+        amounts = self.delta * self.amounts(x.array_r) + self._of_supports(x)
+        to.getArray()[:] += self.columns @ amounts
+
+
+class ChangedSolver:
+    """Solver of A + Psi delta Psi^T from one of A (Woodbury).
+
+    With Z = A^-1 Psi, one back-substitution per mode for each factor, and y = A^-1 b the solution
+    is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.
+
+    Args:
+        original: Solver of A.
+        change: Psi and delta.
+    """
+
+    def __init__(self, original: Solver, change: ModalChange) -> None:
+        """Keep the parts; Z is made at the first solve."""
+        self._original, self._change = original, change
+        self._made: tuple[Floats, Floats] | None = None
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
+        """Solve for x; whether A was factored for it (collective)."""
+        factored = bool(self._original.solve(b, x, **options))
+        if factored:
+            self._made = None
+        correction = self._correction(x.array_r)
+        x.getArray()[:] -= correction
+        return factored
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Owned rows of the solutions for those of many right-hand sides (collective)."""
+        found = self._original.solve_block(right)
+        return found - self._correction(found)
+
+    def _correction(self, y: Floats) -> Floats:
+        """What y has too much (collective)."""
+        change = self._change
+        if self._made is None:
+            responses = np.asfortranarray(self._original.solve_block(change.columns))
+            small = np.eye(len(change.delta)) + change.amounts(responses) * change.delta
+            self._made = responses, change.delta[:, None] * np.linalg.inv(small)
+        responses, small = self._made
+        correction: Floats = responses @ (small @ change.amounts(y))
+        return correction

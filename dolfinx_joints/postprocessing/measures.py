@@ -98,9 +98,17 @@ def displacement_history(
     """
     check_results(results)
     column = COMPONENTS.index(component)
-    u = results.series("histories", "displacement")[:, results.point_index(point), column]
+    index = results.point_index(point)
+    u = results.series("histories", "displacement")[:, index, column]
     u = u - reference_displacement(results, relative_to)[:, column]
-    return results.time("histories"), u - u[:1]
+    start = u[:1]
+    if "point_displacement" in results.streams.get("statics", ()) and len(results.stage_names):
+        # A run that goes on from another one does not begin in the static state.
+        static = results.series("statics", "point_displacement", -1)
+        start = static[index, column]
+        if relative_to in results.point_names:
+            start = start - static[results.point_index(relative_to), column]
+    return results.time("histories"), u - start
 
 
 @checked

@@ -189,8 +189,8 @@ def _energy_error(run: Run) -> Cell:
 _ROWS: tuple[tuple[str, Callable[[Run], Cell]], ...] = (
     ("crest displacement from the static state [mm]", _crest_displacement),
     ("crest acceleration, absolute [m/s²]", _crest_acceleration),
-    ("largest tension [MPa]", _stress("principal_max")),
-    ("largest compression [MPa]", _stress("principal_min")),
+    ("largest tension from the last static state on [MPa]", _stress("principal_max")),
+    ("largest compression from the last static state on [MPa]", _stress("principal_min")),
     ("energy error", _energy_error),
 )
 

@@ -22,7 +22,8 @@ from written_runs import (
 
 from dolfinx_joints import report
 from dolfinx_joints.postprocessing import measures, peaks
-from dolfinx_joints.report import parameter_sections
+from dolfinx_joints.postprocessing.joints.resultants import JointGeometry
+from dolfinx_joints.report import parameter_sections, static_section
 from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
@@ -110,8 +111,12 @@ def test_largest_tension_has_its_place(tmp_path):
     assert len(ENVELOPE_NAMES) == 6
     cells = cells_of([path], tmp_path)
     x, y, z = NODES[-1]
-    assert after(cells, "e", "largest tension [MPa]", 1) == [f"2.000 at ({x:g}, {y:g}, {z:g}) m"]
-    assert after(cells, "e", "largest compression [MPa]", 1)[0].startswith("-2.000 at ")
+    assert after(cells, "e", "largest tension from the last static state on [MPa]", 1) == [
+        f"2.000 at ({x:g}, {y:g}, {z:g}) m"
+    ]
+    assert after(cells, "e", "largest compression from the last static state on [MPa]", 1)[
+        0
+    ].startswith("-2.000 at ")
 
 
 def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
@@ -121,6 +126,13 @@ def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
         writer.finish("complete", {})
     cells = cells_of([tmp_path / "r.h5"], tmp_path)
     assert "smallest safety" not in cells
+
+
+def test_curved_joints_are_named_below_their_forces(tmp_path, monkeypatch):
+    curved = JointGeometry(centroid=np.zeros(3), normal=np.zeros(3), area=1.0, flatness=0.75)
+    monkeypatch.setattr(static_section, "joint_geometry", lambda *_: curved)
+    page = report.write([write_stages(tmp_path / "s.h5")], tmp_path / "out.html", with_3d=False)
+    assert "joint_1 is curved (flatness 0.75): its mean normal says little" in page.read_text()
 
 
 def test_static_stages_are_tables_with_their_units(tmp_path):

@@ -242,7 +242,7 @@ def test_steps_in_flight_are_as_long_as_allowed():
 
 @pytest.mark.parametrize("kind", ["condensed", "monolithic"])
 def test_the_balance_with_all_at_once(kind):
-    # Moving supports, loads, damping that couples the modes, friction, lengths of steps that change.
+    # Moving supports, loads, damping that couples modes, friction, lengths of steps that change.
     rng = np.random.default_rng(8)
     a, b, c = rng.normal(size=(3, 6, 6))
     law = FrictionNoTension(normal_stiffness=1e4, shear_stiffness=5e3, friction_angle_deg=30.0)

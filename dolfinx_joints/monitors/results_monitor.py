@@ -156,10 +156,8 @@ class ResultsMonitor(Monitor):
         def create() -> None:
             nodes = self._nodes.positions
             facts["manifest"] = manifest(model, first.settings, nodes, surface, first.stages)
-            own = self._stages > 0 and _holds_statics_alone(self._path)
-            self._writer = writer = ResultsWriter(
-                self._path, facts, overwrite=self.overwrite or own
-            )
+            replaces = self.overwrite or (self._stages > 0 and _holds_statics_alone(self._path))
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:
                 self._aside.unlink(missing_ok=True)
             declare_histories(

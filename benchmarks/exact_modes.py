@@ -5,8 +5,8 @@
 
 - Two rods tied by a closed joint: error of the lowest mode over ten periods, and the jump of the
   velocity across the joint over the largest velocity.
-- A mass that strikes a stop, two periods of that motion: error with steps of T/20 in flight and T/1500 near the
-  stop, and the fewest steps for an error by such steps.
+- A mass that strikes a stop, two periods of that motion: error with steps of T/20 in flight and
+  T/1500 near the stop, and the fewest such steps for an error.
 - A bar of 40 cells, one end held, that strikes a stop with the other: error by the number of steps.
 - ``--scene``: displacement of a crest, velocities and opening of a shaken wall or dam against the
   plain scheme with 32 times shorter steps.

@@ -93,13 +93,8 @@ class LawPoints:
     def state_of(self, state: JointState) -> JointState:
         """The state of its points, of that of all local points."""
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
-        if self.variables:
-            part = replace(part, internal=state.internal[self.points, : self.variables])
-        if len(state.turning):
-            part = replace(part, turning=state.turning[self.points])
-        if len(state.course):
-            part = replace(part, course=state.course[self.points])
-        return part
+        columns = self.variables
+        return replace(part, internal=state.internal[self.points, :columns]) if columns else part
 
     def response_of(self, answer: Response) -> Response:
         """The answer of its points, of that of all local points."""

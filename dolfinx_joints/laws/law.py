@@ -69,18 +69,11 @@ class JointState:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
         elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
         internal: Further variables of the laws that have some, shape (n, m).
-        turning: Energy put by for a turn of the slip within the next step, shape (n,), [J/m^2];
-            empty where no law does so.
-        course: Slip that a step would make with the velocity at its start, and the change of that
-            by the acceleration if the point slid, dt v and dt^2 a, shape (n, 4), [m]; a scheme that
-            knows them adds them before it asks the laws, else empty.
     """
 
     gap: Floats
     elastic_slip: Floats
     internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    turning: Floats = field(default_factory=lambda: np.zeros(0))
-    course: Floats = field(default_factory=lambda: np.zeros((0, 4)))
 
     @classmethod
     def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:

@@ -67,8 +67,7 @@ class RigidJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Energy of each point, shape (n,), [J/m^2]."""
-        stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
-        return stored + state.turning if len(state.turning) else stored
+        return state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30); what was stored before it is let go."""
@@ -93,8 +92,5 @@ class RigidJoint:
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
         return response_of(
-            answer,
-            elastic_slip=np.zeros((len(trial_gap), 2)),
-            internal=answer.history[:, :3],
-            turning=answer.history[:, 3],
+            answer, elastic_slip=np.zeros((len(trial_gap), 2)), internal=answer.history
         )

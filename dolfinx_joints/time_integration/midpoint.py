@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
@@ -13,13 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import (
-    BACKWARD_EULER,
-    DISCRETE_GRADIENT,
-    JointState,
-    Rule,
-    Status,
-)
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -84,7 +78,7 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = self._before(system, state, dt)
+        before = None if state.joints is None else state.joints.state
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
         if exact is not None:
@@ -130,24 +124,6 @@ class _Midpoint:
         )
         error = float(change.norm()) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
-
-    def _before(self, system: MatrixSystem, state: DynamicState, dt: float) -> JointState | None:
-        """State of the joints, with the course of their slip for laws over a whole step."""
-        if state.joints is None:
-            return None
-        if system.contact is None or self.rule != DISCRETE_GRADIENT:
-            return state.joints.state
-        velocity, status = state.velocity, state.joints.status[:, None]
-        if len(system.massless):
-            # Theirs is that in the middle of the last step.
-            velocity, late = velocity.copy(), system.massless
-            velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
-        jump = system.contact.operator.jump
-        # Between a side with mass and one without, what sticks seems to creep.
-        way = np.where(status == Status.STICK, 0.0, dt * jump(velocity)[:, 1:])
-        change = np.where(status == Status.SLIP, dt**2 * jump(state.acceleration)[:, 1:], 0.0)
-        course = np.column_stack([way, change])
-        return replace(state.joints.state, course=course)
 
 
 @dataclass(frozen=True, kw_only=True)

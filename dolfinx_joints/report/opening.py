@@ -31,6 +31,7 @@ from dolfinx_joints.report.page import (
     valued,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment
+from dolfinx_joints.report.static_section import gaps_note
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
@@ -147,7 +148,7 @@ def _dam(content: Content) -> list[Html]:
         return []
     time, moment = largest_moment(run)
     drawn = views.deformed(run.results, time=time, azimuths_deg=(UPSTREAM, DOWNSTREAM))
-    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red."
+    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red.{gaps_note(run)}"
     path = content.save("dam", drawn, dpi=140)
     return [figure([content.drawings.picture(path, caption)], caption, wide=True)]
 

@@ -60,13 +60,18 @@ def _pictures(content: Content) -> list[Html]:
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."
+    return [figure(pictures, caption + gaps_note(run))]
+
+
+def gaps_note(run: Run) -> str:
+    """What to keep in mind of pictures of blocks that stood alone for a time; empty of others."""
     acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
-    if any("inactive" in text for text in acting.values()):
-        caption += (
-            " Where blocks moved apart before joints between them acted, pictures show gaps that "
-            "are no openings."
-        )
-    return [figure(pictures, caption)]
+    if not any("inactive" in text for text in acting.values()):
+        return ""
+    return (
+        " Displacements are from the unloaded body: where blocks moved apart before the joints "
+        "between them acted there are gaps that are no openings."
+    )
 
 
 def stages(run: Run) -> list[StaticStage]:

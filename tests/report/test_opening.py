@@ -132,7 +132,11 @@ def test_a_file_with_joints_and_no_records_is_reported(tmp_path):
 def test_curved_joints_are_named_below_their_forces(tmp_path, monkeypatch):
     curved = JointGeometry(centroid=np.zeros(3), normal=np.zeros(3), area=1.0, flatness=0.75)
     monkeypatch.setattr(static_section, "joint_geometry", lambda *_: curved)
-    page = report.write([write_stages(tmp_path / "s.h5")], tmp_path / "out.html", with_3d=False)
+    path = write_stages(
+        tmp_path / "s.h5", {"static_stages": {WEIGHT: "Gravity; inactive: joint_1"}}
+    )
+    page = report.write([path], tmp_path / "out.html", with_3d=False)
+    assert "there are gaps that are no openings" in page.read_text()
     assert "joint_1 is curved (flatness 0.75): its mean normal says little" in page.read_text()
 
 

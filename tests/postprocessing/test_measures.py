@@ -15,7 +15,12 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import declare_histories, declare_states
+from dolfinx_joints.results.layout import (
+    declare_histories,
+    declare_states,
+    declare_static_stages,
+    stage_bytes,
+)
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -331,3 +336,21 @@ def test_what_a_file_does_not_hold_is_named(tmp_path: Path) -> None:
         measures.fourier_peaks(results, 0, "x")
     with pytest.raises(ValueError, match="tail is -1.0 s; it must be zero or more"):
         measures.joint_measures(results, tail=-1.0)
+
+
+def test_a_continued_run_counts_from_its_static_state(tmp_path: Path) -> None:
+    # 2 mm in the static state; the run goes on from 5 mm, where another one had ended.
+    points = [[0.0, 0.0, 1.0]]
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, points)
+        declare_static_stages(writer, points, np.zeros((1, 3)), {})
+        writer.start()
+        stage = {"name": stage_bytes("weight"), "load_time": 0.0, "displacement": np.zeros((1, 3))}
+        writer.append("statics", 1, stage | {"point_displacement": [[2e-3, 0.0, 0.0]]})
+        for row, u in enumerate((5e-3, 6e-3)):
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            record = {"displacement": [[u, 0.0, 0.0]], "iterations": 1}
+            writer.append("histories", float(row), record | shares)
+    with Results(tmp_path / "r.h5") as results:
+        _, u = measures.displacement_history(results, "crest", "x")
+    np.testing.assert_allclose(u, [3e-3, 4e-3], rtol=1e-12)

@@ -7,17 +7,24 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_joints import Results
+from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.frames import usual_reference
 
 
-def summary_row(results: Results, *, strong_until: float | None = None) -> dict[str, float]:
+def summary_row(
+    results: Results,
+    *,
+    strong_until: float | None = None,
+    band: float | None = ACCELERATION_BAND,
+) -> dict[str, float]:
     """One row of a table of runs: the same names for every run with the same points.
 
-    - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration`` (largest
-      absolute one) [m/s^2], ``POINT/C/frequency`` [Hz] and ``POINT/C/amplitude`` [m s] of the
-      Fourier peak, for each point and component C; displacements are relative to the ground, under
-      waves that rise to the free surface, absolute only where supports move (`frames`);
+    - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration, BAND`` (largest
+      absolute one, such as ``low-passed at 25 Hz``) [m/s^2], ``POINT/C/frequency`` [Hz] and
+      ``POINT/C/amplitude`` [m s] of the Fourier peak, for each point and component C; displacements
+      are relative to the ground, under waves that rise to the free surface, absolute only where
+      supports move (`frames`);
     - ``joints/NAME`` of `all_joints`;
     - ``stress/NAME`` of `measures.stress_extremes`;
     - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN where the
@@ -27,7 +34,11 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
         results: The run.
         strong_until: End of the strong motion [s]; from the file's ground motion unless given, and
             the end of the run where the ground rests.
+        band: Of the accelerations [Hz], at most `measures.common_band`; None for raw ones.
     """
+    if band is not None:
+        band = measures.common_band(results, band=band)
+    acceleration = f"acceleration, {measures.band_name(band)}"
     until = measures.strong_phase_end(results) if strong_until is None else strong_until
     base = usual_reference(results)
     row = {"strong_until": until}
@@ -38,8 +49,8 @@ def summary_row(results: Results, *, strong_until: float | None = None) -> dict[
             spectrum = measures.fourier_peaks(results, point, component, relative_to=base)
             row[f"{where}/peak_strong"] = largest[component]["strong"]
             row[f"{where}/peak_later"] = largest[component]["later"]
-            acceleration = measures.acceleration_history(results, point, component)[1]
-            row[f"{where}/acceleration"] = float(np.abs(acceleration).max())
+            a = measures.acceleration_history(results, point, component, band=band)[1]
+            row[f"{where}/{acceleration}"] = float(np.abs(a).max())
             row[f"{where}/frequency"], row[f"{where}/amplitude"] = spectrum[:2]
     row |= {f"joints/{name}": value for name, value in all_joints(results).items()}
     row |= {f"stress/{name}": value for name, value in measures.stress_extremes(results).items()}

@@ -52,6 +52,25 @@ def lines(ax: Any) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(si(x, line.get_xdata()), si(y, line.get_ydata())) for line in ax.get_lines()]
 
 
+def low_passed(values: np.ndarray, dt: float, band: float) -> np.ndarray:
+    """A signal, mirrored at its ends, with the part 1 / (1 + (f / band)^8) of each frequency f."""
+    mirrored = np.concatenate([values, values[::-1]])
+    frequency = np.fft.rfftfreq(len(mirrored), dt)
+    spectrum = np.fft.rfft(mirrored) / (1.0 + (frequency / band) ** 8)
+    return np.fft.irfft(spectrum, len(mirrored))[: len(values)]
+
+
+def equal_means(time: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]:
+    """Means over as many equal steps as the shortest one gives, of those over steps up to times."""
+    count = round(np.ptp(time) / np.diff(time).min())
+    equal = np.linspace(time[0], time[-1], count + 1)
+    shares = np.clip(equal[1:, None], time[:-1], time[1:]) - np.clip(
+        equal[:-1, None], time[:-1], time[1:]
+    )
+    dt = np.ptp(time) / count
+    return dt, shares @ means / dt
+
+
 def number(cell: str) -> float:
     """The number that a cell of a report begins with; NaN of a dash."""
     first = cell.replace("\N{NARROW NO-BREAK SPACE}", "").replace("\N{MINUS SIGN}", "-").split()[0]

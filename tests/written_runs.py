@@ -151,7 +151,7 @@ def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
     return path
 
 
-def write_stages(path: Path) -> Path:
+def write_stages(path: Path, manifest: dict[str, Any] | None = None) -> Path:
     """A file of two static stages: the joint, 4 m^2 in the plane y = 0, pressed, then half open.
 
     At first all four points of 1 m^2 bear 2 MPa and 0.5 MPa along x, then the lower two do and the
@@ -159,7 +159,7 @@ def write_stages(path: Path) -> Path:
     the normal in each stage.
     """
     law = {"kind": "Friction", "friction_angle_deg": 45.0, "cohesion": 0.0}
-    facts = {"point_names": ["crest"], "laws": {"joint_1": law}}
+    facts = {"point_names": ["crest"], "laws": {"joint_1": law}, "manifest": manifest or {}}
     upper = POINTS[:, 2] > 1.0
     with ResultsWriter(path, facts) as writer:
         declare_points(writer, [[1.0, 0.0, 2.0]])

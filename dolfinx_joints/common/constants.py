@@ -13,3 +13,7 @@ LARGE_LOCAL_ERROR = 0.05
 
 # Part of the largest energy that no line of the ledger may leave unexplained: far above rounding.
 LARGE_IMBALANCE = 1e-6
+
+ACCELERATION_BAND = 25.0
+"""Up to this frequency accelerations are reported unless told otherwise [Hz]: above the modes that
+move a dam, and low enough that peaks beside striking joints do not hang on the time step."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -228,10 +228,6 @@ class Contact:
                 getattr(answer, name)[here] = getattr(given, name)
             answer.state.gap[here] = given.state.gap
             answer.state.elastic_slip[here] = given.state.elastic_slip
-            if len(given.impact):
-                answer.impact[here] = given.impact
-            if len(given.state.turning):
-                answer.state.turning[here] = given.state.turning
             if part.variables:
                 answer.state.internal[here, : part.variables] = given.state.internal
         return answer
@@ -246,8 +242,8 @@ class Contact:
 
     @property
     def stops(self) -> bool:
-        """Whether points of some law do not rebound."""
-        return any(getattr(law, "restitution", 1) == 0 for law in self.laws.values())
+        """Whether points of some law do not rebound, on all ranks alike."""
+        return any(part.stops for part in self._laws)
 
     @property
     def without_balance(self) -> tuple[str, ...]:
@@ -266,14 +262,14 @@ class Contact:
 
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
-        friction, numerical = np.empty((2, len(traction)))
+        friction, numerical, impact = np.empty((3, len(traction)))
         for part in self._laws:
             here = part.points
             given = part.losses(
                 rule, part.state_of(before), part.response_of(answer), traction[here]
             )
-            friction[here], numerical[here] = given
-        return Losses(friction, numerical)
+            friction[here], numerical[here], impact[here] = given
+        return Losses(friction, numerical, impact)
 
     def integrals(self, density: Floats) -> Floats:
         """Sum of area times a value per point, for each joint over all ranks (collective).
@@ -361,10 +357,7 @@ def _empty_response(count: int, variables: int) -> Response:
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=replace(
-            JointState.at_rest(np.zeros((count, 3)), variables=variables), turning=np.zeros(count)
-        ),
+        state=JointState.at_rest(np.zeros((count, 3)), variables=variables),
         dissipation=np.zeros(count),
         status=np.zeros(count, dtype=np.int8),
-        impact=np.zeros(count),
     )

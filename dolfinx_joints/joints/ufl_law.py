@@ -33,6 +33,8 @@ from dolfinx_joints.laws.path_mean import path_mean
 class PotentialJoint:
     """A reversible joint with the traction t = d psi / d gap of a stored energy psi(gap).
 
+    For instance::
+
         law = PotentialJoint(
             lambda g: 0.5 * k_n * ufl.min_value(g[0], 0.0) ** 2,
             normal_stiffness=k_n,
@@ -103,6 +105,8 @@ class PotentialJoint:
 @checked
 class TractionJoint:
     """A joint with the traction t(gap, internal variables) of the end of a step.
+
+    For instance::
 
         law = TractionJoint(
             lambda g, kappa: ufl.as_vector([k_n * ufl.exp(-kappa / length) * g[0], 0.0, 0.0]),

@@ -10,8 +10,6 @@ step in contact:
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
     z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
 
-Where the scheme knows the course of the slip, points that slid turn as `_turned` has it.
-
 Then t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
 rounding, for any length of step.
 
@@ -165,85 +163,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
     # By h_n through zeta alone.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
-    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0, 0.0))
-
-
-@register_jitable
-def _turned(
-    trial: Shear, normal: Normal, c_s: float, put_by: float, course: Floats, law: Coulomb
-) -> tuple[Shear, bool]:
-    """The trial traction where the slip may stop or turn within the step, and whether it turns.
-
-    With m the direction of the slip at the start, b = (|dt v0| - 4 d_s F) / 2, F = mu |t_n|, and
-    phi F the mean friction of a step that turns after the part phi of it, friction along m is
-
-        t_tr - b / (2 zeta^2 + c_s)   above phi_1 F: the slip goes on, or ends in the step,
-        phi_1 F                       above that: it turns,                                (17a)
-        t_tr                          below, or phi_2 F if more.
-
-    Args:
-        trial: The trial traction of a straight path.
-        normal: Normal part.
-        c_s: Tangential compliance of the structure [m/Pa].
-        put_by: Energy put by for the turn [J/m^2].
-        course: dt v0 and dt^2 a0, [m].
-        law: Parameters of the joint.
-    """
-    way = np.sqrt(course[0] * course[0] + course[1] * course[1])
-    limit = -law.friction * normal.traction
-    ahead = 0.5 * way - 2.0 * law.shear_compliance * limit
-    if not ahead > 0.0:
-        return trial, False
-    m_1, m_2 = course[0] / way, course[1] / way
-    change = course[2] * course[2] + course[3] * course[3]
-    braked = -(course[0] * course[2] + course[1] * course[3])
-    by_limit = -law.friction * normal.stiffness
-    by_ahead = -2.0 * law.shear_compliance * by_limit
-    upper, lower, upper_slope, lower_slope = 0.0, -np.inf, 0.0, 0.0
-    turns = 0.0 < braked < change
-    if turns:
-        mean = 2.0 * braked / change - 1.0
-        upper, upper_slope = mean * limit, mean * by_limit
-        if mean < 0.0:
-            lower, lower_slope = upper, upper_slope
-            if put_by < -upper * ahead:
-                upper, upper_slope = -put_by / ahead, put_by / ahead**2 * by_ahead
-    k, (t_1, t_2), (n_1, n_2) = trial.by_shear[0], trial.traction, trial.by_normal
-    along = t_1 * m_1 + t_2 * m_2
-    if along - k * ahead > upper:
-        less, slope = k * ahead, k * by_ahead
-        return Shear(
-            (t_1 - less * m_1, t_2 - less * m_2),
-            (n_1 - slope * m_1, n_2 - slope * m_2),
-            trial.by_shear,
-        ), False
-    if lower <= along <= upper:
-        return trial, False
-    kept, slope = (upper, upper_slope) if along > upper else (lower, lower_slope)
-    less = along - kept
-    return Shear(
-        (t_1 - less * m_1, t_2 - less * m_2),
-        (slope * m_1, slope * m_2),
-        (k * m_2 * m_2, k * m_1 * m_1, -k * m_1 * m_2, -k * m_1 * m_2),
-    ), turns
-
-
-@register_jitable
-def _put_by(way: Vector, course: Floats, limit: float) -> float:
-    """Energy that a turn in the first half of the next step will need, [J/m^2].
-
-    Args:
-        way: Slip of the step [m].
-        course: dt v0 and dt^2 a0, [m].
-        limit: Friction [Pa].
-    """
-    next_1, next_2 = 2.0 * way[0] - course[0], 2.0 * way[1] - course[1]  # dt v1
-    slower_1, slower_2 = course[0] - next_1, course[1] - next_2
-    braked = next_1 * slower_1 + next_2 * slower_2
-    change = slower_1 * slower_1 + slower_2 * slower_2
-    if not 0.0 < 2.0 * braked < change:
-        return 0.0
-    return 0.5 * limit * (1.0 - 2.0 * braked / change) * np.hypot(next_1, next_2)
+    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
@@ -263,32 +183,27 @@ def _discrete_gradient(
         c_n, c_s = compliance[j, 0], compliance[j, 1]
         h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
         q_1, q_2 = stored[i, 1], stored[i, 2]
-        course, put_by, slides = stored[i, 4:8], stored[i, 3], False
-        h_n, g_n, psi = trial_gap[i, 0] - gap[i, 0], gap[i, 0], stored[i, 0]
+        h_n, g_n = trial_gap[i, 0] - gap[i, 0], gap[i, 0]
         if law.rebounds:
-            normal = normal_traction(h_n, c_n, g_n, psi, law)
-            stays = g_n <= 0.0 and normal.gap <= 0.0
+            normal = normal_traction(h_n, c_n, g_n, stored[i, 0], law)
+            closed = not normal.gap > 0.0
         else:
-            normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
-            stays = normal.traction < 0.0
-            end_stored[i, 9] = 1.0 if stays else 0.0
-        t_n = normal.traction
-        lost = put_by
-        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
+            normal = _stops(h_n, c_n, g_n, stored[i, 3], stored[i, 4] > 0.0)
+            # Its gap stays as the impact left it.
+            closed = normal.traction < 0.0
+            end_stored[i, 4] = 1.0 if closed else 0.0
+        t_n, slides, lost = normal.traction, False, 0.0
+        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
-            trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            shear, turns = trial, False
-            if stays and mu > 0.0:
-                shear, turns = _turned(trial, normal, c_s, put_by, course, law)  # (17a)
-            beyond = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
-            slides = beyond or turns
-            if beyond:
+            shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
+            slides = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
+            if slides:
+                o_1, o_2 = shear.traction
                 shear = return_to_limit(shear, t_n, normal.stiffness, mu)  # (17)
-            less_1 = trial.traction[0] - shear.traction[0]
-            less_2 = trial.traction[1] - shear.traction[1]
-            work = shear.traction[0] * less_1 + shear.traction[1] * less_2
-            lost += (2.0 * normal.zeta * normal.zeta + c_s) * work  # D below (16)
+                beyond = shear.traction[0] * (o_1 - shear.traction[0])
+                beyond += shear.traction[1] * (o_2 - shear.traction[1])
+                lost = (2.0 * normal.zeta * normal.zeta + c_s) * beyond  # D below (16)
             end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
             end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
         put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
@@ -302,12 +217,8 @@ def _discrete_gradient(
         end_gap[i, 0] = normal.gap
         end_gap[i, 1] -= c_s * t_1
         end_gap[i, 2] -= c_s * t_2
-        if slides and stays:
-            way = h_1 - c_s * t_1, h_2 - c_s * t_2
-            end_stored[i, 3] = min(_put_by(way, course, -mu * t_n), max(lost, 0.0))
-        dissipation[i] = lost - end_stored[i, 3]
-        # The gap of a point without rebound that is pressed is as its impact left it.
-        if stays or (law.rebounds and not normal.gap > 0.0):
+        dissipation[i] = lost
+        if closed:
             status[i] = SLIP if slides else STICK
     return answer
 
@@ -321,19 +232,11 @@ def solve_discrete_gradient(
         trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         state: State at the start of the step.
-        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); where points do not
-            rebound, whether they were pressed as a fourth column.
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); of points that do not
+            rebound also dt v0 [m] and whether they were pressed, shape (n, 5).
         law: Parameters of the joint.
     """
-    history = np.zeros((len(stored), 10), stored.dtype)
-    history[:, :3] = stored[:, :3]
-    if not law.rebounds:
-        history[:, 9] = stored[:, 3]
-    if len(state.turning):
-        history[:, 3] = state.turning
-    if len(state.course):
-        history[:, 4:9] = state.course
-    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
+    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, stored, law)
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:

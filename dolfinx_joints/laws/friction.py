@@ -69,9 +69,7 @@ def trial_traction(
         k_slope = -kappa * opening * scaled * scaled * stiffness
     elif d_s < np.inf and c_s + d_s > 0.0:
         k = 1.0 / (c_s + d_s)
-    return Shear(
-        (k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0, 0.0)
-    )
+    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0))
 
 
 @register_jitable
@@ -187,8 +185,7 @@ class FrictionNoTension:
         """k_n <-gap_n>^2 / 2 + k_s |e|^2 / 2 of each point, shape (n,), [J/m^2]."""
         closed = np.minimum(state.gap[:, 0], 0.0)
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
-        stored = 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
-        return stored + state.turning if len(state.turning) else stored
+        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Return mapping at the end of a step: (4) to (8), tangent (10)."""
@@ -226,9 +223,7 @@ class FrictionNoTension:
         law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
         root = math.sqrt(self.shear_stiffness) or 1.0
-        return response_of(
-            answer, elastic_slip=answer.history[:, 1:3] / root, turning=answer.history[:, 3]
-        )
+        return response_of(answer, elastic_slip=answer.history[:, 1:] / root)
 
 
 @checked

@@ -69,19 +69,14 @@ class JointState:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
         elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
         internal: Further variables of the laws that have some, shape (n, m).
-        turning: Energy put by for a turn of the slip within the next step, shape (n,), [J/m^2];
-            empty where no law does so.
-        course: Slip that a step would make with the velocity at its start, the change of that by
-            the acceleration if the point slid, and the normal way with that velocity: dt v, dt^2 a
-            and dt v_n, shape (n, 5), [m]; a scheme that knows them adds them before it asks the
-            laws, else empty.
+        approach: Normal way that a step would make with the velocity at its start, shape (n,), [m];
+            a scheme adds it before it asks laws whose points do not rebound, else empty.
     """
 
     gap: Floats
     elastic_slip: Floats
     internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    turning: Floats = field(default_factory=lambda: np.zeros(0))
-    course: Floats = field(default_factory=lambda: np.zeros((0, 5)))
+    approach: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:
@@ -112,8 +107,6 @@ class Response:
             what the trapezoidal rule sees, and may be negative where slip reverses within a long
             step.
         status: `Status` of each point, shape (n,).
-        impact: Energy that points without rebound lost as they stopped, shape (n,), [J/m^2]; empty
-            where all rebound.
     """
 
     traction: Floats
@@ -121,7 +114,6 @@ class Response:
     state: JointState
     dissipation: Floats
     status: NDArray[np.int8]
-    impact: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 @runtime_checkable
@@ -156,10 +148,12 @@ class Losses(NamedTuple):
     Attributes:
         friction: Dissipated by the law.
         numerical: By the time scheme; gained if negative.
+        impact: Where points strike and do not rebound.
     """
 
     friction: Floats
     numerical: Floats
+    impact: Floats | float = 0.0
 
 
 @runtime_checkable

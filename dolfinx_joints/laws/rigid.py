@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import annotated_types as at
@@ -76,10 +76,14 @@ class RigidJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Energy of each point, shape (n,), [J/m^2]."""
-        stored = np.zeros(len(state.gap))
-        if self.restitution:
-            stored = state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
-        return stored + state.turning if len(state.turning) else stored
+        if not self.restitution:
+            return np.zeros(len(state.gap))
+        return state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
+
+    def impact(self, before: JointState, answer: Response) -> Floats:
+        """Loss of a whole step without rebound, all its normal work: nothing is stored [J/m^2]."""
+        lost: Floats = answer.traction[:, 0] * (answer.state.gap - before.gap)[:, 0]
+        return lost
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30); what was stored before it is let go."""
@@ -103,18 +107,14 @@ class RigidJoint:
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
-        known = slice(0, 3) if self.restitution else slice(3, 4)
-        stored = np.zeros((len(trial_gap), 4))
-        stored[:, known] = state.internal
+        stored = state.internal
+        if not self.restitution:
+            stored = np.zeros((len(trial_gap), 5))
+            stored[:, 3] = state.approach if len(state.approach) else 0.0
+            stored[:, 4] = state.internal[:, 0]
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
-        history = answer.history
-        response = response_of(
+        return response_of(
             answer,
             elastic_slip=np.zeros((len(trial_gap), 2)),
-            internal=history[:, :3] if self.restitution else history[:, 9:],
-            turning=history[:, 3],
+            internal=answer.history if self.restitution else answer.history[:, 4:],
         )
-        if self.restitution:
-            return response
-        # Nothing is stored: all of the normal work is lost.
-        return replace(response, impact=answer.traction[:, 0] * (answer.gap - state.gap)[:, 0])

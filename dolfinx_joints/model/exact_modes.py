@@ -121,7 +121,8 @@ class ModalStep:
     """
 
     def __init__(self, modes: LowestModes, used: int, rate: float) -> None:
-        self.modes, self.used, self._rate = modes, used, rate
+        """Find them for a rate 2 / dt [1/s]."""
+        self.modes, self.used = modes, used
         omega, c = modes.frequencies[:used], modes.damping[:used]
         root = np.sqrt((0.25 * c**2 - omega**2).astype(complex))
         z = np.array([-0.5 * c + root, -0.5 * c - root]) / rate
@@ -143,7 +144,7 @@ class ModalStep:
 
     @property
     def more_damping(self) -> Floats:
-        """C' - c, shape (used,), [1/s]."""
+        """Damping that a step adds, c' - c, shape (used,), [1/s]."""
         return self.damping - self.modes.damping[: self.used]
 
     def change(self, mass: float, damping: float) -> Floats:

@@ -86,7 +86,7 @@ class Model:
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that viscous boundaries are, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
-        loads: The loads.
+        loads, doubts: The loads; what was warned of as implausible, on rank 0.
 
     Raises:
         MeshError: A group or joint does not exist, or a joint has no law.
@@ -123,7 +123,7 @@ class Model:
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
+        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric

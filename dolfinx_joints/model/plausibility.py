@@ -63,8 +63,8 @@ def warn_of_what_no_dam_has(
     materials: Mapping[str, Any],
     laws: Any,
     loads: Sequence[Any],
-) -> None:
-    """Warn, once for each value that no dam has, on rank 0 (collective).
+) -> list[str]:
+    """Warn, once for each value that no dam has, on rank 0; the warnings there (collective).
 
     Args:
         jointed: The mesh, whose extent is looked at.
@@ -75,7 +75,7 @@ def warn_of_what_no_dam_has(
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
-        return
+        return []
     low, high = zip(*(box for box in boxes if box is not None), strict=True)
     lowest, highest = np.min(low, axis=0), np.max(high, axis=0)
     size, up = float((highest - lowest).max()), jointed.mesh.geometry.dim - 1
@@ -90,6 +90,7 @@ def warn_of_what_no_dam_has(
         texts += _level(owner, given, float(lowest[up]), float(highest[up]))
     for text in texts:
         warnings.warn(text, PlausibilityWarning, stacklevel=3)
+    return texts
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:

@@ -106,7 +106,7 @@ class ResultsMonitor(Monitor):
         self._writer: ResultsWriter | None = None
         self._found: Model | None = None
         self._shown: StageRecord | None = None
-        self._stages, self._ran = 0, False
+        self._stages, self._ran, self._moved_aside = 0, False, False
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add the stages that the file does not hold, unless it holds a dynamic one (collective).
@@ -135,6 +135,7 @@ class ResultsMonitor(Monitor):
         made_by = manifest(model, {}, self._nodes.positions, self._surface, ())
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
         aside = None if _holds_statics_alone(self._path) else self._aside
+        self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
         declare_points(writer, self._probe.positions)
         declare_body(writer, self._nodes.positions, self._surface, self._joints)
@@ -148,17 +149,17 @@ class ResultsMonitor(Monitor):
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
         surface, joints = self._surface, self._joints
-        overwrite = self.overwrite or self._stages > 0  # a file of its own stages
         relative = self._relative(first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         facts["displacements"] = RELATIVE if relative else ABSOLUTE
 
         def create() -> None:
             nodes = self._nodes.positions
-            made_by = manifest(model, first.settings, nodes, surface, first.stages)
-            facts["manifest"] = made_by
-            self._writer = writer = ResultsWriter(self._path, facts, overwrite=overwrite)
-            self._aside.unlink(missing_ok=True)
+            facts["manifest"] = manifest(model, first.settings, nodes, surface, first.stages)
+            replaces = self.overwrite or (self._stages > 0 and _holds_statics_alone(self._path))
+            self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
+            if self._moved_aside:
+                self._aside.unlink(missing_ok=True)
             declare_histories(
                 writer,
                 self._probe.positions,
@@ -223,8 +224,9 @@ class ResultsMonitor(Monitor):
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
-        if moved and self._comm.rank == 0:
-            warnings.warn(f"Monitored points: {'; '.join(moved)}.", stacklevel=2)
+        self._moved = f"Monitored points: {'; '.join(moved)}." if moved else ""
+        if self._moved and self._comm.rank == 0:
+            warnings.warn(self._moved, stacklevel=2)
         self._supports = (*model.constraints.groups, *model.constraints.points)
         self._envelopes = None
         if self.envelopes:
@@ -370,6 +372,9 @@ class ResultsMonitor(Monitor):
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and close the file (collective)."""
+        said = summary.get("warnings", [])
+        if self._moved and self._moved not in said:
+            summary = summary | {"warnings": [self._moved, *said]}
         columns = None if self._envelopes is None else self._envelopes.gather()
         with raised_together(self._comm):
             if self._writer is not None:

@@ -30,8 +30,8 @@ Direction = float | Literal["up", "down"]
 """Azimuth, clockwise from north and from 0 to below 360 degrees, or up or down."""
 
 _OTHER_QUANTITY = re.compile(
-    r"^\W*(?:\w+\s*[:=]\s*)?(velocity|displacement)\b"
-    r"|\b(velocity|displacement)\s+(?:time\W*)?(?:series|history|record)",
+    r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(velocity|displacement)\s*(?:$|[\[(,;])"
+    r"|\b(velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)",
     re.I,
 )
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
@@ -205,7 +205,9 @@ def direction_named(text: str) -> Direction | None:
 def other_quantity(line: str) -> str | None:
     """``velocity`` or ``displacement`` where a line says that the values are these."""
     match = _OTHER_QUANTITY.search(line)
-    return None if match is None else (match[1] or match[2]).lower()
+    if match is None:
+        return None
+    return "velocity" if (match[1] or match[2]).lower() == "velocity" else "displacement"
 
 
 def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:

@@ -55,8 +55,8 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     - ``stages.csv``: a row per static stage, displacements of the points from the unloaded body,
       reactions, and extremes of the stresses where they were recorded;
     - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`;
-    - ``histories.csv``: every step, displacements and accelerations of the points, relative to the
-      ground unless they are called absolute, the ground's motion, shares of joint points,
+    - ``histories.csv``: every step, displacements and raw accelerations of the points, relative to
+      the ground unless they are called absolute, the ground's motion, shares of joint points,
       reactions;
     - ``energy.csv``: every step, the lines of the ledger;
     - ``joints.csv``: one row per joint, `measures.joint_measures` and
@@ -205,6 +205,7 @@ def _histories(results: Results) -> Table:
         values = results.series("histories", name, slice(len(rest.rows)))
         unit = results.unit("histories", name)
         motion = name if results.relative else f"absolute {name}"
+        motion = f"raw {motion}" if name == "acceleration" else motion
         for i, point in enumerate(results.point_names):
             columns += _parts(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)

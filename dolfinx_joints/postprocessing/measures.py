@@ -17,8 +17,10 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
@@ -98,22 +100,40 @@ def displacement_history(
     """
     check_results(results)
     column = COMPONENTS.index(component)
-    u = results.series("histories", "displacement")[:, results.point_index(point), column]
+    index = results.point_index(point)
+    u = results.series("histories", "displacement")[:, index, column]
     u = u - reference_displacement(results, relative_to)[:, column]
-    return results.time("histories"), u - u[:1]
+    start = u[:1]
+    if "point_displacement" in results.streams.get("statics", ()) and len(results.stage_names):
+        # A run that goes on from another one does not begin in the static state.
+        static = results.series("statics", "point_displacement", -1)
+        start = static[index, column]
+        if relative_to in results.point_names:
+            start = start - static[results.point_index(relative_to), column]
+    return results.time("histories"), u - start
 
 
 @checked
 def acceleration_history(
-    results: Results, point: int | str, component: Component, *, absolute: bool = True
+    results: Results,
+    point: int | str,
+    component: Component,
+    *,
+    absolute: bool = True,
+    band: Hertz | None = ACCELERATION_BAND,
 ) -> tuple[Floats, Floats]:
     """Acceleration of a point, the mean of each step, at the middle of the step.
 
     The other one is relative to the ground. Of the two a file holds that of its displacements; the
     mean acceleration of the ground in the step (`frames.ground_motion`) leads to the other.
 
+    Raw values do not converge under shorter steps where joints strike. ``band`` [Hz] takes off what
+    lies above it without a shift of phase (`processing.low_pass`), at most that of `common_band`;
+    None gives the values of the file. Compare runs in the same band.
+
     Returns:
-        Times [s] and accelerations [m/s^2], both of shape (records - 1,).
+        Times [s] and accelerations [m/s^2], both of shape (records - 1,); with a band at equal
+        steps, the shortest of the run.
     """
     check_results(results)
     column, time = COMPONENTS.index(component), results.time("histories")
@@ -123,7 +143,36 @@ def acceleration_history(
         a = a + ground_in_steps(results)[:, column]
     elif not absolute and not results.relative:
         a = a - ground_in_steps(results)[:, column]
-    return 0.5 * (time[1:] + time[:-1]), a
+    if band is None or len(a) < 2:
+        return 0.5 * (time[1:] + time[:-1]), a
+    dt, a = _equal_means(time, a)
+    band = common_band(results, band=band)
+    return time[0] + dt * (0.5 + np.arange(len(a))), low_pass(a, dt, band)
+
+
+def common_band(*runs: Results, band: float = ACCELERATION_BAND) -> float:
+    """Band in which accelerations of runs can be compared [Hz].
+
+    It is ``band``, or the Nyquist frequency of the longest step of all runs where that is lower.
+    """
+    longest = [np.diff(results.time("histories")).max(initial=0.0) for results in runs]
+    return float(min(band, *(0.5 / step for step in longest if step > 0.0), band))
+
+
+def band_name(band: float | None) -> str:
+    """What accelerations are, in words: low-passed at a frequency, or raw."""
+    return "raw" if band is None else f"low-passed at {band:.3g} Hz"
+
+
+def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:
+    """Means over equal steps, the shortest [s], of a signal given by its means over steps."""
+    steps = np.diff(time)
+    count = round((time[-1] - time[0]) / steps.min())
+    dt = float((time[-1] - time[0]) / count)
+    if np.allclose(steps, dt, rtol=1e-6, atol=0.0):
+        return dt, means
+    integral = np.append(0.0, np.cumsum(steps * means))
+    return dt, np.diff(np.interp(np.linspace(time[0], time[-1], count + 1), time, integral)) / dt
 
 
 @checked

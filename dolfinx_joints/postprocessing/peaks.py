@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
@@ -58,9 +59,14 @@ def displacement_peak(
     return _largest(results, points, history)
 
 
-def acceleration_peak(results: Results, points: Sequence[str]) -> Peak:
-    """Largest component of the absolute acceleration of points [m/s^2]."""
-    return _largest(results, points, acceleration_history)
+def acceleration_peak(
+    results: Results, points: Sequence[str], *, band: float | None = ACCELERATION_BAND
+) -> Peak:
+    """Largest component of the absolute acceleration of points in a band [Hz], [m/s^2].
+
+    It is that of `acceleration_history`; None for raw values.
+    """
+    return _largest(results, points, partial(acceleration_history, band=band))
 
 
 def joint_peaks(results: Results, joint: str) -> dict[str, Peak]:

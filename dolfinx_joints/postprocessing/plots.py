@@ -23,9 +23,10 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
+from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
     fourier_amplitude,
@@ -53,7 +54,10 @@ from dolfinx_joints.postprocessing.joints.maps import draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
+    Hertz,
     acceleration_history,
+    band_name,
+    common_band,
     displacement_history,
     joint_extremes,
 )
@@ -185,34 +189,42 @@ def response_spectra(
     *,
     damping_ratio: DampingRatio = 0.05,
     periods: Periods | None = None,
+    band: Hertz | None = ACCELERATION_BAND,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
 ) -> Axes:
     """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
 
-    That of the point is its absolute acceleration; the ground of a free field is the free surface
-    under its waves alone. Periods are 0.03 to 3 s unless given.
+    The point moves by its absolute acceleration; the ground of a free field is the free surface
+    under its waves alone. Periods are 0.03 to 3 s unless given. All motions are in the same
+    ``band`` [Hz], `measures.common_band`, which the title names; None for raw ones.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
 
-    def draw(time: Floats, acceleration: Floats, style: dict[str, Any]) -> None:
-        dt, values = equally_spaced(time, acceleration)
+    drawn = list(runs(results, reference, labels))
+    if band is not None:
+        band = common_band(*(run for run, _ in drawn), band=band)
+
+    def draw(dt: float, values: Floats, style: dict[str, Any]) -> None:
         found = response_spectrum(values, dt, natural, damping_ratio).pseudo_acceleration
         ax.semilogx(natural, found / STANDARD_GRAVITY, **style)
 
-    for run, style in runs(results, reference, labels):
-        draw(*acceleration_history(run, point, component), style)
+    for run, style in drawn:
+        moved = acceleration_history(run, point, component, band=band)
+        draw(*equally_spaced(*moved), style)
     if has_ground_motion(results):
         time, ground = ground_motion(results)
+        dt, ground = equally_spaced(time, ground[:, COMPONENTS.index(component)])
         dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--"}
         dashes["label"] = ground_name(results)
-        draw(time, ground[:, COMPONENTS.index(component)], dashes)
+        draw(dt, ground if band is None else low_pass(ground, dt, band), dashes)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
     ax.set_title(
-        f"{name}: response spectra in {component}, {damping_ratio:.0%} damping", loc="left"
+        f"{name}: response spectra in {component}, {damping_ratio:.0%} damping, {band_name(band)}",
+        loc="left",
     )
     plain_periods(ax)
     ax.margins(x=0.0)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from dolfinx_joints.common.constants import (
 from dolfinx_joints.postprocessing import peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.frames import frame_name
+from dolfinx_joints.postprocessing.measures import band_name
 from dolfinx_joints.postprocessing.peaks import Peak
 from dolfinx_joints.report.page import (
     Cell,
@@ -29,6 +31,7 @@ from dolfinx_joints.report.page import (
     valued,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment
+from dolfinx_joints.report.static_section import gaps_note
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
@@ -49,7 +52,7 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     pieces.append(paragraph(f"{_runs(content)} {note}".rstrip(), "note"))
     if of_body:
         pieces += _dam(content)
-    rows = [[title, *(of(run) for run in runs)] for title, of in _ROWS]
+    rows = [[title, *(of(run) for run in runs)] for title, of in _rows(content.band)]
     rows = [row for row in rows if any(cell is not None for cell in row[1:])]
     if rows:
         pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
@@ -145,7 +148,7 @@ def _dam(content: Content) -> list[Html]:
         return []
     time, moment = largest_moment(run)
     drawn = views.deformed(run.results, time=time, azimuths_deg=(UPSTREAM, DOWNSTREAM))
-    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red."
+    caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red.{gaps_note(run)}"
     path = content.save("dam", drawn, dpi=140)
     return [figure([content.drawings.picture(path, caption)], caption, wide=True)]
 
@@ -160,13 +163,13 @@ def _crest_displacement(run: Run) -> Cell:
     return valued(1e3 * peak.value, f"{peak.name}, {plain(peak.time)} s{frame}")
 
 
-def _crest_acceleration(run: Run) -> Cell:
-    """Largest absolute acceleration of the highest monitor points."""
+def _crest_acceleration(run: Run, *, band: float) -> Cell:
+    """Largest absolute acceleration of the highest monitor points in a band."""
     points = peaks.crest_points(run.results)
     needed = ["acceleration"] + ["ground_acceleration"] * run.results.relative
     if not points or not run.moves or not run.has("histories", *needed):
         return None
-    peak = peaks.acceleration_peak(run.results, points)
+    peak = peaks.acceleration_peak(run.results, points, band=band)
     share = plain(abs(peak.value) / STANDARD_GRAVITY)
     return valued(peak.value, f"{peak.name}, {plain(peak.time)} s, {share} g")
 
@@ -186,13 +189,19 @@ def _energy_error(run: Run) -> Cell:
     return None if value is None else valued(float(value), "of the largest energy")
 
 
-_ROWS: tuple[tuple[str, Callable[[Run], Cell]], ...] = (
-    ("crest displacement from the static state [mm]", _crest_displacement),
-    ("crest acceleration, absolute [m/s²]", _crest_acceleration),
-    ("largest tension [MPa]", _stress("principal_max")),
-    ("largest compression [MPa]", _stress("principal_min")),
-    ("energy error", _energy_error),
-)
+_SINCE = "from the last static state on"
+
+
+def _rows(band: float) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
+    """Titles of rows and what makes their cells; accelerations in a band [Hz]."""
+    acceleration = f"crest acceleration, absolute, {band_name(band)} [m/s²]"
+    return (
+        ("crest displacement from the static state [mm]", _crest_displacement),
+        (acceleration, partial(_crest_acceleration, band=band)),
+        (f"largest tension {_SINCE} [MPa]", _stress("principal_max")),
+        (f"largest compression {_SINCE} [MPa]", _stress("principal_min")),
+        ("energy error", _energy_error),
+    )
 
 
 def _joints(run: Run) -> Html:

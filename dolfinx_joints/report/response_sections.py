@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     Floats,
     equally_spaced,
@@ -87,7 +89,7 @@ def displacements(content: Content) -> Section:
 
 
 def response_spectra(content: Content) -> Section:
-    """Absolute accelerations and response spectra of points and ground."""
+    """Absolute accelerations and response spectra of points and ground, all in one band."""
     runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
     title = "Earthquake: accelerations and response spectra"
@@ -95,13 +97,13 @@ def response_spectra(content: Content) -> Section:
         return nothing("accelerations", title, "accelerations")
     rows: list[list[Any]] = []
     pieces: list[Html] = []
-    ground = {}
+    ground, band = {}, content.band
     if has_ground_motion(runs[0].results):
-        ground = {ground_name(runs[0].results): _spectrum(runs[0], None)}
+        ground = {ground_name(runs[0].results): _spectrum(runs[0], None, band)}
     for number, name in enumerate(_points(runs)):
         having = _having(runs, name)
-        rows += [_acceleration_row(run, name) for run in having]
-        spectra = {run.label: _spectrum(run, name) for run in having}
+        rows += [_acceleration_row(run, name, band) for run in having]
+        spectra = {run.label: _spectrum(run, name, band) for run in having}
         spectra |= ground
         names = components(having)
         curves = [
@@ -117,11 +119,14 @@ def response_spectra(content: Content) -> Section:
         for what in ground:
             caption += f", and on the {what} of {runs[0].label}"
         caption += " (hidden at first)." if ground and len(having) > 1 else "."
+        caption += f" Accelerations are {measures.band_name(band)}."
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
     rows = [[*row, *[None] * (len(head) - len(row))] for row in rows]
-    pieces.insert(0, table("Largest absolute accelerations", head, rows))
+    pieces.insert(
+        0, table(f"Largest absolute accelerations, {measures.band_name(band)}", head, rows)
+    )
     return Section("accelerations", title, pieces)
 
 
@@ -200,24 +205,25 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
     ]
 
 
-def _acceleration_row(run: Run, name: str) -> list[Any]:
+def _acceleration_row(run: Run, name: str, band: float) -> list[Any]:
     largest = []
     for component in run.components:
-        _, a = measures.acceleration_history(run.results, name, component)
+        _, a = measures.acceleration_history(run.results, name, component, band=band)
         largest.append(float(np.abs(a).max()))
     return [f"{name}, {run.label}", *largest]
 
 
-def _spectrum(run: Run, name: str | None) -> Floats:
+def _spectrum(run: Run, name: str | None, band: float) -> Floats:
     """Pseudo-accelerations of a point or, without a name, of the ground.
 
     Shape (periods, components), [m/s^2].
     """
     if name is None:
         times, values = ground_motion(run.results)
-        values = values[:, : len(run.components)]
+        dt, values = equally_spaced(times, values[:, : len(run.components)])
+        values = low_pass(values, dt, band)
     else:
-        each = [measures.acceleration_history(run.results, name, c) for c in run.components]
-        times, values = each[0][0], np.stack([a for _, a in each], axis=1)
-    dt, values = equally_spaced(times, values)
+        history = partial(measures.acceleration_history, run.results, name, band=band)
+        each = [history(c) for c in run.components]
+        dt, values = equally_spaced(each[0][0], np.stack([a for _, a in each], axis=1))
     return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.arguments import Component
@@ -107,6 +107,11 @@ class Content:
     def compared(self) -> list[Run]:
         """The reference and the main run, all runs where there is no reference."""
         return [self.reference, self.main] if self.reference else list(self.runs)
+
+    @property
+    def band(self) -> float:
+        """Band of the accelerations of all runs [Hz]."""
+        return measures.common_band(*(run.results for run in self.runs if run.has("histories")))
 
     def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
         """Write a picture beside the report."""

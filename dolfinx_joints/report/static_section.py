@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, views
-from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
+from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
 from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
@@ -60,7 +60,18 @@ def _pictures(content: Content) -> list[Html]:
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."
-    return [figure(pictures, caption)]
+    return [figure(pictures, caption + gaps_note(run))]
+
+
+def gaps_note(run: Run) -> str:
+    """What to keep in mind of pictures of blocks that stood alone for a time; empty of others."""
+    acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
+    if not any("inactive" in text for text in acting.values()):
+        return ""
+    return (
+        " Displacements are from the unloaded body: where blocks moved apart before the joints "
+        "between them acted there are gaps that are no openings."
+    )
 
 
 def stages(run: Run) -> list[StaticStage]:
@@ -123,6 +134,10 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
     if found[0].joints:
         head = ["joint", *(title for title, _, _ in _OF_JOINT)]
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
+        warnings = {name: joint_geometry(run.results, name).warning for name in run.results.joints}
+        pieces += [
+            paragraph(f"{name} is {text}.", "note") for name, text in warnings.items() if text
+        ]
     names = list(found[0].stresses)
     rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in found]
     if any(not np.isnan(value) for stage in found for value in stage.stresses.values()):

@@ -98,7 +98,7 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._settings, self._warnings = dict(settings or {}), list[str]()
+        self._settings, self._warnings = dict(settings or {}), list(model.doubts)
         self._stages = stages
 
     def start(self) -> None:

@@ -132,14 +132,14 @@ class EnergyLedger:
         """The row that a step would lead to; the ledger stays as it is (collective)."""
         last, work = self.row, report.work
         elastic = self._elastic(state)
-        joints, struck = work.joints, self._struck(state)
-        own = elastic - last.joint_elastic + joints.friction + joints.numerical + struck
+        joints = work.joints
+        own = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous, rubbed = last.viscous + work.viscous, last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
-        impact = last.impact + float(struck.sum())
+        impact = last.impact + float(joints.impact.sum())
         losses = viscous + float(rubbed.sum()) + plastic + impact
         missing = stored - self._at_start - entered + losses
         return EnergyRow(
@@ -197,14 +197,6 @@ class EnergyLedger:
         if self._system.contact is None or state.joints is None:
             return self._none
         return self._system.contact.stored_energy(state.joints.state)
-
-    def _struck(self, state: DynamicState) -> Floats:
-        """What points without rebound lost in the step that led to a state, of each joint."""
-        contact, joints = self._system.contact, state.joints
-        if contact is None or joints is None or not contact.stops:
-            return np.zeros_like(self._none)
-        lost = joints.impact if len(joints.impact) else np.zeros_like(joints.dissipation)
-        return contact.integrals(lost)
 
     def _strain(self, state: DynamicState) -> float:
         """Elastic energy of bulk and springs."""

@@ -13,13 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import (
-    BACKWARD_EULER,
-    DISCRETE_GRADIENT,
-    JointState,
-    Rule,
-    Status,
-)
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -84,7 +78,7 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = self._before(system, state, dt)
+        before = _before(system, state, turn, dt)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
         if exact is not None:
@@ -130,25 +124,6 @@ class _Midpoint:
         )
         error = float(change.norm()) * dt**2 / 12.0
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
-
-    def _before(self, system: MatrixSystem, state: DynamicState, dt: float) -> JointState | None:
-        """State of the joints, with the course of their slip for laws over a whole step."""
-        if state.joints is None:
-            return None
-        if system.contact is None or self.rule != DISCRETE_GRADIENT:
-            return state.joints.state
-        velocity, status = state.velocity, state.joints.status[:, None]
-        if len(system.massless):
-            # Theirs is that in the middle of the last step.
-            velocity, late = velocity.copy(), system.massless
-            velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
-        jump = system.contact.operator.jump
-        # Between a side with mass and one without, what sticks seems to creep.
-        full = dt * jump(velocity)
-        way = np.where(status == Status.STICK, 0.0, full[:, 1:])
-        change = np.where(status == Status.SLIP, dt**2 * jump(state.acceleration)[:, 1:], 0.0)
-        course = np.column_stack([way, change, full[:, 0]])
-        return replace(state.joints.state, course=course)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,6 +214,22 @@ class _Turn:
     def works(self, *parts: Any) -> dict[str, float]:
         """Work of each load on this part of the motion [J], see `LoadKick.work`."""
         return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
+
+
+def _before(system: MatrixSystem, state: DynamicState, turn: _Turn, dt: float) -> JointState | None:
+    """State of the joints, with their approach where points do not rebound: v1 = 2 x / dt - v0."""
+    if state.joints is None:
+        return None
+    if system.contact is None or not system.contact.stops:
+        return state.joints.state
+    velocity = state.velocity.copy()
+    turn.add(turn.velocity, velocity, -1.0)
+    if len(system.massless):
+        # Theirs is that in the middle of the last step.
+        late = system.massless
+        velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
+    approach = dt * system.contact.operator.jump(velocity)[:, 0]
+    return replace(state.joints.state, approach=approach)
 
 
 def _exact_square(rate: float) -> float:

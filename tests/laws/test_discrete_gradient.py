@@ -647,21 +647,21 @@ def test_point_that_stops():
         gap=UM * np.array([[1.0, 0.0, 0.0]]),
         elastic_slip=np.zeros((1, 2)),
         internal=np.zeros((1, 1)),
-        course=UM * np.array([[0.0, 0.0, 0.0, 0.0, -4.0]]),
+        approach=UM * np.array([-4.0]),
     )
     answer = law.condensed_discrete_gradient(
         UM * np.array([[-4.0, 0.0, 0.0]]), np.full((1, 2), 1e-12), state
     )
     np.testing.assert_allclose(answer.traction, [[-3e6, 0.0, 0.0]], rtol=1e-12)
     np.testing.assert_allclose(answer.state.gap, [[-1e-6, 0.0, 0.0]], rtol=1e-12)
-    np.testing.assert_allclose(answer.impact, [6.0], rtol=1e-12)
+    np.testing.assert_allclose(law.impact(state, answer), [6.0], rtol=1e-12)
     assert answer.state.internal.tolist() == [[1.0]]
     # Of slower points: not there by the middle of the step, or leaving.
     for way, gap in ((-1.5, 1.0), (4.0, -1.0)):
         slow = replace(
             state,
             gap=UM * np.array([[gap, 0.0, 0.0]]),
-            course=UM * np.array([[0.0, 0.0, 0.0, 0.0, way]]),
+            approach=UM * np.array([way]),
         )
         answer = law.condensed_discrete_gradient(
             UM * np.array([[-4.0, 0.0, 0.0]]), np.full((1, 2), 1e-12), slow

@@ -224,6 +224,19 @@ def test_files_of_others_are_kept(comm, column, new_path):
     assert path.with_name(f"{path.name}.before").read_text() == text
     with Results(path) as results:
         assert results.stage_names == ["statics 1"]
+    beside = new_path("own.h5.before")
+    if comm.rank == 0:
+        beside.write_text(text)
+    comm.barrier()
+    path = beside.with_name("own.h5")
+    run = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
+    run.statics()
+    run.dynamics(dt=1e-3, steps=2)
+    assert beside.read_text() == text
+    with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
+        run.dynamics(dt=1e-3, steps=1)
+    with Results(path) as results:
+        assert results.rows("histories") == 3
 
 
 def test_paraview_sees_each_stage(comm, column, new_path):

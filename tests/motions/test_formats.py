@@ -427,6 +427,12 @@ def test_displacements_and_velocities_are_no_accelerations(
     assert f"the file must hold accelerations, it says {kind.lower()}: " in sentence
     said = columns().replace("# unit", "# baseline corrected to zero velocity\n# unit")
     assert len(read_components(write(tmp_path, said))) == 1
+    for line in ("velocity: 350 m/s (Vs30)", "Displacement-compatible baseline correction"):
+        said = columns().replace("# unit", f"# {line}\n# unit")
+        assert len(read_components(write(tmp_path, said))) == 1
+    for line in (f"Ground {kind.lower()} [m/s]", f"{kind[:5]}{kind[5:]} SERIES"):
+        sentence = error_message(write(tmp_path, f"# {line}\n" + columns()))
+        assert "the file must hold accelerations" in sentence
 
 
 def test_velocities_and_displacements_beside_an_at2_record_are_left_out(tmp_path: Path) -> None:

@@ -10,11 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import declare_histories, declare_states
+from dolfinx_joints.results.layout import (
+    declare_histories,
+    declare_states,
+    declare_static_stages,
+    stage_bytes,
+)
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -75,11 +81,68 @@ def test_acceleration_lies_in_the_middle_of_the_steps(tmp_path: Path) -> None:
     relative = along_x(lambda t: 7.0 - 4.0 * (t - DT / 2))
     ground = along_x(lambda t: 1.0 + t)
     results = write(tmp_path / "r.h5", nothing, ground=ground, acceleration=relative)
-    time, a = measures.acceleration_history(results, "crest", "x", absolute=False)
+    time, a = measures.acceleration_history(results, "crest", "x", absolute=False, band=None)
     np.testing.assert_allclose(time, TIME[1:] - DT / 2)
     np.testing.assert_allclose(a, 7.0 - 4.0 * time, rtol=1e-12, atol=1e-12)
-    _, a = measures.acceleration_history(results, "crest", "x")
+    _, a = measures.acceleration_history(results, "crest", "x", band=None)
     np.testing.assert_allclose(a, 8.0 - 3.0 * time, rtol=1e-12, atol=1e-12)
+
+
+def test_acceleration_of_a_band_keeps_what_lies_in_it(tmp_path: Path) -> None:
+    # Sines below the band, at it and far above it keep 1 / (1 + (f / band)^8).
+    band, sizes = 10.0, {2.0: 3.0, 10.0: 2.0, 80.0: 50.0}
+    results = write(
+        tmp_path / "r.h5",
+        nothing,
+        acceleration=along_x(
+            lambda t: sum(s * np.sin(2 * np.pi * f * (t - DT / 2)) for f, s in sizes.items())
+        ),
+    )
+    time, a = measures.acceleration_history(results, "crest", "x", absolute=False, band=band)
+    np.testing.assert_allclose(time, TIME[1:] - DT / 2)
+    parts = [
+        size / (1 + (f / band) ** 8) * np.sin(2 * np.pi * f * time) for f, size in sizes.items()
+    ]
+    inner = (time > 5 / band) & (time < time[-1] - 5 / band)
+    np.testing.assert_allclose(a[inner], sum(parts)[inner], atol=1e-3)
+    *_, raw = measures.acceleration_history(results, "crest", "x", absolute=False, band=None)
+    assert abs(raw).max() > 40.0  # the file's own
+
+
+def test_band_ends_where_the_records_end(tmp_path: Path) -> None:
+    results = write(tmp_path / "r.h5", nothing, acceleration=along_x(np.ones_like))
+    assert measures.common_band(results) == ACCELERATION_BAND
+    assert measures.common_band(results, band=300.0) == pytest.approx(0.5 / DT)
+    assert measures.band_name(measures.common_band(results, band=300.0)) == "low-passed at 100 Hz"
+
+
+def test_a_constant_passes_the_band_up_to_the_ends(tmp_path: Path) -> None:
+    results = write(tmp_path / "r.h5", nothing, acceleration=along_x(lambda t: 0 * t + 4.0))
+    _, a = measures.acceleration_history(results, "crest", "x", absolute=False)
+    np.testing.assert_allclose(a, 4.0, rtol=1e-9)
+
+
+def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
+    # A blow of 3 m/s within the one step of 1 ms among steps of 10 ms: low-passed it still brings
+    # 3 m/s, as the gain at 0 Hz is one.
+    time = np.concatenate([0.01 * np.arange(101), 1.001 + 0.01 * np.arange(101)])
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
+        writer.start()
+        for row, t in enumerate(time):
+            values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
+            values |= {"displacement": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
+            values["acceleration"] = np.full((1, 3), 3000.0 * (row == 101))
+            writer.append("histories", t, values)
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        at, a = measures.acceleration_history(results, "crest", "x")
+        assert np.diff(at) == pytest.approx(1e-3)
+        assert a.sum() * 1e-3 == pytest.approx(3.0, rel=1e-9)
+        # The filter's own pulse: 3 m/s times the integral of its gain over all frequencies,
+        # 2 band (pi / 8) / sin(pi / 8).
+        pulse = 3.0 * 2.0 * ACCELERATION_BAND * (np.pi / 8) / np.sin(np.pi / 8)
+        assert a.max() == pytest.approx(pulse, rel=0.01)
 
 
 def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path: Path) -> None:
@@ -96,7 +159,8 @@ def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path:
     assert not results.relative
     _, u = measures.displacement_history(results, 1, "x", relative_to="point 0")
     np.testing.assert_allclose(u, [0.0, 2.0, 4.0])
-    np.testing.assert_array_equal(measures.acceleration_history(results, 1, "x")[1], 1.0)
+    _, a = measures.acceleration_history(results, 1, "x", band=None)
+    np.testing.assert_array_equal(a, 1.0)
     assert measures.strong_phase_end(results) == 2.0
     for ask in (
         lambda: measures.displacement_history(results, 1, "x", relative_to="ground"),
@@ -272,3 +336,21 @@ def test_what_a_file_does_not_hold_is_named(tmp_path: Path) -> None:
         measures.fourier_peaks(results, 0, "x")
     with pytest.raises(ValueError, match="tail is -1.0 s; it must be zero or more"):
         measures.joint_measures(results, tail=-1.0)
+
+
+def test_a_continued_run_counts_from_its_static_state(tmp_path: Path) -> None:
+    # 2 mm in the static state; the run goes on from 5 mm, where another one had ended.
+    points = [[0.0, 0.0, 1.0]]
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, points)
+        declare_static_stages(writer, points, np.zeros((1, 3)), {})
+        writer.start()
+        stage = {"name": stage_bytes("weight"), "load_time": 0.0, "displacement": np.zeros((1, 3))}
+        writer.append("statics", 1, stage | {"point_displacement": [[2e-3, 0.0, 0.0]]})
+        for row, u in enumerate((5e-3, 6e-3)):
+            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            record = {"displacement": [[u, 0.0, 0.0]], "iterations": 1}
+            writer.append("histories", float(row), record | shares)
+    with Results(tmp_path / "r.h5") as results:
+        _, u = measures.displacement_history(results, "crest", "x")
+    np.testing.assert_allclose(u, [3e-3, 4e-3], rtol=1e-12)

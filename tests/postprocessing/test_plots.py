@@ -168,7 +168,9 @@ def test_response_spectra(tmp_path: Path) -> None:
         np.testing.assert_allclose(values, 0.2, rtol=1e-3)
     assert ax.get_xlabel() == "period [s]"
     assert ax.get_ylabel() == "pseudo-acceleration x [g]"
-    assert ax.get_title(loc="left") == "crest: response spectra in x, 0% damping"
+    assert (
+        ax.get_title(loc="left") == "crest: response spectra in x, 0% damping, low-passed at 25 Hz"
+    )
 
 
 @pytest.mark.parametrize("quantity", ["normal", "tangential", "ratio"])

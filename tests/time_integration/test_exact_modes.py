@@ -242,7 +242,7 @@ def test_steps_in_flight_are_as_long_as_allowed():
 
 @pytest.mark.parametrize("kind", ["condensed", "monolithic"])
 def test_the_balance_with_all_at_once(kind):
-    # Moving supports, loads, damping that couples the modes, friction, lengths of steps that change.
+    # Moving supports, loads, damping that couples modes, friction, lengths of steps that change.
     rng = np.random.default_rng(8)
     a, b, c = rng.normal(size=(3, 6, 6))
     law = FrictionNoTension(normal_stiffness=1e4, shear_stiffness=5e3, friction_angle_deg=30.0)
@@ -277,6 +277,9 @@ def test_equal_modes_are_taken_together():
         assert len(system.lowest_modes[given].frequencies) == used
     assert system.lowest_modes[3].step(8.0).used == 3  # 3 rad/s times 0.25 s
     assert system.lowest_modes[3].step(3.0).used == 2  # times 0.67 s, more than 1.5
+    # Steps that take no mode are those of the plain scheme.
+    plain, exact = (march(system, [2.0] * 3, exact=n, v0=[1.0, 2.0, 3.0])[0] for n in (0, 3))
+    np.testing.assert_array_equal(displacements(plain), displacements(exact))
 
 
 def test_a_loose_mass_under_a_growing_load():

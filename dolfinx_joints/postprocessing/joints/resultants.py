@@ -343,6 +343,11 @@ class _Arrays(NamedTuple):
     areas: Floats
 
 
+def joint_geometry(results: Results, joint: str) -> JointGeometry:
+    """Centroid, mean normal, area and flatness of a joint."""
+    return _geometry(results, joint)[1]
+
+
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     """Arrays of a joint, and its centroid, mean normal and area."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))

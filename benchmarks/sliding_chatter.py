@@ -19,7 +19,6 @@ import dolfinx_joints as dj
 from benchmarks.shared.problems import Problem, _mesh, first_state
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
-from dolfinx_joints.joints.chatter import Chatter
 from dolfinx_joints.laws.law import CondensedLaw
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
@@ -53,7 +52,7 @@ def slide(
     problem = _block(law, damping)
     scheme, operator = dj.EnergyConsistent(), problem.system.contact.operator
     solver = make_solver(problem.system, None, "auto", scheme.rule)
-    state, chatter = first_state(problem, solver), Chatter(problem.system.contact)
+    state = first_state(problem, solver)
     ledger = EnergyLedger(problem.system)
     ledger.start(state)
     limit = -FRICTION * float(operator.areas @ state.joints.traction[:, 0])
@@ -63,12 +62,11 @@ def slide(
         for after, report, row in stepper.substeps(state, END / steps):
             state = after
             ledger.record(row)
-            chatter.see(after.joints, report.dt)
             rows.append((report.dt, float(operator.areas @ after.joints.traction[:, 1])))
     dt, force = np.array(rows).T
     late = np.cumsum(dt) > 0.5 * END
     means = [abs(dt[part] @ force[part]) / dt[part].sum() / limit for part in (dt > 0.0, late)]
-    return Slide(*means, len(dt), chatter.joints())
+    return Slide(*means, len(dt), stepper.chatter.joints())
 
 
 def _block(law: CondensedLaw, damping: float) -> Problem:

@@ -19,13 +19,15 @@ from dolfinx_joints.laws.law import Response
 
 Floats = NDArray[np.float64]
 
-# Steps of a contact that a run resolves; contacts per point that are more than impacts; share of
-# the normal impulse in contacts that are shorter.
+# Steps of a contact or a flight that a run resolves; contacts per point that are more than impacts;
+# share of the normal impulse in contacts that are shorter.
 RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
 
 
 class Chatter:
-    """Keeps how much of the pressure of each joint comes in contacts of a few steps.
+    """Keeps how much of the pressure of each joint comes in contacts of a few steps that slide.
+
+    A contact counts if the flight before it was as short: a body that bounces does not chatter.
 
     Args:
         contact: The joints, None without.
@@ -35,7 +37,9 @@ class Chatter:
         """Nothing is seen yet."""
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
-        self._lasts, self._impulse = np.zeros(points, dtype=np.int64), np.zeros(points)
+        # By point: steps of its contact, impulse, friction work; of the last flight, its steps.
+        self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
+        self._flight = np.full(points, float(RESOLVED))
         # By joint: short contacts, their impulse, all impulse; on this rank.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
 
@@ -46,13 +50,19 @@ class Chatter:
         operator = self._contact.operator
         pressure = -operator.areas * joints.traction[:, 0] * dt
         pressed = pressure > 0.0
-        short = ~pressed & (self._lasts > 0) & (self._lasts < RESOLVED)
+        ended = ~pressed & (self._lasts > 0)
+        short = ended & (np.maximum(self._lasts, self._flight) < RESOLVED) & (self._rubbed > 0.0)
         for row, values in zip(
             self._sums, (short, short * self._impulse, pressed * pressure), strict=True
         ):
             row += np.bincount(operator.joint, values, len(row))
-        self._lasts = np.where(pressed, self._lasts + 1, 0)
-        self._impulse = np.where(pressed, self._impulse + pressure, 0.0)
+        self._flight = np.where(pressed, self._flight, np.where(ended, 1.0, self._flight + 1.0))
+        for total, more in (
+            (self._lasts, 1.0),
+            (self._impulse, pressure),
+            (self._rubbed, joints.dissipation),
+        ):
+            total[:] = np.where(pressed, total + more, 0.0)
 
     def _total(self) -> Floats:
         """Sums over all ranks (collective)."""
@@ -70,11 +80,20 @@ class Chatter:
         chatters = (short > REPEATED * points) & (share > LARGE_SHARE)
         return {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What has been seen so far, but for contacts that have not ended (collective)."""
-        return {} if self._contact is None else {"sums": self._total()}
+    def state_dict(self) -> dict[str, Any]:
+        """What has been seen so far, of all points on rank 0 (collective)."""
+        if self._contact is None:
+            return {}
+        points = np.column_stack([self._lasts, self._impulse, self._rubbed, self._flight])
+        return {"sums": self._total(), "points": self._contact.operator.gather(points)}
 
-    def load_state_dict(self, state_dict: Mapping[str, NDArray[Any]]) -> None:
-        """Take up what another's ``state_dict`` gave."""
-        if state_dict and self._contact is not None and self._contact.operator.comm.rank == 0:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Take up what another's ``state_dict`` gave (collective)."""
+        if self._contact is None:
+            return
+        comm, count = self._contact.operator.comm, len(self._lasts)
+        first = sum(comm.allgather(count)[: comm.rank])
+        mine = np.array(state_dict["points"][first : first + count], dtype=np.float64)
+        self._lasts, self._impulse, self._rubbed, self._flight = mine.T.copy()
+        if comm.rank == 0:
             self._sums[:] = state_dict["sums"]

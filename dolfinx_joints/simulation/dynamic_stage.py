@@ -20,7 +20,7 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
 )
 from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.joints.chatter import RESOLVED, Chatter
+from dolfinx_joints.joints.chatter import RESOLVED
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
@@ -90,7 +90,6 @@ class DynamicRun:
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
-        self._chatter = Chatter(contact)
         self._backward_euler_laws = contact.without_balance if whole and contact else ()
         self._laws_without_losses = contact.without_losses(scheme.rule) if contact else ()
         self._iterations = 0
@@ -117,7 +116,6 @@ class DynamicRun:
             "local_error": self._local_error,
             "largest": self._largest,
             "watch": self._watch.state_dict(),
-            "chatter": self._chatter.state_dict(),
             "solver": self._solver.state_dict(),
             "steps": self._stepper.state_dict(),
             "energy": self._ledger.state_dict(),
@@ -135,7 +133,6 @@ class DynamicRun:
         self._iterations = state_dict["iterations"]
         self._local_error, self._largest = state_dict["local_error"], state_dict["largest"]
         self._watch.load_state_dict(state_dict["watch"])
-        self._chatter.load_state_dict(state_dict["chatter"])
         self._solver.load_state_dict(state_dict["solver"])
         self._stepper.load_state_dict(state_dict["steps"])
         self._ledger.load_state_dict(state_dict["energy"])
@@ -152,7 +149,6 @@ class DynamicRun:
             self.state = after
             if after.joints is not None:
                 self._watch.see(after.joints.state.gap)
-                self._chatter.see(after.joints, report.dt)
             self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
@@ -253,7 +249,7 @@ class DynamicRun:
             iterations=self._iterations,
             solver=self._solver.name,
             backward_euler_laws=self._backward_euler_laws,
-            chatter=self._chatter.joints(),
+            chatter=self._stepper.chatter.joints(),
             laws_without_losses=self._laws_without_losses,
         )
 
@@ -326,10 +322,12 @@ def warn_of(outcome: Outcome) -> None:
         )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
+        held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
         warnings.warn(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
             f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction in the "
             "mean may be less than its limit, and shorter steps do not help: damp the body's "
-            "shortest waves, with a factor of K of the time that sound takes through an element.",
+            "shortest waves, with a factor of K of the time that sound takes through an element."
+            f"{held}",
             stacklevel=6,
         )

@@ -39,7 +39,11 @@ class Slide(NamedTuple):
 
 
 def slide(
-    law: CondensedLaw, steps: int, damping: float = 0.0, control: dj.StepControl | None = None
+    law: CondensedLaw,
+    steps: int,
+    damping: float = 0.0,
+    control: dj.StepControl | None = None,
+    end: float = END,
 ) -> Slide:
     """Slide in equal steps, or such that ``control`` cuts.
 
@@ -48,6 +52,7 @@ def slide(
         steps: Their number.
         damping: Factor of K over `TRANSIT`.
         control: When steps are cut.
+        end: Time [s].
     """
     problem = _block(law, damping)
     scheme, operator = dj.EnergyConsistent(), problem.system.contact.operator
@@ -59,12 +64,12 @@ def slide(
     stepper = Stepper(scheme, solver, ledger, control or dj.StepControl())
     rows = []
     for _ in range(steps):
-        for after, report, row in stepper.substeps(state, END / steps):
+        for after, report, row in stepper.substeps(state, end / steps):
             state = after
             ledger.record(row)
             rows.append((report.dt, float(operator.areas @ after.joints.traction[:, 1])))
     dt, force = np.array(rows).T
-    late = np.cumsum(dt) > 0.5 * END
+    late = np.cumsum(dt) > 0.5 * end
     means = [abs(dt[part] @ force[part]) / dt[part].sum() / limit for part in (dt > 0.0, late)]
     return Slide(*means, len(dt), stepper.chatter.joints())
 
@@ -116,12 +121,16 @@ JOINTS: dict[str, CondensedLaw] = {
 }
 
 
+def _cut(tolerance: float | None) -> dj.StepControl:
+    return dj.StepControl(tolerance=tolerance, max_halvings=8)
+
+
 def main() -> None:
     """Print a table."""
     Parser(description=__doc__.splitlines()[0]).parse_args()
     print("friction over its limit in the second half; * chatters; -: no convergence")
     runs = [(20, None), (200, None), (2000, None)]
-    runs += [(20, dj.StepControl(tolerance=1e-3, max_halvings=8))]
+    runs += [(20, _cut(1e-3))]
     print(f"{'damping [h/c]':34s}" + "".join(f"{n:7d}{'t' if c else ' '} " for n, c in runs))
     for name, law in JOINTS.items():
         for damping in (0.0, 0.2, 1.0):
@@ -133,6 +142,13 @@ def main() -> None:
                 except dj.JointsError:
                     found.append("      - ")
             print(f"{name:24s} {damping:8.1f} {' '.join(found)}", flush=True)
+    tolerances = None, 1e-3, 1e-4
+    print("the same without damping over 0.1 s, 100 steps cut by tolerances: friction (steps)")
+    print(f"{'':24s}" + "".join(f"{'none' if t is None else t:>15}" for t in tolerances))
+    for name, law in JOINTS.items():
+        ends = [slide(law, 100, control=_cut(tolerance), end=0.1) for tolerance in tolerances]
+        found = [f"{end.late:7.3f}{'*' if end.chatter else ' '} ({end.steps:4d})" for end in ends]
+        print(f"{name:24s} {' '.join(found)}", flush=True)
 
 
 if __name__ == "__main__":

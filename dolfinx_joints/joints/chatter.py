@@ -42,6 +42,7 @@ class Chatter:
         self._flight = np.full(points, float(RESOLVED))
         # By joint: short contacts, their impulse, all impulse; on this rank.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
+        self._found: dict[str, float] = {}
 
     def see(self, joints: Response, dt: float) -> None:
         """Take note of a step of length dt [s]."""
@@ -70,7 +71,10 @@ class Chatter:
         return np.sum(self._contact.operator.comm.allgather(self._sums), axis=0)
 
     def joints(self) -> dict[str, float]:
-        """Share of normal impulse in short contacts, of joints that chatter (collective)."""
+        """Share of normal impulse in short contacts, of joints found to chatter (collective).
+
+        Of the newest time that this was asked and they did.
+        """
         if self._contact is None:
             return {}
         operator, (short, brief, all_of) = self._contact.operator, self._total()
@@ -78,14 +82,16 @@ class Chatter:
         points = sum(operator.comm.allgather(np.bincount(operator.joint, minlength=count)))
         share = brief / np.where(all_of > 0.0, all_of, 1.0)
         chatters = (short > REPEATED * points) & (share > LARGE_SHARE)
-        return {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
+        self._found |= {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
+        return self._found
 
     def state_dict(self) -> dict[str, Any]:
         """What has been seen so far, of all points on rank 0 (collective)."""
         if self._contact is None:
             return {}
         points = np.column_stack([self._lasts, self._impulse, self._rubbed, self._flight])
-        return {"sums": self._total(), "points": self._contact.operator.gather(points)}
+        every = self._contact.operator.gather(points)
+        return {"found": dict(self._found), "sums": self._total(), "points": every}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
@@ -95,5 +101,6 @@ class Chatter:
         first = sum(comm.allgather(count)[: comm.rank])
         mine = np.array(state_dict["points"][first : first + count], dtype=np.float64)
         self._lasts, self._impulse, self._rubbed, self._flight = mine.T.copy()
+        self._found = dict(state_dict["found"])
         if comm.rank == 0:
             self._sums[:] = state_dict["sums"]

@@ -152,7 +152,6 @@ class Stepper:
         return {
             "largest": self._largest,
             "level": self._level,
-            "holds": self._holds,
             "chatter": self.chatter.state_dict(),
             "counts": asdict(self.counts),
         }
@@ -160,8 +159,8 @@ class Stepper:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
         self._largest, self._level = state_dict["largest"], state_dict["level"]
-        self._holds = state_dict["holds"]
         self.chatter.load_state_dict(state_dict["chatter"])
+        self._holds = self._control.tolerance is not None and bool(self.chatter.joints())
         self.counts = StepCounts(**state_dict["counts"])
 
     def _rejects(

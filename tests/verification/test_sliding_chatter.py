@@ -12,11 +12,15 @@ from benchmarks.sliding_chatter import JOINTS, slide
 RIGID, CUT = JOINTS["rigid"], dj.StepControl(tolerance=1e-3, max_halvings=8)
 
 
-def test_undamped_block_chatters_and_is_reported():
-    """Steps cut for accuracy resolve the waves that friction feeds; mean friction falls by 5 %."""
-    cut = slide(RIGID, 20, control=CUT)
-    assert cut.late < 0.97
-    assert cut.chatter["joint_1"] > 0.3
+def test_steps_cut_for_accuracy_end_where_points_chatter():
+    """They would resolve the waves that friction feeds: it fell to 0.89 of its limit by 0.1 s.
+
+    In equal steps of 1 ms it is 0.997.
+    """
+    cut = slide(RIGID, 100, control=CUT, end=0.1)
+    assert cut.late == pytest.approx(1.0, abs=0.02)
+    assert cut.chatter["joint_1"] > 0.2
+    assert cut.steps < 1000
 
 
 def test_damped_block_slides_at_the_limit():

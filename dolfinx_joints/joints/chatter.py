@@ -19,15 +19,16 @@ from dolfinx_joints.laws.law import Response
 
 Floats = NDArray[np.float64]
 
-# Steps of a contact or a flight that a run resolves; contacts per point that are more than impacts;
-# share of the normal impulse in contacts that are shorter.
+# Steps of a contact or a flight that a run resolves; shorter contacts per point that are more than
+# impacts; their share of the normal impulse.
 RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
 
 
 class Chatter:
-    """Keeps how much of the pressure of each joint comes in contacts of a few steps that slide.
+    """Keeps how much of the pressure of each joint comes in short contacts that slide.
 
-    A contact counts if the flight before it was as short: a body that bounces does not chatter.
+    Short is below `RESOLVED` steps, or below the step that was cut. A contact counts if the flight
+    before it was as short: a body that bounces does not chatter.
 
     Args:
         contact: The joints, None without.
@@ -37,29 +38,31 @@ class Chatter:
         """Nothing is seen yet."""
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
-        # By point: steps of its contact, impulse, friction work; of the last flight, its steps.
+        # By point: time of its contact, impulse, friction work; time of the last flight.
         self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
-        self._flight = np.full(points, float(RESOLVED))
+        self._flight = np.full(points, np.inf)
         # By joint: short contacts, their impulse, all impulse; on this rank.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
         self._found: dict[str, float] = {}
 
-    def see(self, joints: Response, dt: float) -> None:
-        """Take note of a step of length dt [s]."""
+    def see(self, joints: Response, dt: float, whole: float) -> None:
+        """Take note of a substep of length dt [s] of a step of length ``whole`` [s]."""
         if self._contact is None:
             return
         operator = self._contact.operator
         pressure = -operator.areas * joints.traction[:, 0] * dt
         pressed = pressure > 0.0
-        ended = ~pressed & (self._lasts > 0)
-        short = ended & (np.maximum(self._lasts, self._flight) < RESOLVED) & (self._rubbed > 0.0)
+        ended = ~pressed & (self._lasts > 0.0)
+        resolved = max((RESOLVED - 0.5) * dt, whole)
+        brief = np.maximum(self._lasts, self._flight) < resolved
+        short = ended & brief & (self._rubbed > 0.0)
         for row, values in zip(
             self._sums, (short, short * self._impulse, pressed * pressure), strict=True
         ):
             row += np.bincount(operator.joint, values, len(row))
-        self._flight = np.where(pressed, self._flight, np.where(ended, 1.0, self._flight + 1.0))
+        self._flight = np.where(pressed, self._flight, np.where(ended, dt, self._flight + dt))
         for total, more in (
-            (self._lasts, 1.0),
+            (self._lasts, dt),
             (self._impulse, pressure),
             (self._rubbed, joints.dissipation),
         ):

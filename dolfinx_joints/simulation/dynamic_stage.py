@@ -20,7 +20,6 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
 )
 from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.joints.chatter import RESOLVED
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
@@ -325,9 +324,8 @@ def warn_of(outcome: Outcome) -> None:
         held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
         warnings.warn(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
-            f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction in the "
-            "mean may be less than its limit, and shorter steps do not help: damp the body's "
-            "shortest waves, with a factor of K of the time that sound takes through an element."
-            f"{held}",
+            "comes in contacts of a few steps, over and over. Friction in the mean may be less than "
+            "its limit, and shorter steps do not help: damp the body's shortest waves, with a "
+            f"factor of K of the time that sound takes through an element.{held}",
             stacklevel=6,
         )

@@ -133,7 +133,7 @@ class Stepper:
             if done == finest:
                 after = replace(after, time=end)
             state = after
-            self._accept(state, report)
+            self._accept(state, report, dt)
             yield state, report, row
             if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
                 self._level -= 1
@@ -222,10 +222,10 @@ class Stepper:
         tolerance = None if self._holds else self._control.tolerance
         return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
 
-    def _accept(self, state: DynamicState, report: StepReport) -> None:
+    def _accept(self, state: DynamicState, report: StepReport, dt: float) -> None:
         self.counts.accepted += 1
         if state.joints is not None:
-            self.chatter.see(state.joints, report.dt)
+            self.chatter.see(state.joints, report.dt, dt)
         if self._control.tolerance is not None:
             self._largest = max(self._largest, float(state.displacement.norm()))
 

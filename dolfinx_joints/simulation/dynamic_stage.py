@@ -324,7 +324,7 @@ def warn_of(outcome: Outcome) -> None:
         held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
         warnings.warn(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
-            "comes in contacts of a few steps, over and over. Friction in the mean may be less than "
+            "comes in contacts of a few steps, over and over. Mean friction may be less than "
             "its limit, and shorter steps do not help: damp the body's shortest waves, with a "
             f"factor of K of the time that sound takes through an element.{held}",
             stacklevel=6,

@@ -93,8 +93,9 @@ class LawPoints:
     def state_of(self, state: JointState) -> JointState:
         """The state of its points, of that of all local points."""
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
-        columns = self.variables
-        return replace(part, internal=state.internal[self.points, :columns]) if columns else part
+        if self.variables:
+            part = replace(part, internal=state.internal[self.points, : self.variables])
+        return replace(part, slips=state.slips[self.points]) if len(state.slips) else part
 
     def response_of(self, answer: Response) -> Response:
         """The answer of its points, of that of all local points."""

@@ -10,7 +10,8 @@ step in contact:
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
     z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
 
-Then t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
+Where slip that was braked may stop or turn within the step, s is changed before it is scaled, see
+`turning`. Then t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
 rounding, for any length of step.
 
 All of it is solved in tractions on a compliance c of the structure at the point, g1 - g0 = h - c t:
@@ -40,6 +41,7 @@ from dolfinx_joints.laws.return_mapping import (
     solve_points,
     yield_function,
 )
+from dolfinx_joints.laws.turning import turned
 
 # Values of `Status`.
 STICK, SLIP = 1, 2
@@ -133,7 +135,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
     # By h_n through zeta alone.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
-    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
+    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
@@ -155,17 +157,26 @@ def _discrete_gradient(
         q_1, q_2 = stored[i, 1], stored[i, 2]
         normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
         t_n, slides, lost = normal.traction, False, 0.0
-        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
+        stays = gap[i, 0] <= 0.0 and normal.gap <= 0.0
+        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
-            shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            slides = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
+            trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
+            shear = trial
+            if stays and mu > 0.0:
+                shear, slides = turned(trial, -mu * t_n, -mu * normal.stiffness, stored[i, 3:])
+            if yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0:  # (5)
+                shear, slides = return_to_limit(shear, t_n, normal.stiffness, mu), True  # (17)
             if slides:
-                o_1, o_2 = shear.traction
-                shear = return_to_limit(shear, t_n, normal.stiffness, mu)  # (17)
-                beyond = shear.traction[0] * (o_1 - shear.traction[0])
-                beyond += shear.traction[1] * (o_2 - shear.traction[1])
-                lost = (2.0 * normal.zeta * normal.zeta + c_s) * beyond  # D below (16)
+                (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
+                k = 2.0 * normal.zeta * normal.zeta + c_s
+                slip_1, slip_2 = k * (o_1 - t_1), k * (o_2 - t_2)
+                lost = t_1 * slip_1 + t_2 * slip_2  # D below (16)
+                if stays:
+                    end_stored[i, 3], end_stored[i, 4] = slip_1, slip_2
+                    end_stored[i, 7] = max(0.5 * lost, 0.0)
+            if stays:
+                end_stored[i, 5], end_stored[i, 6] = stored[i, 3], stored[i, 4]
             end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
             end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
         put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
@@ -196,8 +207,15 @@ def solve_discrete_gradient(
         state: State at the start of the step.
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
         law: Parameters of the joint.
+
+    Returns:
+        The answer, its history being psi, q and the slips of `JointState`, shape (n, 8).
     """
-    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, stored, law)
+    history = np.zeros((len(stored), 8), stored.dtype)
+    history[:, :3] = stored
+    if len(state.slips):
+        history[:, 3:] = state.slips
+    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:

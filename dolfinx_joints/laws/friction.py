@@ -69,7 +69,7 @@ def trial_traction(
         k_slope = -kappa * opening * scaled * scaled * stiffness
     elif d_s < np.inf and c_s + d_s > 0.0:
         k = 1.0 / (c_s + d_s)
-    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0))
+    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0, 0.0))
 
 
 @register_jitable
@@ -223,7 +223,9 @@ class FrictionNoTension:
         law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
         root = math.sqrt(self.shear_stiffness) or 1.0
-        return response_of(answer, elastic_slip=answer.history[:, 1:] / root)
+        return response_of(
+            answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:]
+        )
 
 
 @checked

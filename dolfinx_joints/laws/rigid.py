@@ -92,5 +92,8 @@ class RigidJoint:
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
         answer = solve_discrete_gradient(trial_gap, compliance, state, state.internal, law)
         return response_of(
-            answer, elastic_slip=np.zeros((len(trial_gap), 2)), internal=answer.history
+            answer,
+            elastic_slip=np.zeros((len(trial_gap), 2)),
+            internal=answer.history[:, :3],
+            slips=answer.history[:, 3:],
         )

@@ -10,8 +10,8 @@ step in contact:
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
     z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
 
-Where slip that was braked may stop or turn within the step, s is changed before it is scaled, see
-`turning`. Then t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
+Where slip that was braked may stop or turn within the step, s is that of `turning`. Then
+t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
 rounding, for any length of step.
 
 All of it is solved in tractions on a compliance c of the structure at the point, g1 - g0 = h - c t:
@@ -37,11 +37,9 @@ from dolfinx_joints.laws.return_mapping import (
     Vector,
     empty_answer,
     put_traction,
-    return_to_limit,
     solve_points,
-    yield_function,
 )
-from dolfinx_joints.laws.turning import turned
+from dolfinx_joints.laws.turning import Limit, friction_with_turns
 
 # Values of `Status`.
 STICK, SLIP = 1, 2
@@ -135,7 +133,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
     # By h_n through zeta alone.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
-    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0, 0.0))
+    return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
 
 @njit(cache=True, error_model="numpy")
@@ -158,15 +156,12 @@ def _discrete_gradient(
         normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
         t_n, slides, lost = normal.traction, False, 0.0
         stays = gap[i, 0] <= 0.0 and normal.gap <= 0.0
-        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), q_1, q_2
+        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
             trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            shear = trial
-            if stays and mu > 0.0:
-                shear, slides = turned(trial, -mu * t_n, -mu * normal.stiffness, stored[i, 3:])
-            if yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0:  # (5)
-                shear, slides = return_to_limit(shear, t_n, normal.stiffness, mu), True  # (17)
+            before = stored[i, 3:] if stays else np.zeros(5, stored.dtype)
+            shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
             if slides:
                 (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
                 k = 2.0 * normal.zeta * normal.zeta + c_s

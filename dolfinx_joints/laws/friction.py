@@ -69,7 +69,7 @@ def trial_traction(
         k_slope = -kappa * opening * scaled * scaled * stiffness
     elif d_s < np.inf and c_s + d_s > 0.0:
         k = 1.0 / (c_s + d_s)
-    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0, 0.0))
+    return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0))
 
 
 @register_jitable

@@ -49,12 +49,12 @@ class Shear(NamedTuple):
     Attributes:
         traction: t_s [Pa].
         by_normal: d t_s / d h_n [Pa/m].
-        by_shear: Components 11, 22, 12 and 21 of d t_s / d h_s [Pa/m].
+        by_shear: Components 11, 22 and 12 of d t_s / d h_s, which is symmetric [Pa/m].
     """
 
     traction: Vector
     by_normal: Vector
-    by_shear: tuple[float, float, float, float]
+    by_shear: tuple[float, float, float]
 
 
 class Answer(NamedTuple):
@@ -93,11 +93,7 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
         stiffness: d t_n / d h_n [Pa/m].
         mu: Friction coefficient.
     """
-    (t_1, t_2), (n_1, n_2), (s_11, s_22, s_12, s_21) = (
-        trial.traction,
-        trial.by_normal,
-        trial.by_shear,
-    )
+    (t_1, t_2), (n_1, n_2), (s_11, s_22, s_12) = trial.traction, trial.by_normal, trial.by_shear
     size = np.sqrt(t_1 * t_1 + t_2 * t_2)
     if size == 0.0:
         size = 1.0
@@ -105,19 +101,14 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
     limit = -mu * t_n
     ratio = limit / size
     # m (m . derivative) changes the size of the trial traction alone, which does not matter here.
-    n_m, s_1m, s_2m = m_1 * n_1 + m_2 * n_2, m_1 * s_11 + m_2 * s_21, m_1 * s_12 + m_2 * s_22
+    n_m, s_1m, s_2m = m_1 * n_1 + m_2 * n_2, m_1 * s_11 + m_2 * s_12, m_1 * s_12 + m_2 * s_22
     return Shear(
         (limit * m_1, limit * m_2),
         (
             ratio * (n_1 - m_1 * n_m) - mu * stiffness * m_1,
             ratio * (n_2 - m_2 * n_m) - mu * stiffness * m_2,
         ),
-        (
-            ratio * (s_11 - m_1 * s_1m),
-            ratio * (s_22 - m_2 * s_2m),
-            ratio * (s_12 - m_1 * s_2m),
-            ratio * (s_21 - m_2 * s_1m),
-        ),
+        (ratio * (s_11 - m_1 * s_1m), ratio * (s_22 - m_2 * s_2m), ratio * (s_12 - m_1 * s_2m)),
     )
 
 
@@ -130,7 +121,7 @@ def put_traction(
     traction[i, 1], traction[i, 2] = shear.traction
     tangent[i, 1, 0], tangent[i, 2, 0] = shear.by_normal
     tangent[i, 1, 1], tangent[i, 2, 2] = shear.by_shear[0], shear.by_shear[1]
-    tangent[i, 1, 2], tangent[i, 2, 1] = shear.by_shear[2], shear.by_shear[3]
+    tangent[i, 1, 2] = tangent[i, 2, 1] = shear.by_shear[2]
 
 
 @register_jitable

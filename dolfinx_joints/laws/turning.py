@@ -3,83 +3,132 @@
 """Friction of steps in which the slip stops or turns, from the plastic slips of two steps before.
 
 With p1 and p2 the plastic slips of the last step and of the one before it, m = p1/|p1| and
-a = p1 - p2, the slip begins the step with the speed v = m . (p1 + a/2), in [m] a step, and would
-stop after the part
+a = p1 - p2, the slip begins the step with the speed v = m . (p1 + a/2), in [m] a step. Braked as
+before it would stop after the part
 
-    phi = v d / |a|^2,      d = -m . a,                                                    (17a)
+    phi = -v m . a / |a|^2                                                                 (17a)
 
-of it if it were braked as before. Where 0 < phi < 1 the step may hold a stop or a turn: friction
-along m against the plastic slip p of the step then is, with F = mu |t_n|,
+of the step. Where 0 < phi < 1 it may stop or turn. Friction turns when the slip does: the mean of
+its component along m then is T = (2 phi - 1) F, F = mu |t_n|. With p the plastic slip of the step
+and b = min(T, 0) |a| / (2 F) its component if a turn changed nothing else,
 
-    F above p = v/2, where the slip stops, (2 phi - 1) F below that,                       (17b)
-    -F below p = 0 where phi >= 1/2, else below p = (2 phi - 1) |a|/2, a turn without loads,
+    t . m >= T:  t is along p - v m / 2 and within |t| <= F: the slip goes on, or stops,
+    t . m <= T:  t is along p - b m and within |t| <= F: it goes back,                     (17b)
+    t . m = T:   between these; across m along p, within |t| <= F: it turns.
 
-and anything between where it changes. Otherwise, and where nothing slid before, it is F against p
-(7). All depends continuously on p1 and p2. A turn with phi < 1/2 pushes along a slip of p > 0 and gives work back; never more than R, half the
-work of friction in the step before: there friction is not below -R / p.
+Each is the closest point of a convex set to a trial traction, so that the law is monotone. In all
+other steps t is along p (7); the two join, as v and b vanish with p1 and p2.
+
+The slip of a step lags behind its impulse: a turn with phi < 1/2 pushes along p and gives work
+back, never more than R, half the work of friction in the last step: T is not below -2 R / v.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
 from dolfinx_joints.laws.law import Floats
-from dolfinx_joints.laws.return_mapping import Shear
+from dolfinx_joints.laws.return_mapping import Shear, Vector, return_to_limit, yield_function
+
+
+class Limit(NamedTuple):
+    """Limit of friction of a point.
+
+    Attributes:
+        normal: t_n [Pa].
+        stiffness: d t_n / d h_n [Pa/m].
+        friction: mu.
+    """
+
+    normal: float
+    stiffness: float
+    friction: float
+
+
+class Course(NamedTuple):
+    """What is foreseen of the slip of a step.
+
+    Attributes:
+        along: m.
+        speed: v [m].
+        mean: 2 phi - 1.
+        back: b [m].
+    """
+
+    along: Vector
+    speed: float
+    mean: float
+    back: float
 
 
 @register_jitable
-def turned(trial: Shear, limit: float, limit_slope: float, slips: Floats) -> tuple[Shear, bool]:
-    """The trial traction with (17b) along m, and whether that differs; it has the limit to come.
+def friction_with_turns(trial: Shear, limit: Limit, slips: Floats) -> tuple[Shear, bool]:
+    """Shear traction of a closed point, and whether it slips.
 
     Args:
-        trial: Trial traction of closed points, isotropic.
-        limit: F [Pa].
-        limit_slope: d F / d h_n [Pa/m].
+        trial: Trial traction, isotropic by the tangential gap.
+        limit: Limit of friction.
         slips: p1, p2 [m] and R [J/m^2], shape (5,), see `JointState`.
     """
+    course = _course(slips)
+    if course.speed == 0.0:
+        return _within(trial, limit)
+    (m_1, m_2), size, slope = course.along, -limit.friction * limit.normal, 0.0
+    lowest, reserve = course.mean * size, -2.0 * slips[4] / course.speed
+    if lowest >= reserve:
+        slope = -course.mean * limit.friction * limit.stiffness
+    else:
+        lowest = reserve
+    ahead, _ = _within(_moved(trial, course, 0.5 * course.speed), limit)
+    if m_1 * ahead.traction[0] + m_2 * ahead.traction[1] >= lowest:
+        return ahead, True
+    back, slips_back = _within(_moved(trial, course, course.back), limit)
+    if m_1 * back.traction[0] + m_2 * back.traction[1] <= lowest:
+        return back, slips_back or course.back < 0.0
+    across = m_1 * trial.traction[1] - m_2 * trial.traction[0]
+    most, across_slope = np.sqrt(max(size * size - lowest * lowest, 0.0)), 0.0
+    k = trial.by_shear[0]
+    if abs(across) > most:
+        k, across = 0.0, np.copysign(most, across)
+        change = -size * limit.friction * limit.stiffness - lowest * slope
+        across_slope = change / across if most > 0.0 else 0.0
+    return Shear(
+        (lowest * m_1 - across * m_2, lowest * m_2 + across * m_1),
+        (slope * m_1 - across_slope * m_2, slope * m_2 + across_slope * m_1),
+        (k * m_2 * m_2, k * m_1 * m_1, -k * m_1 * m_2),
+    ), True
+
+
+@register_jitable
+def _course(slips: Floats) -> Course:
+    """(17a); without speed where no stop and no turn is foreseen."""
+    nothing = Course((0.0, 0.0), 0.0, 0.0, 0.0)
     size = np.sqrt(slips[0] * slips[0] + slips[1] * slips[1])
     if size == 0.0:
-        return trial, False
+        return nothing
     m_1, m_2 = slips[0] / size, slips[1] / size
-    a_1, a_2, reserve = slips[0] - slips[2], slips[1] - slips[3], slips[4]
-    braking = -(m_1 * a_1 + m_2 * a_2)
-    speed, square = size - 0.5 * braking, a_1 * a_1 + a_2 * a_2
-    if not (braking > 0.0 and speed > 0.0 and speed * braking < square):
-        return trial, False
-    mean = 2.0 * speed * braking / square - 1.0
-    k, (t_1, t_2) = trial.by_shear[0], trial.traction
-    along = t_1 * m_1 + t_2 * m_2
-    stopping = along - 0.5 * k * speed
-    lowest = mean * limit
-    bound = max(lowest, -2.0 * reserve / speed)
-    if stopping >= bound:
-        return Shear(
-            (t_1 + (stopping - along) * m_1, t_2 + (stopping - along) * m_2),
-            trial.by_normal,
-            trial.by_shear,
-        ), True
-    back = 0.5 * min(mean, 0.0) * np.sqrt(square)
-    if along - k * back <= lowest:
-        stopping = along - k * back
-        return Shear(
-            (t_1 + (stopping - along) * m_1, t_2 + (stopping - along) * m_2),
-            trial.by_normal,
-            trial.by_shear,
-        ), back < 0.0
-    kept, slope, part = lowest, mean * limit_slope, 0.0
-    if mean < 0.0:
-        root = np.sqrt(along * along + 4.0 * k * reserve)
-        # -R / p where along is the trial traction of p.
-        given = 0.5 * (along - root)
-        if along > 0.0:
-            given = -2.0 * k * reserve / (along + root)
-        if given > lowest:
-            kept, slope, part = given, 0.0, 0.5 * (1.0 - along / root) if root > 0.0 else 0.0
-    less, k = along - kept, k * (1.0 - part)
-    (n_1, n_2), (s_11, s_22, s_12, s_21) = trial.by_normal, trial.by_shear
-    return Shear(
-        (t_1 - less * m_1, t_2 - less * m_2),
-        (n_1 + slope * m_1, n_2 + slope * m_2),
-        (s_11 - k * m_1 * m_1, s_22 - k * m_2 * m_2, s_12 - k * m_1 * m_2, s_21 - k * m_1 * m_2),
-    ), True
+    a_1, a_2 = slips[0] - slips[2], slips[1] - slips[3]
+    braked, square = -(m_1 * a_1 + m_2 * a_2), a_1 * a_1 + a_2 * a_2
+    speed = size - 0.5 * braked
+    if not (speed > 0.0 and 0.0 < speed * braked < square):
+        return nothing
+    mean = 2.0 * speed * braked / square - 1.0
+    return Course((m_1, m_2), speed, mean, 0.5 * min(mean, 0.0) * np.sqrt(square))
+
+
+@register_jitable
+def _within(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
+    """The trial traction, or that on the limit (7), and whether it is that."""
+    if yield_function(limit.normal, trial.traction, limit.friction) > 0.0:  # (5)
+        return return_to_limit(trial, limit.normal, limit.stiffness, limit.friction), True  # (17)
+    return trial, limit.friction == 0.0
+
+
+@register_jitable
+def _moved(trial: Shear, course: Course, slip: float) -> Shear:
+    """The trial traction that a slip along m leaves; 1 / (2 zeta^2 + c) is its stiffness."""
+    (t_1, t_2), (m_1, m_2), less = trial.traction, course.along, trial.by_shear[0] * slip
+    return Shear((t_1 - less * m_1, t_2 - less * m_2), trial.by_normal, trial.by_shear)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Slip that stops or turns within a step: energy, limit, continuity and tangent of random points."""
+"""Slip that stops or turns within a step: energy, limit, tangent, continuity of random points."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,10 @@ def random_turns(law, seed):
         slips=np.column_stack([last, last - change, reserve]),
     )
     free = before + np.column_stack(
-        [-C * 1e7 * rng.uniform(0.5, 2, COUNT), last + change + 0.3 * across]
+        [
+            -C * 1e7 * rng.uniform(0.5, 2, COUNT),
+            last + change + 0.3 * across + 1e-4 * rng.normal(size=(COUNT, 2)),
+        ]
     )
     return state, free, np.full((COUNT, 2), C)
 
@@ -104,6 +107,18 @@ def state_with(state, factor):
         internal=state.internal,
         slips=state.slips * factor,
     )
+
+
+def test_it_is_a_function_of_the_slip():
+    """The same gap on another compliance has the same traction: c is no part of the law."""
+    law = LAWS["soft"]
+    state, free, compliance = random_turns(law, 4)
+    answer = law.condensed_discrete_gradient(free, compliance, state)
+    other = 3.0 * compliance
+    again = law.condensed_discrete_gradient(
+        free + (other - compliance)[:, [0, 1, 1]] * answer.traction, other, state
+    )
+    np.testing.assert_allclose(again.traction, answer.traction, rtol=1e-8, atol=1e-3)
 
 
 def test_a_turn_has_its_mean_friction():

@@ -3,21 +3,21 @@
 """Friction of steps in which the slip stops or turns, from the plastic slips of two steps before.
 
 With p1 and p2 the plastic slips of the last step and of the one before it, m = p1/|p1| and
-a = p1 - p2, the slip begins the step with the speed v = m . (p1 + a/2), in [m] a step. Braked as
+dp = p1 - p2, the slip begins the step with the speed v = m . (p1 + dp/2), in [m] a step. Braked as
 before it would stop after the part
 
-    phi = -v m . a / |a|^2                                                                 (17a)
+    phi = -v m . dp / |dp|^2                                                               (17a)
 
 of the step. Where 0 < phi < 1 it may stop or turn. Friction turns when the slip does: the mean of
 its component along m then is T = (2 phi - 1) F, F = mu |t_n|. With p the plastic slip of the step
-and b = min(T, 0) |a| / (2 F) its component if a turn changed nothing else,
+and p_T = min(T, 0) |dp| / (2 F) its component if a turn changed nothing else,
 
     t . m >= T:  t is along p - v m / 2 and within |t| <= F: the slip goes on, or stops,
-    t . m <= T:  t is along p - b m and within |t| <= F: it goes back,                     (17b)
+    t . m <= T:  t is along p - p_T m and within |t| <= F: it goes back,                   (17b)
     t . m = T:   between these; across m along p, within |t| <= F: it turns.
 
 Each is the closest point of a convex set to a trial traction, so that the law is monotone. In all
-other steps t is along p (7); the two join, as v and b vanish with p1 and p2.
+other steps t is along p (7); the two join, as v and p_T vanish with p1 and p2.
 
 The slip of a step lags behind its impulse: a turn with phi < 1/2 pushes along p and gives work
 back, never more than R, half the work of friction in the last step: T is not below -2 R / v.
@@ -55,7 +55,7 @@ class Course(NamedTuple):
         along: m.
         speed: v [m].
         mean: 2 phi - 1.
-        back: b [m].
+        back: p_T [m].
     """
 
     along: Vector
@@ -110,8 +110,8 @@ def _course(slips: Floats) -> Course:
     if size == 0.0:
         return nothing
     m_1, m_2 = slips[0] / size, slips[1] / size
-    a_1, a_2 = slips[0] - slips[2], slips[1] - slips[3]
-    braked, square = -(m_1 * a_1 + m_2 * a_2), a_1 * a_1 + a_2 * a_2
+    dp_1, dp_2 = slips[0] - slips[2], slips[1] - slips[3]
+    braked, square = -(m_1 * dp_1 + m_2 * dp_2), dp_1 * dp_1 + dp_2 * dp_2
     speed = size - 0.5 * braked
     if not (speed > 0.0 and 0.0 < speed * braked < square):
         return nothing

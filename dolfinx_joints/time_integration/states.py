@@ -34,7 +34,7 @@ class DynamicState:
             None where no load depends on the joints.
         exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
             (`exact_steps`).
-        rate: 2 / dt of the last step, by which these and the slips of joints go; 0 at the start [1/s].
+        rate: 2 / dt of the last step, by which these and slips of joints go, 0 at the start [1/s].
     """
 
     time: float

@@ -243,6 +243,11 @@ class Contact:
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
 
     @property
+    def stops(self) -> bool:
+        """Whether points of some law do not rebound, on all ranks alike."""
+        return any(part.stops for part in self._laws)
+
+    @property
     def without_balance(self) -> tuple[str, ...]:
         """Kinds of the laws without an answer over a whole step."""
         return tuple(sorted({part.kind for part in self._laws if not part.balances}))
@@ -259,14 +264,14 @@ class Contact:
 
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
-        friction, numerical = np.empty((2, len(traction)))
+        friction, numerical, impact = np.empty((3, len(traction)))
         for part in self._laws:
             here = part.points
             given = part.losses(
                 rule, part.state_of(before), part.response_of(answer), traction[here]
             )
-            friction[here], numerical[here] = given
-        return Losses(friction, numerical)
+            friction[here], numerical[here], impact[here] = given
+        return Losses(friction, numerical, impact)
 
     def integrals(self, density: Floats) -> Floats:
         """Sum of area times a value per point, for each joint over all ranks (collective).

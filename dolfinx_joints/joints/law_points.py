@@ -34,6 +34,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_of
+from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.laws.viscous import DashpotStep
 
 # Of the arrays of a response, after the number of points.
@@ -61,6 +62,7 @@ class LawPoints:
         variables: Number of its internal variables.
         balances: Whether it has an answer over a whole step that balances energy.
         accounts: Whether it states its losses in steps that it answered at their end.
+        stops: Whether its points do not rebound.
 
     Raises:
         ValueError: Its internal variables are not what `LawWithHistory` says.
@@ -81,6 +83,7 @@ class LawPoints:
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
+        self.stops = isinstance(law, RigidJoint) and law.restitution == 0
         self._methods = _methods(law)
         self._condensed = _condensed_methods(law)
 
@@ -95,7 +98,11 @@ class LawPoints:
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
         if self.variables:
             part = replace(part, internal=state.internal[self.points, : self.variables])
-        return replace(part, slips=state.slips[self.points]) if len(state.slips) else part
+        if len(state.slips):
+            part = replace(part, slips=state.slips[self.points])
+        if len(state.approach):
+            part = replace(part, approach=state.approach[self.points])
+        return part
 
     def response_of(self, answer: Response) -> Response:
         """The answer of its points, of that of all local points."""
@@ -147,7 +154,10 @@ class LawPoints:
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of a step of its points; arguments are those of `LawWithLosses.losses`."""
         if rule.name == DISCRETE_GRADIENT.name and self.balances:
-            return Losses(answer.dissipation, np.zeros(len(traction)))
+            lost = Losses(answer.dissipation, np.zeros(len(traction)))
+            if isinstance(self.law, RigidJoint) and self.stops:
+                lost = lost._replace(impact=self.law.impact(before, answer))
+            return lost
         law = self.law.for_step(rule.dt) if isinstance(self.law, RateDependentLaw) else self.law
         return losses_of(law, before, answer, traction)
 

@@ -44,6 +44,12 @@ from dolfinx_joints.laws.turning import Limit, friction_with_turns
 # Values of `Status`.
 STICK, SLIP = 1, 2
 
+# Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
+NO_BOUNCE = 1e-30
+
+# Of the way h of a point set free: what a pressed point without rebound moves by rounding.
+AT_REST = 1e-9
+
 
 class Normal(NamedTuple):
     """Normal part of a point.
@@ -74,11 +80,35 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
             return _closes(c, gap, ahead, law)
         return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)  # stays open
     pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else 0.0
-    if ahead <= -0.5 * c * pressure and (d > 0.0 or energy == 0.0):
+    # Bounces of a pressed rigid point far below rounding would go on, down to underflow.
+    if ahead <= -0.5 * c * pressure and (d > 0.0 or c * energy <= NO_BOUNCE * h * h):
         return _stays_closed(h, c, pressure, law)
     if energy > 0.0:
         return _opens(h, c, gap, energy, law)
     return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)
+
+
+@register_jitable
+def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
+    """A rigid point without rebound: v1 >= 0 where it is pressed or touches by mid-step (15a).
+
+    What it takes part in is chosen by the state at the start, so that the step has one solution.
+
+    Args:
+        h: See `normal_traction`.
+        c: Normal compliance of the structure [m/Pa].
+        gap: g0 [m].
+        way: dt v0 [m].
+        pressed: Whether it carried pressure in the last step: then v0 is zero to rounding.
+    """
+    stopped = 0.5 * way
+    touches = pressed or (way <= 0.0 and gap + stopped <= 0.0)
+    if not touches or h >= stopped or c == 0.0:
+        return Normal(0.0, 0.0, gap + h, 0.0, np.inf, 0.0)
+    # A gap that has been zero stays so: its rounding would be an opening.
+    rests = pressed and abs(stopped) <= AT_REST * abs(h)
+    end = gap if rests else gap + stopped
+    return Normal((h - stopped) / c, 1.0 / c, end, 0.0, 0.0, 0.0)
 
 
 @register_jitable
@@ -153,14 +183,23 @@ def _discrete_gradient(
         c_n, c_s = compliance[j, 0], compliance[j, 1]
         h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
         q_1, q_2 = stored[i, 1], stored[i, 2]
-        normal = normal_traction(trial_gap[i, 0] - gap[i, 0], c_n, gap[i, 0], stored[i, 0], law)
+        h_n, g_n = trial_gap[i, 0] - gap[i, 0], gap[i, 0]
+        if law.rebounds:
+            normal = normal_traction(h_n, c_n, g_n, stored[i, 0], law)
+            closed = not normal.gap > 0.0
+            stays = closed and g_n <= 0.0
+        else:
+            normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
+            # Its gap stays as the impact left it.
+            closed = normal.traction < 0.0
+            stays = closed and stored[i, 9] > 0.0
+            end_stored[i, 9] = 1.0 if closed else 0.0
         t_n, slides, lost = normal.traction, False, 0.0
-        stays = gap[i, 0] <= 0.0 and normal.gap <= 0.0
         shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
             trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            before = stored[i, 3:] if stays else np.zeros(5, stored.dtype)
+            before = stored[i, 3:8] if stays else np.zeros(5, stored.dtype)
             shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
             if slides:
                 (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
@@ -186,13 +225,18 @@ def _discrete_gradient(
         end_gap[i, 1] -= c_s * t_1
         end_gap[i, 2] -= c_s * t_2
         dissipation[i] = lost
-        if not normal.gap > 0.0:
+        if closed:
             status[i] = SLIP if slides else STICK
     return answer
 
 
 def solve_discrete_gradient(
-    trial_gap: Floats, compliance: Floats, state: JointState, stored: Floats, law: Coulomb
+    trial_gap: Floats,
+    compliance: Floats,
+    state: JointState,
+    stored: Floats | None,
+    law: Coulomb,
+    struck: Floats | None = None,
 ) -> Answer:
     """Tractions over a step, each point on its own compliance; see `solve_points`.
 
@@ -200,16 +244,21 @@ def solve_discrete_gradient(
         trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         state: State at the start of the step.
-        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3).
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); None for zeros.
         law: Parameters of the joint.
+        struck: Of points that do not rebound dt v0 [m] and whether they were pressed, shape (n, 2).
 
     Returns:
-        The answer, its history being psi, q and the slips of `JointState`, shape (n, 8).
+        The answer; its history is psi and q, the slips of `JointState`, and ``struck``, shape
+        (n, 10).
     """
-    history = np.zeros((len(stored), 8), stored.dtype)
-    history[:, :3] = stored
+    history = np.zeros((len(trial_gap), 10), trial_gap.dtype)
+    if stored is not None:
+        history[:, :3] = stored
     if len(state.slips):
-        history[:, 3:] = state.slips
+        history[:, 3:8] = state.slips
+    if struck is not None:
+        history[:, 8:] = struck
     return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
 
 

@@ -224,7 +224,7 @@ class FrictionNoTension:
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
         root = math.sqrt(self.shear_stiffness) or 1.0
         return response_of(
-            answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:]
+            answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:8]
         )
 
 

@@ -72,12 +72,15 @@ class JointState:
         slips: Plastic slips of the last step and of the one before it [m], as if these had been as
             long as the next, and half the work of friction in the last [J/m^2], shape (n, 5); empty
             where no law keeps them. By these slip turns within a step (`turning`).
+        approach: Normal way that a step would make with the velocity at its start, shape (n,), [m];
+            a scheme adds it before it asks laws whose points do not rebound, else empty.
     """
 
     gap: Floats
     elastic_slip: Floats
     internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     slips: Floats = field(default_factory=lambda: np.zeros((0, 5)))
+    approach: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:
@@ -149,10 +152,12 @@ class Losses(NamedTuple):
     Attributes:
         friction: Dissipated by the law.
         numerical: By the time scheme; gained if negative.
+        impact: Where points strike and do not rebound.
     """
 
     friction: Floats
     numerical: Floats
+    impact: Floats | float = 0.0
 
 
 @runtime_checkable

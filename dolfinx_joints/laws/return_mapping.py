@@ -35,12 +35,14 @@ class Coulomb(NamedTuple):
         shear_compliance: d_s = 1 / k_s [m/Pa], zero if rigid, infinite without shear stiffness.
         ratio: kappa = k_n / k_s.
         friction: mu.
+        rebounds: Whether a rigid point gives back what it brings into contact.
     """
 
     normal_compliance: float
     shear_compliance: float
     ratio: float
     friction: float
+    rebounds: bool = True
 
 
 class Shear(NamedTuple):

@@ -26,6 +26,17 @@ from dolfinx_joints.simulation.record import StageRecord
 Floats = NDArray[np.float64]
 
 
+def further_energies(model: Model) -> dict[str, str]:
+    """Energy lines that not every run has, with what they are."""
+    stops = model.contact is not None and model.contact.stops
+    lines = (
+        ("plastic", model.bulk is not None, "plastic work of the bulk"),
+        ("impact", stops, "lost by joint points that strike and do not rebound"),
+        ("absorbed", model.absorbing, "part of viscous energy that viscous boundaries took"),
+    )
+    return {name: text for name, there, text in lines if there}
+
+
 class Fields:
     """Displacements of all nodes and values of all joint points.
 

@@ -40,6 +40,8 @@ class JointExtremesStream:
         self._operator, self._gap = model.operator, gap.copy()
         self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
         self._first = model.operator.matrix.getOwnershipRange()[0] // 3
+        # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
+        self._least = np.finfo(np.float64).eps * float(np.ptp(model.operator.layout.points))
 
     def declare(self, writer: ResultsWriter) -> None:
         """Declare the stream; on the rank that writes."""
@@ -48,7 +50,7 @@ class JointExtremesStream:
                 text = f"largest {name} of the points"
                 writer.series("joints", f"{joint}/{name}", (), unit, text)
             for name in ("opening", "slip"):
-                text = f"where the {name} is the largest, NaN where it is zero"
+                text = f"where the {name} is the largest, NaN where it is zero to rounding"
                 writer.series("joints", f"{joint}/{name}_at", (3,), "m", text)
             for name in self._forces_of(joint):
                 writer.series("joints", f"{joint}/{name}", (), "N", _FORCES[name])
@@ -86,7 +88,7 @@ class JointExtremesStream:
         """Where values (n, m) of the points are the largest of their joint, (joints, m, 3)."""
         operator = self._operator
         first = np.full(largest.shape, operator.num_points)
-        reached = (here > 0.0) & (here >= ALIKE * largest[operator.joint])
+        reached = (here > self._least) & (here >= ALIKE * largest[operator.joint])
         point, column = np.nonzero(reached)
         np.minimum.at(first, (operator.joint[point], column), self._first + point)
         number = np.min(operator.comm.allgather(first), axis=0)

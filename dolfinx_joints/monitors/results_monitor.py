@@ -20,7 +20,7 @@ from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.fields import Fields, StageFields
+from dolfinx_joints.monitors.fields import Fields, StageFields, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
@@ -172,11 +172,8 @@ class ResultsMonitor(Monitor):
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
-            if model.bulk is not None:
-                writer.series("energy", "plastic", (), "J", "plastic work of the bulk")
-            if model.absorbing:
-                text = "part of viscous energy that viscous boundaries took"
-                writer.series("energy", "absorbed", (), "J", text)
+            for term, text in further_energies(model).items():
+                writer.series("energy", term, (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             self._fields.declare(writer, "states", joints)
             if first.stages:
@@ -327,10 +324,8 @@ class ResultsMonitor(Monitor):
             for term in JOINT_ENERGY_TERMS:
                 value = getattr(record.energy, f"joint_{term}")[i]
                 energies[f"joints/{name}/{term}"] = value
-        if self._model.bulk is not None:
-            energies["plastic"] = record.energy.plastic
-        if self._model.absorbing:
-            energies["absorbed"] = record.energy.absorbed
+        for term in further_energies(self._model):
+            energies[term] = getattr(record.energy, term)
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)

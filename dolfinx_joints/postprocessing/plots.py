@@ -85,6 +85,7 @@ _ENERGY_STYLES = {
     "viscous": ("--", ORANGE),
     "friction": ("--", RED),
     "plastic": ("--", "#a50f15"),
+    "impact": ("--", "#e7298a"),
     "numerical": ("-.", "#7b3294"),
     "error": (":", GREY),
 }

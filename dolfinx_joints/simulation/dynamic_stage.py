@@ -20,6 +20,7 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
 )
 from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.joints.chatter import RESOLVED
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
@@ -248,6 +249,7 @@ class DynamicRun:
             iterations=self._iterations,
             solver=self._solver.name,
             backward_euler_laws=self._backward_euler_laws,
+            chatter=self._stepper.chatter.joints(),
             laws_without_losses=self._laws_without_losses,
         )
 
@@ -316,5 +318,16 @@ def warn_of(outcome: Outcome) -> None:
         warnings.warn(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one.",
+            stacklevel=6,
+        )
+    if outcome.chatter:
+        worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
+        held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
+        warnings.warn(
+            f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
+            f"comes in contacts of fewer than {RESOLVED} steps, over and over. Friction in the "
+            "mean may be less than its limit, and shorter steps do not help: damp the body's "
+            "shortest waves, with a factor of K of the time that sound takes through an element."
+            f"{held}",
             stacklevel=6,
         )

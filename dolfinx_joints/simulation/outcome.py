@@ -61,6 +61,8 @@ class Outcome:
             ``forms``.
         backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
             for whole steps, because they know nothing else.
+        chatter: Joints whose points touch and lift every few steps, with the share of the normal
+            impulse that such contacts carry.
         laws_without_losses: Kinds of laws that do not state what steps lose in them
             (`LawWithLosses`): ``imbalance`` says nothing of their joints.
     """
@@ -75,6 +77,7 @@ class Outcome:
     iterations: int
     solver: str
     backward_euler_laws: tuple[str, ...]
+    chatter: Mapping[str, float]
     laws_without_losses: tuple[str, ...]
 
 

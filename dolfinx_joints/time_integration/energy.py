@@ -40,9 +40,10 @@ class EnergyRow:
             ``imbalance`` says nothing of these (`Contact.without_losses` names such laws).
         joint_imbalance: The part of ``imbalance`` that arises in each joint: its elastic energy,
             friction and numerical loss less the work of the body on it, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction + plastic.
+        error: stored - stored at the start - input + viscous + friction + plastic + impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` that viscous boundaries took.
+        impact: Lost by joint points that strike and do not rebound.
     """
 
     kinetic: float
@@ -57,6 +58,7 @@ class EnergyRow:
     error: float
     plastic: float = 0.0
     absorbed: float = 0.0
+    impact: float = 0.0
 
     @cached_property
     def joint(self) -> float:
@@ -131,14 +133,15 @@ class EnergyLedger:
         last, work = self.row, report.work
         elastic = self._elastic(state)
         joints = work.joints
-        own = elastic - last.joint_elastic + joints.friction + joints.numerical
+        own = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous, rubbed = last.viscous + work.viscous, last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
-        lost = viscous + float(rubbed.sum()) + plastic
-        missing = stored - self._at_start - entered + lost
+        impact = last.impact + float(joints.impact.sum())
+        losses = viscous + float(rubbed.sum()) + plastic + impact
+        missing = stored - self._at_start - entered + losses
         return EnergyRow(
             kinetic=kinetic,
             strain=strain,
@@ -155,11 +158,12 @@ class EnergyLedger:
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
+            impact=impact,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
         """Account for one accepted step."""
-        losses = row.viscous + row.friction + row.plastic
+        losses = row.viscous + row.friction + row.plastic + row.impact
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
         net = abs(row.input - row.absorbed)
         self.largest = max(self.largest, row.stored, net, losses - row.absorbed)

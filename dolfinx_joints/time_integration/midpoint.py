@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -25,6 +25,7 @@ from dolfinx_joints.time_integration.exact_steps import (
     complete,
     scaled,
 )
+from dolfinx_joints.time_integration.joints_before import joints_before
 from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
@@ -78,7 +79,7 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = None if state.joints is None else _as_long(state.joints.state, state.rate / rate)
+        before = joints_before(system, state, turn.velocity, rate)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
         if exact is not None:
@@ -214,18 +215,6 @@ class _Turn:
     def works(self, *parts: Any) -> dict[str, float]:
         """Work of each load on this part of the motion [J], see `LoadKick.work`."""
         return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
-
-
-def _as_long(joints: JointState, times: float) -> JointState:
-    """The state with its slips for a step that is so many times as long as the last one."""
-    if times in (0.0, 1.0) or not len(joints.slips):
-        return joints
-    slips = joints.slips.copy()
-    last, before = slips[:, :2], slips[:, 2:4]
-    change = times**2 * (last - before)
-    end = times * (1.5 * last - 0.5 * before)
-    slips[:, :2], slips[:, 2:4] = end - 0.5 * change, end - 1.5 * change
-    return replace(joints, slips=slips)
 
 
 def _exact_square(rate: float) -> float:

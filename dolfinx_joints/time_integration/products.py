@@ -89,11 +89,13 @@ class JointWorks:
         taken: Work of the body.
         friction: What of it is dissipated.
         numerical: What of it the time scheme loses, by the formulae of the laws.
+        impact: What of it points lose that strike and do not rebound.
     """
 
     taken: Floats
     friction: Floats
     numerical: Floats
+    impact: Floats
 
 
 def joint_works(
@@ -110,12 +112,12 @@ def joint_works(
     """
     if system.contact is None or before.joints is None or joints is None:
         none = np.zeros(0)
-        return JointWorks(taken=none, friction=none, numerical=none)
+        return JointWorks(taken=none, friction=none, numerical=none, impact=none)
     traction, start = joints.traction, before.joints.state
     if mean_traction:
         traction = 0.5 * (traction + before.joints.traction)
     with raised_together(system.contact.operator.comm):
         lost = system.contact.losses(rule, start, joints, traction)
     taken = work(traction, joints.state.gap - start.gap)
-    sums = system.contact.integrals(np.array([taken, lost.friction, lost.numerical]))
-    return JointWorks(taken=sums[0], friction=sums[1], numerical=sums[2])
+    sums = system.contact.integrals(np.array([taken, *lost]))
+    return JointWorks(taken=sums[0], friction=sums[1], numerical=sums[2], impact=sums[3])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.joints.chatter import Chatter
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
@@ -36,7 +37,8 @@ class StepControl:
     Attributes:
         max_halvings: Halvings allowed.
         tolerance: Largest local error of a step relative to the largest displacement so far, static
-            part included (2-norms over all dofs); None for no such control.
+            part included (2-norms over all dofs); None for no such control. Once a joint chatters
+            (`joints.chatter`) steps are no longer cut for it: shorter ones chatter more.
         landing: Cut steps in which a joint point opens or closes, so that such steps are short.
             Meant for few points: where many change all the time, every step is short.
     """
@@ -56,6 +58,7 @@ class StepCounts:
         failed: Attempts whose solve failed.
         unbalanced: Attempts whose energy lines did not add up.
         inaccurate: Attempts with too large a local error.
+        held: Attempts with too large a local error that were not cut, as joints chatter.
         crossed: Attempts in which a point opened or closed.
     """
 
@@ -65,6 +68,7 @@ class StepCounts:
     unbalanced: int = 0
     inaccurate: int = 0
     crossed: int = 0
+    held: int = 0
 
     @property
     def rejected(self) -> int:
@@ -85,6 +89,7 @@ class Stepper:
 
     Attributes:
         counts: Accepted substeps and rejected attempts.
+        chatter: Which joints chatter.
     """
 
     def __init__(
@@ -93,6 +98,7 @@ class Stepper:
         """Keep the parts; no step is taken."""
         self._scheme, self._solver, self._ledger = scheme, solver, ledger
         self._control, self.counts = control, StepCounts()
+        self.chatter, self._holds = Chatter(solver.system.contact), False
         self._largest = 0.0
         self._level = 0
 
@@ -103,6 +109,8 @@ class Stepper:
 
         The last one ends at ``end`` [s]; the sum of both times unless given.
         """
+        if self._control.tolerance is not None and not self._holds:
+            self._holds = bool(self.chatter.joints())
         finest = 2**self._control.max_halvings
         end = state.time + dt if end is None else end
         done = 0  # counts substeps of the shortest length
@@ -141,11 +149,18 @@ class Stepper:
 
     def state_dict(self) -> dict[str, Any]:
         """State that later steps depend on."""
-        return {"largest": self._largest, "level": self._level, "counts": asdict(self.counts)}
+        return {
+            "largest": self._largest,
+            "level": self._level,
+            "chatter": self.chatter.state_dict(),
+            "counts": asdict(self.counts),
+        }
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
         self._largest, self._level = state_dict["largest"], state_dict["level"]
+        self.chatter.load_state_dict(state_dict["chatter"])
+        self._holds = self._control.tolerance is not None and bool(self.chatter.joints())
         self.counts = StepCounts(**state_dict["counts"])
 
     def _rejects(
@@ -173,8 +188,10 @@ class Stepper:
                     )
                 return True
         if not shortest and self._too_rough(after, report):
-            self.counts.inaccurate += 1
-            return True
+            self.counts.held += self._holds
+            self.counts.inaccurate += not self._holds
+            if not self._holds:
+                return True
         if self._control.landing and _changes(self._solver.system, before, after):
             if shortest:
                 self.counts.landed += 1
@@ -202,11 +219,13 @@ class Stepper:
 
     def _calm(self, report: StepReport) -> bool:
         """Whether a substep of twice the length would do: the local error grows with its cube."""
-        tolerance = self._control.tolerance
+        tolerance = None if self._holds else self._control.tolerance
         return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
 
     def _accept(self, state: DynamicState, report: StepReport) -> None:
         self.counts.accepted += 1
+        if state.joints is not None:
+            self.chatter.see(state.joints, report.dt)
         if self._control.tolerance is not None:
             self._largest = max(self._largest, float(state.displacement.norm()))
 

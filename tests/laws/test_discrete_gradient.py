@@ -9,7 +9,7 @@ compliance; the tangents are compared with its second-order differences.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -618,3 +618,52 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones(law):
     assert tractions[-1] < 1e-4
     assert tangents[-1] < 1e-3
     np.testing.assert_allclose(tangents[1:], np.array(tangents[:-1]) / 10, rtol=0.5)
+
+
+def test_bounces_below_rounding_end():
+    """The energy of a bounce that goes on under pressure may come down to 1e-309: no division."""
+    law = RigidJoint(friction_angle_deg=30.0)
+    state = JointState(
+        gap=np.zeros((1, 3)),
+        elastic_slip=np.zeros((1, 2)),
+        internal=np.array([[1.5e-309, 2.7e-155, 0.0]]),
+    )
+    answer = law.condensed_discrete_gradient(
+        np.array([[-2e-11, 0.0, 0.0]]), np.full((1, 2), 8e-16), state
+    )
+    assert answer.traction[0, 0] == pytest.approx(-2e-11 / 8e-16, rel=1e-12)
+    assert np.isfinite(answer.tangent).all()
+    assert answer.status[0] == Status.STICK
+
+
+def test_point_that_stops():
+    """Restitution 0: the end velocity 2 x / dt - v0 of a point that strikes is zero.
+
+    dt v0 = -4 um from a gap of 1 um: x = -2 um. A compliance of 1e-12 m/Pa that would let it go
+    5 um further carries 3e-6 / 1e-12 = 3 MPa, and all of its work, 3 MPa times 2 um, is lost.
+    """
+    law = RigidJoint(friction_angle_deg=30.0, restitution=0)
+    state = JointState(
+        gap=UM * np.array([[1.0, 0.0, 0.0]]),
+        elastic_slip=np.zeros((1, 2)),
+        internal=np.zeros((1, 1)),
+        approach=UM * np.array([-4.0]),
+    )
+    answer = law.condensed_discrete_gradient(
+        UM * np.array([[-4.0, 0.0, 0.0]]), np.full((1, 2), 1e-12), state
+    )
+    np.testing.assert_allclose(answer.traction, [[-3e6, 0.0, 0.0]], rtol=1e-12)
+    np.testing.assert_allclose(answer.state.gap, [[-1e-6, 0.0, 0.0]], rtol=1e-12)
+    np.testing.assert_allclose(law.impact(state, answer), [6.0], rtol=1e-12)
+    assert answer.state.internal.tolist() == [[1.0]]
+    # Of slower points: not there by the middle of the step, or leaving.
+    for way, gap in ((-1.5, 1.0), (4.0, -1.0)):
+        slow = replace(
+            state,
+            gap=UM * np.array([[gap, 0.0, 0.0]]),
+            approach=UM * np.array([way]),
+        )
+        answer = law.condensed_discrete_gradient(
+            UM * np.array([[-4.0, 0.0, 0.0]]), np.full((1, 2), 1e-12), slow
+        )
+        assert not answer.traction.any()

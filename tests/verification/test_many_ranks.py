@@ -93,6 +93,7 @@ MODELS = {
     },
     "temperature": {"loads": lambda jointed: [winter(jointed)]},
     "rigid": {"joints": lambda jointed: dj.RigidJoint(friction_angle_deg=30.0)},
+    "stops": {"joints": lambda jointed: dj.RigidJoint(friction_angle_deg=30.0, restitution=0)},
     "bonded": {
         "joints": lambda jointed: dj.MohrCoulombJoint(
             **STIFF, cohesion=1e5, tensile_strength=5e4, dilatancy_angle_deg=5.0
@@ -200,7 +201,7 @@ def test_some_ranks_have_nothing_of_a_joint(jointed):
 def test_statics(jointed, kind, solver):
     if kind in ("bonded", "plastic") and solver == "condensed":
         pytest.skip("these laws have the monolithic solver alone")
-    if kind == "rigid" and solver != "condensed":
+    if kind in ("rigid", "stops") and solver != "condensed":
         pytest.skip("rigid joints have the condensed solver alone")
 
     def found(comm):
@@ -265,7 +266,7 @@ class Killer(Monitor):
             raise Killed
 
 
-@pytest.mark.parametrize("kind", ["plain", "water", "rigid", "bonded"])
+@pytest.mark.parametrize("kind", ["plain", "water", "rigid", "stops", "bonded"])
 @pytest.mark.parametrize("first", ["all", "one"])
 def test_checkpoints(jointed, kind, first, new_path):
     """Begun by all ranks or by one, gone on with by all."""

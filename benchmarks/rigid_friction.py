@@ -1,0 +1,212 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Friction work and displacement of rigid joints against their limit, by the length of steps.
+
+Two scenes: two masses on a spring, thrown obliquely, the motion of which is known (`Thrown`); and a
+block of hexahedra thrown on another one, of which the limit is that of steps to zero, for joints
+without mass also that of stiffness to infinity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dolfinx_joints as dj
+from benchmarks.shared.problems import Problem, _mesh, first_state
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.geometry.two_blocks import two_blocks
+from dolfinx_joints.laws.law import CondensedLaw
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.substeps import Stepper
+
+Floats = NDArray[np.float64]
+
+FRICTION = math.tan(math.radians(20.0))
+STEPS = (2e-5, 1e-5, 5e-6, 2.5e-6, 1.25e-6, 6.25e-7)
+
+
+class End(NamedTuple):
+    """End of a run: displacement [m], friction work, loss of impacts [J], ledger."""
+
+    displacement: Floats
+    friction: float
+    lost: float
+    ledger: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thrown:
+    r"""Two masses, one above the other on a spring, thrown obliquely on the ground; no gravity.
+
+    They fall at V and go along at U together. The lower one, m1, strikes and stops. The upper one
+    turns on the spring, y = -(V/w) sin(w t) with w^2 = k / m2, pressing by k V/w sin(w t), and
+    lifts the lower one at w t = pi. In flight the mean is at m2 V / M with M = m1 + m2, and the
+    spring swings with W^2 = k M / (m1 m2). Friction takes mu of all normal impulse:
+
+        U -> U - mu m1 V / M at once, - mu m2 V / M (1 - cos(w t)) in contact.
+
+    Attributes:
+        lower: m1 [kg].
+        upper: m2 [kg].
+        spring: k [N/m].
+        friction: mu.
+        height: Of the lower mass at the start [m].
+        fall: V [m/s].
+        along: U [m/s], more than mu V (m1 + 2 m2) / M.
+    """
+
+    lower: float = 1.0
+    upper: float = 3.0
+    spring: float = 3e4
+    friction: float = 0.3
+    height: float = 0.0123
+    fall: float = 1.0
+    along: float = 2.0
+
+    def at_end(self, flight: float) -> End:
+        """Heights of both masses, less the spring's length, and way along, after a flight [s]."""
+        m1, m2, k, v = self.lower, self.upper, self.spring, self.fall
+        mass, w = m1 + m2, math.sqrt(k / m2)
+        turn = math.sqrt(k * mass / (m1 * m2))
+        rise, swing = m2 * v / mass * flight, math.sin(turn * flight) / turn * v / mass
+        after, slower = self.along - self.friction * m1 * v / mass, self.friction * m2 * v / mass
+        left = after - 2.0 * slower
+        way = self.along * self.height / v + (after - slower) * math.pi / w + left * flight
+        return End(
+            displacement=np.array([rise - m2 * swing, rise + m1 * swing, way]),
+            friction=0.5 * mass * (self.along**2 - left**2),
+            lost=0.5 * m1 * v**2,
+            ledger=0.0,
+        )
+
+    def problem(self, law: CondensedLaw, flight: float) -> Problem:
+        """The masses on a joint of an area of 1 m^2."""
+        m1, m2, k = self.lower, self.upper, self.spring
+        stiffness = np.zeros((4, 4))
+        stiffness[:2, :2] = [[k, -k], [-k, k]]
+        contact = math.pi / math.sqrt(k / m2)
+        return Problem(
+            system=dj.MatrixSystem.from_arrays(
+                mass=np.diag([m1, m2, m1 + m2, m1 + m2]),
+                stiffness=stiffness,
+                gap=[[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+                initial_gap=self.height,
+                law=law,
+            ),
+            period=contact,
+            end=self.height / self.fall + contact + flight,
+            displacement=np.zeros(4),
+            velocity=np.array([-self.fall, -self.fall, self.along, 0.0]),
+        )
+
+
+def thrown_error(steps: int, flight: float = 0.01) -> tuple[float, float, float, float]:
+    """Of the two masses, errors relative to displacement, friction work and loss; the ledger."""
+    scene = Thrown()
+    law = dj.RigidJoint(friction_coefficient=scene.friction, restitution=0)
+    problem, exact = scene.problem(law, flight), scene.at_end(flight)
+    end = run(problem, problem.end / steps)
+    found = end.displacement[:3] + np.array([scene.height, scene.height, 0.0])
+    off = np.linalg.norm(found - exact.displacement) / np.linalg.norm(exact.displacement)
+    friction, lost = end.friction / exact.friction - 1.0, end.lost / exact.lost - 1.0
+    return float(off), abs(friction), abs(lost), end.ledger
+
+
+def blocks(law: CondensedLaw, *, massless: bool) -> Problem:
+    """A block of 1 m thrown on another: 0.2 m/s down, 0.15 and 0.05 m/s along; see module."""
+    jointed = _mesh(lambda path: two_blocks(path, size=0.5))
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
+        joints=law,
+        initial_gaps={"joint_1": 1e-4},
+        supports=[dj.Fixed(group="base")],
+        damping=dj.stiffness_proportional(ratio=0.05, frequency=800.0),
+        redistribute_mass=massless,
+    )
+    velocity = np.zeros(model.num_dofs)
+    upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
+    velocity.reshape(-1, 3)[upper] = (0.15, 0.05, -0.2)
+    return Problem(
+        system=model.system(),
+        period=1e-3,
+        end=2e-3,
+        displacement=np.zeros(model.num_dofs),
+        velocity=velocity,
+    )
+
+
+def run(problem: Problem, dt: float) -> End:
+    """March a problem by the energy-consistent scheme in steps of dt [s]."""
+    scheme = dj.EnergyConsistent()
+    solver = make_solver(problem.system, None, "auto", scheme.rule)
+    state = first_state(problem, solver)
+    ledger = EnergyLedger(problem.system)
+    ledger.start(state)
+    stepper = Stepper(scheme, solver, ledger, dj.StepControl())
+    for _ in range(round(problem.end / dt)):
+        for after, _, row in stepper.substeps(state, dt):
+            state = after
+            ledger.record(row)
+    moved = state.displacement.array.copy()
+    return End(moved, ledger.row.friction, ledger.row.impact, ledger.relative_imbalance)
+
+
+def rigid(restitution: int) -> dj.RigidJoint:
+    """The rigid joint of the blocks."""
+    return dj.RigidJoint(friction_coefficient=FRICTION, restitution=restitution)
+
+
+def stiff(stiffness: float) -> dj.FrictionNoTension:
+    """A joint of k_n = k_s [Pa/m]."""
+    return dj.FrictionNoTension(
+        normal_stiffness=stiffness, shear_stiffness=stiffness, friction_coefficient=FRICTION
+    )
+
+
+def _show(label: str, ends: list[End], limit: End) -> None:
+    """Print errors of runs against a limit, in per cent."""
+    size = np.linalg.norm(limit.displacement)
+    u = [100 * np.linalg.norm(e.displacement - limit.displacement) / size for e in ends]
+    f = [100 * abs(e.friction / limit.friction - 1.0) for e in ends]
+    print(f"{label:28s} u [%] {' '.join(f'{x:8.4f}' for x in u)}")
+    print(f"{'':21s} friction [%] {' '.join(f'{x:8.4f}' for x in f)}   to {limit.friction:.4f} J")
+
+
+def main() -> None:
+    """Print tables."""
+    Parser(description=__doc__.splitlines()[0]).parse_args()
+    print("two masses, restitution 0: steps, errors of displacement, friction, loss [%], ledger")
+    for steps in (100, 200, 400, 800, 1600, 3200):
+        *errors, ledger = thrown_error(steps)
+        print(f"{steps:6d} {' '.join(f'{100 * e:9.4f}' for e in errors)}   {ledger:.0e}")
+    print(f"blocks: steps of {', '.join(f'{dt:g}' for dt in STEPS)} s")
+    for label, restitution, massless in (
+        ("restitution 0", 0, False),
+        ("restitution 1", 1, False),
+        ("without mass at the joint", 1, True),
+    ):
+        problem = blocks(rigid(restitution), massless=massless)
+        ends = [run(problem, dt) for dt in STEPS]
+        limit = ends[-1] if label == "restitution 1" else _limit(*ends[-2:], order=1 + massless)
+        _show(label, ends, limit)
+        if massless:
+            stiffer = [blocks(stiff(k), massless=True) for k in (1e12, 1e13, 1e14)]
+            _show("k = 1e12, 1e13, 1e14 Pa/m", [run(each, STEPS[-2]) for each in stiffer], limit)
+
+
+def _limit(longer: End, shorter: End, *, order: int) -> End:
+    """Richardson's limit of runs with steps of 2 and 1."""
+    more = 1.0 / (2.0**order - 1.0)
+    pairs = zip(longer, shorter, strict=True)
+    return End(*((1.0 + more) * np.asarray(y) - more * np.asarray(x) for x, y in pairs))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Mean friction of an elastic block that slides, by damping, joint, length of steps.
+
+A block of 1 x 0.1 x 0.5 m on a base of 0.2 m, cells of 0.1 m, slides at 0.02 m/s under its weight
+with mu = 0.5, driven by just as much: in 0.02 s it should neither gain nor lose speed, and friction
+be mu times the weight. Friction that slides feeds short waves; what damps them is compared in units
+of h/c, the time of sound along a cell.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+import dolfinx_joints as dj
+from benchmarks.shared.problems import Problem, _mesh, first_state
+from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.geometry.two_blocks import two_blocks
+from dolfinx_joints.laws.law import CondensedLaw
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.substeps import Stepper
+
+FRICTION, SPEED, END, SIZE = 0.5, 0.02, 0.02, 0.1  # -, m/s, s, m
+CONCRETE = dj.Elastic(young=30e9, poisson=0.2, density=2400.0)
+TRANSIT = SIZE / math.sqrt(CONCRETE.young / CONCRETE.density)  # h/c [s]
+
+
+class Slide(NamedTuple):
+    """Mean friction over its limit, in all and in the second half; steps; joints that chatter."""
+
+    friction: float
+    late: float
+    steps: int
+    chatter: dict[str, float]
+
+
+def slide(
+    law: CondensedLaw,
+    steps: int,
+    damping: float = 0.0,
+    control: dj.StepControl | None = None,
+    end: float = END,
+) -> Slide:
+    """Slide in equal steps, or such that ``control`` cuts.
+
+    Args:
+        law: The joint, with mu = `FRICTION`.
+        steps: Their number.
+        damping: Factor of K over `TRANSIT`.
+        control: When steps are cut.
+        end: Time [s].
+    """
+    problem = _block(law, damping)
+    scheme, operator = dj.EnergyConsistent(), problem.system.contact.operator
+    solver = make_solver(problem.system, None, "auto", scheme.rule)
+    state = first_state(problem, solver)
+    ledger = EnergyLedger(problem.system)
+    ledger.start(state)
+    limit = -FRICTION * float(operator.areas @ state.joints.traction[:, 0])
+    stepper = Stepper(scheme, solver, ledger, control or dj.StepControl())
+    rows = []
+    for _ in range(steps):
+        for after, report, row in stepper.substeps(state, end / steps):
+            state = after
+            ledger.record(row)
+            rows.append((report.dt, float(operator.areas @ after.joints.traction[:, 1])))
+    dt, force = np.array(rows).T
+    late = np.cumsum(dt) > 0.5 * end
+    means = [abs(dt[part] @ force[part]) / dt[part].sum() / limit for part in (dt > 0.0, late)]
+    return Slide(*means, len(dt), stepper.chatter.joints())
+
+
+def _block(law: CondensedLaw, damping: float) -> Problem:
+    """The block after self weight, at its speed."""
+    jointed = _mesh(
+        lambda path: two_blocks(
+            path, length=1.0, width=SIZE, size=SIZE, cell="hex", lower_height=0.2, upper_height=0.5
+        )
+    )
+    model = dj.Model(
+        jointed,
+        material=CONCRETE,
+        joints=law,
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=(0.0, 0.0, -10.0))],
+        damping=dj.Rayleigh(stiffness_factor=damping * TRANSIT),
+    )
+    static = dj.Simulation(model).statics()
+    velocity = np.zeros(model.num_dofs)
+    upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
+    velocity.reshape(-1, 3)[upper] = (SPEED, 0.0, 0.0)
+    drive = np.array([-10.0 * FRICTION, 0.0, 0.0])
+    return Problem(
+        system=model.system([dj.BaseMotion(acceleration=lambda _: drive)]),
+        period=END,
+        end=END,
+        displacement=static.displacement.array.copy(),
+        velocity=velocity,
+        joints=static.joints,
+    )
+
+
+def stiff(stiffness: float) -> dj.FrictionNoTension:
+    """A joint of k_n [Pa/m] and 0.4 of that in shear."""
+    return dj.FrictionNoTension(
+        normal_stiffness=stiffness,
+        shear_stiffness=0.4 * stiffness,
+        friction_coefficient=FRICTION,
+    )
+
+
+JOINTS: dict[str, CondensedLaw] = {
+    "k = 1e11 Pa/m": stiff(1e11),
+    "k = 1e13 Pa/m": stiff(1e13),
+    "rigid": dj.RigidJoint(friction_coefficient=FRICTION),
+    "rigid, restitution 0": dj.RigidJoint(friction_coefficient=FRICTION, restitution=0),
+}
+
+
+def _cut(tolerance: float | None) -> dj.StepControl:
+    return dj.StepControl(tolerance=tolerance, max_halvings=8)
+
+
+def main() -> None:
+    """Print a table."""
+    Parser(description=__doc__.splitlines()[0]).parse_args()
+    print("friction over its limit in the second half; * chatters; -: no convergence")
+    runs = [(20, None), (200, None), (2000, None)]
+    runs += [(20, _cut(1e-3))]
+    print(f"{'damping [h/c]':34s}" + "".join(f"{n:7d}{'t' if c else ' '} " for n, c in runs))
+    for name, law in JOINTS.items():
+        for damping in (0.0, 0.2, 1.0):
+            found = []
+            for steps, control in runs:
+                try:
+                    end = slide(law, steps, damping, control)
+                    found.append(f"{end.late:7.3f}{'*' if end.chatter else ' '}")
+                except dj.JointsError:
+                    found.append("      - ")
+            print(f"{name:24s} {damping:8.1f} {' '.join(found)}", flush=True)
+    tolerances = None, 1e-3, 1e-4
+    print("the same without damping over 0.1 s, 100 steps cut by tolerances: friction (steps)")
+    print(f"{'':24s}" + "".join(f"{'none' if t is None else t:>15}" for t in tolerances))
+    for name, law in JOINTS.items():
+        ends = [slide(law, 100, control=_cut(tolerance), end=0.1) for tolerance in tolerances]
+        found = [f"{end.late:7.3f}{'*' if end.chatter else ' '} ({end.steps:4d})" for end in ends]
+        print(f"{name:24s} {' '.join(found)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

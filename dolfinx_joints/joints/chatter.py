@@ -1,0 +1,106 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Finds joints whose points chatter: touch and lift every few steps, on and on.
+
+Sliding with friction feeds the shortest waves of a body without damping, until points of a stiff
+joint hardly touch any more, slip back and forth, and friction in the mean is less than its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import Response
+
+Floats = NDArray[np.float64]
+
+# Steps of a contact or a flight that a run resolves; contacts per point that are more than impacts;
+# share of the normal impulse in contacts that are shorter.
+RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
+
+
+class Chatter:
+    """Keeps how much of the pressure of each joint comes in contacts of a few steps that slide.
+
+    A contact counts if the flight before it was as short: a body that bounces does not chatter.
+
+    Args:
+        contact: The joints, None without.
+    """
+
+    def __init__(self, contact: Contact | None) -> None:
+        """Nothing is seen yet."""
+        self._contact = contact
+        points = 0 if contact is None else len(contact.operator.joint)
+        # By point: steps of its contact, impulse, friction work; of the last flight, its steps.
+        self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
+        self._flight = np.full(points, float(RESOLVED))
+        # By joint: short contacts, their impulse, all impulse; on this rank.
+        self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
+        self._found: dict[str, float] = {}
+
+    def see(self, joints: Response, dt: float) -> None:
+        """Take note of a step of length dt [s]."""
+        if self._contact is None:
+            return
+        operator = self._contact.operator
+        pressure = -operator.areas * joints.traction[:, 0] * dt
+        pressed = pressure > 0.0
+        ended = ~pressed & (self._lasts > 0)
+        short = ended & (np.maximum(self._lasts, self._flight) < RESOLVED) & (self._rubbed > 0.0)
+        for row, values in zip(
+            self._sums, (short, short * self._impulse, pressed * pressure), strict=True
+        ):
+            row += np.bincount(operator.joint, values, len(row))
+        self._flight = np.where(pressed, self._flight, np.where(ended, 1.0, self._flight + 1.0))
+        for total, more in (
+            (self._lasts, 1.0),
+            (self._impulse, pressure),
+            (self._rubbed, joints.dissipation),
+        ):
+            total[:] = np.where(pressed, total + more, 0.0)
+
+    def _total(self) -> Floats:
+        """Sums over all ranks (collective)."""
+        assert self._contact is not None
+        return np.sum(self._contact.operator.comm.allgather(self._sums), axis=0)
+
+    def joints(self) -> dict[str, float]:
+        """Share of normal impulse in short contacts, of joints found to chatter (collective).
+
+        Of the newest time that this was asked and they did.
+        """
+        if self._contact is None:
+            return {}
+        operator, (short, brief, all_of) = self._contact.operator, self._total()
+        count = len(operator.names)
+        points = sum(operator.comm.allgather(np.bincount(operator.joint, minlength=count)))
+        share = brief / np.where(all_of > 0.0, all_of, 1.0)
+        chatters = (short > REPEATED * points) & (share > LARGE_SHARE)
+        self._found |= {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
+        return self._found
+
+    def state_dict(self) -> dict[str, Any]:
+        """What has been seen so far, of all points on rank 0 (collective)."""
+        if self._contact is None:
+            return {}
+        points = np.column_stack([self._lasts, self._impulse, self._rubbed, self._flight])
+        every = self._contact.operator.gather(points)
+        return {"found": dict(self._found), "sums": self._total(), "points": every}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Take up what another's ``state_dict`` gave (collective)."""
+        if self._contact is None:
+            return
+        comm, count = self._contact.operator.comm, len(self._lasts)
+        first = sum(comm.allgather(count)[: comm.rank])
+        mine = np.array(state_dict["points"][first : first + count], dtype=np.float64)
+        self._lasts, self._impulse, self._rubbed, self._flight = mine.T.copy()
+        self._found = dict(state_dict["found"])
+        if comm.rank == 0:
+            self._sums[:] = state_dict["sums"]

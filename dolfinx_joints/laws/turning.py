@@ -122,9 +122,10 @@ def _course(slips: Floats) -> Course:
 @register_jitable
 def _within(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
     """The trial traction, or that on the limit (7), and whether it is that."""
-    if yield_function(limit.normal, trial.traction, limit.friction) > 0.0:  # (5)
-        return return_to_limit(trial, limit.normal, limit.stiffness, limit.friction), True  # (17)
-    return trial, limit.friction == 0.0
+    mu = limit.friction
+    if yield_function(limit.normal, trial.traction, mu) > 0.0 or mu == 0.0:  # (5)
+        return return_to_limit(trial, limit.normal, limit.stiffness, mu), True  # (17)
+    return trial, False
 
 
 @register_jitable

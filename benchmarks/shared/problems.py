@@ -590,7 +590,7 @@ class _Slide:
         return np.where(t < self.exact.stop_time, self.friction, 0.0)
 
 
-def _on_ground(
+def on_ground(
     *, stiffness: float, shear_stiffness: float, friction: float, push: Callable[[float], float]
 ) -> tuple[dj.MatrixSystem, float]:
     """1 kg on a spring along x, pressed by 10 N on a joint; and the penetration [m].
@@ -625,7 +625,7 @@ def coulomb(ratio: float) -> Problem:
     Friction is at its limit when the mass is released.
     """
     exact = CoulombOscillator(mass=1.0, stiffness=1e4, friction=1.0, start=0.85e-3)
-    system, depth = _on_ground(
+    system, depth = on_ground(
         stiffness=exact.stiffness,
         shear_stiffness=ratio * exact.stiffness,
         friction=exact.friction,
@@ -659,7 +659,7 @@ def sliding(shear_stiffness: float = math.inf) -> Problem:
         left = exact.duration - time
         return exact.pulse * (0.5 if abs(left) < 1e-9 else float(left > 0.0))
 
-    system, depth = _on_ground(
+    system, depth = on_ground(
         stiffness=0.0, shear_stiffness=shear_stiffness, friction=2.0, push=push
     )
     return Problem(

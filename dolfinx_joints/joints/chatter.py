@@ -64,7 +64,7 @@ class Chatter:
         for total, more in (
             (self._lasts, dt),
             (self._impulse, pressure),
-            (self._rubbed, joints.dissipation),
+            (self._rubbed, np.abs(joints.dissipation)),
         ):
             total[:] = np.where(pressed, total + more, 0.0)
 

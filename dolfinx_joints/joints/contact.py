@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -228,6 +228,8 @@ class Contact:
                 getattr(answer, name)[here] = getattr(given, name)
             answer.state.gap[here] = given.state.gap
             answer.state.elastic_slip[here] = given.state.elastic_slip
+            if len(given.state.slips):
+                answer.state.slips[here] = given.state.slips
             if part.variables:
                 answer.state.internal[here, : part.variables] = given.state.internal
         return answer
@@ -357,7 +359,10 @@ def _empty_response(count: int, variables: int) -> Response:
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=JointState.at_rest(np.zeros((count, 3)), variables=variables),
+        state=replace(
+            JointState.at_rest(np.zeros((count, 3)), variables=variables),
+            slips=np.zeros((count, 5)),
+        ),
         dissipation=np.zeros(count),
         status=np.zeros(count, dtype=np.int8),
     )

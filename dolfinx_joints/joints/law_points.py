@@ -98,6 +98,8 @@ class LawPoints:
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
         if self.variables:
             part = replace(part, internal=state.internal[self.points, : self.variables])
+        if len(state.slips):
+            part = replace(part, slips=state.slips[self.points])
         if len(state.approach):
             part = replace(part, approach=state.approach[self.points])
         return part

@@ -10,7 +10,8 @@ step in contact:
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
     z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
 
-Then t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
+Where slip that was braked may stop or turn within the step, s is that of `turning`. Then
+t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
 rounding, for any length of step.
 
 All of it is solved in tractions on a compliance c of the structure at the point, g1 - g0 = h - c t:
@@ -36,10 +37,9 @@ from dolfinx_joints.laws.return_mapping import (
     Vector,
     empty_answer,
     put_traction,
-    return_to_limit,
     solve_points,
-    yield_function,
 )
+from dolfinx_joints.laws.turning import Limit, friction_with_turns
 
 # Values of `Status`.
 STICK, SLIP = 1, 2
@@ -187,23 +187,30 @@ def _discrete_gradient(
         if law.rebounds:
             normal = normal_traction(h_n, c_n, g_n, stored[i, 0], law)
             closed = not normal.gap > 0.0
+            stays = closed and g_n <= 0.0
         else:
-            normal = _stops(h_n, c_n, g_n, stored[i, 3], stored[i, 4] > 0.0)
+            normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
             # Its gap stays as the impact left it.
             closed = normal.traction < 0.0
-            end_stored[i, 4] = 1.0 if closed else 0.0
+            stays = closed and stored[i, 9] > 0.0
+            end_stored[i, 9] = 1.0 if closed else 0.0
         t_n, slides, lost = normal.traction, False, 0.0
         shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
         # A rigid point that nothing can move tangentially has no shear to be found.
         if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
-            shear = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            slides = yield_function(t_n, shear.traction, mu) > 0.0 or mu == 0.0  # (5)
+            trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
+            before = stored[i, 3:8] if stays else np.zeros(5, stored.dtype)
+            shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
             if slides:
-                o_1, o_2 = shear.traction
-                shear = return_to_limit(shear, t_n, normal.stiffness, mu)  # (17)
-                beyond = shear.traction[0] * (o_1 - shear.traction[0])
-                beyond += shear.traction[1] * (o_2 - shear.traction[1])
-                lost = (2.0 * normal.zeta * normal.zeta + c_s) * beyond  # D below (16)
+                (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
+                k = 2.0 * normal.zeta * normal.zeta + c_s
+                slip_1, slip_2 = k * (o_1 - t_1), k * (o_2 - t_2)
+                lost = t_1 * slip_1 + t_2 * slip_2  # D below (16)
+                if stays:
+                    end_stored[i, 3], end_stored[i, 4] = slip_1, slip_2
+                    end_stored[i, 7] = max(0.5 * lost, 0.0)
+            if stays:
+                end_stored[i, 5], end_stored[i, 6] = stored[i, 3], stored[i, 4]
             end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
             end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
         put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
@@ -224,7 +231,12 @@ def _discrete_gradient(
 
 
 def solve_discrete_gradient(
-    trial_gap: Floats, compliance: Floats, state: JointState, stored: Floats, law: Coulomb
+    trial_gap: Floats,
+    compliance: Floats,
+    state: JointState,
+    stored: Floats | None,
+    law: Coulomb,
+    struck: Floats | None = None,
 ) -> Answer:
     """Tractions over a step, each point on its own compliance; see `solve_points`.
 
@@ -232,11 +244,22 @@ def solve_discrete_gradient(
         trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         state: State at the start of the step.
-        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); of points that do not
-            rebound also dt v0 [m] and whether they were pressed, shape (n, 5).
+        stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); None for zeros.
         law: Parameters of the joint.
+        struck: Of points that do not rebound dt v0 [m] and whether they were pressed, shape (n, 2).
+
+    Returns:
+        The answer; its history is psi and q, the slips of `JointState`, and ``struck``, shape
+        (n, 10).
     """
-    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, stored, law)
+    history = np.zeros((len(trial_gap), 10), trial_gap.dtype)
+    if stored is not None:
+        history[:, :3] = stored
+    if len(state.slips):
+        history[:, 3:8] = state.slips
+    if struck is not None:
+        history[:, 8:] = struck
+    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:

@@ -223,7 +223,9 @@ class FrictionNoTension:
         law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
         root = math.sqrt(self.shear_stiffness) or 1.0
-        return response_of(answer, elastic_slip=answer.history[:, 1:] / root)
+        return response_of(
+            answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:8]
+        )
 
 
 @checked

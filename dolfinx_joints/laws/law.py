@@ -69,6 +69,9 @@ class JointState:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
         elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
         internal: Further variables of the laws that have some, shape (n, m).
+        slips: Plastic slips of the last step and of the one before it [m], as if these had been as
+            long as the next, and half the work of friction in the last [J/m^2], shape (n, 5); empty
+            where no law keeps them. By these slip turns within a step (`turning`).
         approach: Normal way that a step would make with the velocity at its start, shape (n,), [m];
             a scheme adds it before it asks laws whose points do not rebound, else empty.
     """
@@ -76,6 +79,7 @@ class JointState:
     gap: Floats
     elastic_slip: Floats
     internal: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    slips: Floats = field(default_factory=lambda: np.zeros((0, 5)))
     approach: Floats = field(default_factory=lambda: np.zeros(0))
 
     @classmethod

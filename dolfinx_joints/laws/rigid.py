@@ -107,14 +107,14 @@ class RigidJoint:
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
-        stored = state.internal
+        stored, struck = state.internal, None
         if not self.restitution:
-            stored = np.zeros((len(trial_gap), 5))
-            stored[:, 3] = state.approach if len(state.approach) else 0.0
-            stored[:, 4] = state.internal[:, 0]
-        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
+            way = state.approach if len(state.approach) else np.zeros(len(trial_gap))
+            stored, struck = None, np.column_stack([way, state.internal[:, 0]])
+        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law, struck)
         return response_of(
             answer,
             elastic_slip=np.zeros((len(trial_gap), 2)),
-            internal=answer.history if self.restitution else answer.history[:, 4:],
+            internal=answer.history[:, :3] if self.restitution else answer.history[:, 9:],
+            slips=answer.history[:, 3:8],
         )

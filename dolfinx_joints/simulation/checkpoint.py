@@ -43,7 +43,7 @@ _MOST_NAMED = 5  # values in a warning
 PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
 
 # Numbers of a state besides its time.
-_NUMBERS = ("exact_modes", "exact_rate")
+_NUMBERS = ("exact_modes", "rate")
 
 
 @dataclass(frozen=True, kw_only=True)

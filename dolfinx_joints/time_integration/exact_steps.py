@@ -32,14 +32,14 @@ def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -
         count: Number of modes in which the step is exact.
         rate: 2 / dt of the step [1/s].
     """
-    if state.exact_modes == count and (count == 0 or state.exact_rate == rate):
+    if state.exact_modes == count and (count == 0 or state.rate == rate):
         return state
-    velocity = _scale(system, state.velocity, state.exact_modes, state.exact_rate, back=True)
+    velocity = _scale(system, state.velocity, state.exact_modes, state.rate, back=True)
     velocity = _scale(system, velocity, count, rate)
     momentum = system.mass * velocity
     if count:
         add_inertia(lowest_modes(system, count).step(rate), velocity, momentum)
-    return replace(state, velocity=velocity, momentum=momentum, exact_modes=count, exact_rate=rate)
+    return replace(state, velocity=velocity, momentum=momentum, exact_modes=count, rate=rate)
 
 
 def _scale(

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
@@ -25,6 +25,7 @@ from dolfinx_joints.time_integration.exact_steps import (
     complete,
     scaled,
 )
+from dolfinx_joints.time_integration.joints_before import joints_before
 from dolfinx_joints.time_integration.products import Products, combination, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
@@ -78,7 +79,7 @@ class _Midpoint:
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         turn = _Turn(system, state, x, rate, time, dt, exact)
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = _before(system, state, turn, dt)
+        before = joints_before(system, state, turn.velocity, rate)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
         if exact is not None:
@@ -105,7 +106,7 @@ class _Midpoint:
             joints=joints,
             remainder=products.remainder,
             exact_modes=state.exact_modes,
-            exact_rate=state.exact_rate,
+            rate=rate,
         )
         change = combination((1.0, acceleration), (-1.0, state.acceleration))
         loads = system.work_of_loads(x, state.time, time)
@@ -214,22 +215,6 @@ class _Turn:
     def works(self, *parts: Any) -> dict[str, float]:
         """Work of each load on this part of the motion [J], see `LoadKick.work`."""
         return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
-
-
-def _before(system: MatrixSystem, state: DynamicState, turn: _Turn, dt: float) -> JointState | None:
-    """State of the joints, with their approach where points do not rebound: v1 = 2 x / dt - v0."""
-    if state.joints is None:
-        return None
-    if system.contact is None or not system.contact.stops:
-        return state.joints.state
-    velocity = state.velocity.copy()
-    turn.add(turn.velocity, velocity, -1.0)
-    if len(system.massless):
-        # Theirs is that in the middle of the last step.
-        late = system.massless
-        velocity.getArray()[late] += 0.5 * dt * state.acceleration.array[late]
-    approach = dt * system.contact.operator.jump(velocity)[:, 0]
-    return replace(state.joints.state, approach=approach)
 
 
 def _exact_square(rate: float) -> float:

@@ -34,7 +34,7 @@ class DynamicState:
             None where no load depends on the joints.
         exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
             (`exact_steps`).
-        exact_rate: 2 / dt of that step [1/s].
+        rate: 2 / dt of the last step, by which these and slips of joints go, 0 at the start [1/s].
     """
 
     time: float
@@ -49,7 +49,7 @@ class DynamicState:
     remainder: PETSc.Vec | None = None
     water: NDArray[np.int8] | None = None
     exact_modes: int = 0
-    exact_rate: float = 0.0
+    rate: float = 0.0
 
     @property
     def kinetic_energy(self) -> float:

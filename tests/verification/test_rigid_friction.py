@@ -41,7 +41,7 @@ def test_blocks_without_rebound():
 
 
 def test_points_that_touch_as_a_step_ends():
-    """After 25 steps at 0.2 m/s through 0.1 mm, to rounding; as in steps a bit longer."""
+    """After 25 steps of 0.2 m/s through a gap of 0.1 mm, to rounding, as in steps a bit longer."""
     problem = blocks(rigid(1), massless=False)
     touching, longer = run(problem, 2e-5), run(problem, 2.0000001e-5)
     assert touching.friction == pytest.approx(longer.friction, rel=1e-3)

@@ -190,7 +190,10 @@ def _bearing(contact: Contact, answer: Response, filled: Rows, pressure: float) 
 def _chosen(rows: Rows, one: Any, other: Any) -> Any:
     """Rows of one response, state or array, the others of another."""
     if isinstance(one, np.ndarray):
-        shape = (-1,) + (1,) * (one.ndim - 1)
-        return np.where(rows.reshape(shape), one, other) if one.size else one
+        if not one.size and not other.size:
+            return one
+        # A field that a law does not keep is empty.
+        one, other = (a if a.size else np.zeros_like(b) for a, b in ((one, other), (other, one)))
+        return np.where(rows.reshape((-1,) + (1,) * (one.ndim - 1)), one, other)
     parts = [f.name for f in fields(one)]
     return replace(one, **{n: _chosen(rows, getattr(one, n), getattr(other, n)) for n in parts})

@@ -256,7 +256,7 @@ class InterfaceSolver:
             size = float(np.abs(at.residual).max(initial=0.0))
             scale = at.largest or size or 1.0
             relative, rounding = size / scale, step.rounding(at) / scale
-            # Rough where forces are nothing but rounding, as of points that touch as a step ends.
+            # Forces of points that touch as a step ends are all rounding: they may be rough.
             accepted = max(tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
             if step.condensed.springs is not None:
                 accepted = tolerance

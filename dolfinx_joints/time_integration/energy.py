@@ -138,7 +138,8 @@ class EnergyLedger:
         joints = work.joints
         own = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
         entered = last.input + sum(work.loads.values()) + work.supports
-        viscous, rubbed = last.viscous + work.viscous, last.joint_friction + joints.friction
+        viscous = last.viscous + (work.viscous + work.absorbed)
+        rubbed = last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())

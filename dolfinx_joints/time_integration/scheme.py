@@ -22,8 +22,8 @@ class StepWork:
     Attributes:
         loads: Of each load by name [J].
         supports: Of moving supports [J].
-        viscous: Against the damping [J].
-        absorbed: The part of it of the dashpots that take waves out [J].
+        viscous: Against the damping, absorption apart [J].
+        absorbed: Against the dashpots that take waves out [J].
         joints: Of the body on each joint, and what of it is lost [J].
         dissipation: What the scheme takes out of the body by its spectral radius [J].
     """

@@ -22,11 +22,11 @@ def midpoint_coefficients(
     rate: float, spectral_radius: float, exact_modes: int
 ) -> MatrixCoefficients:
     """Coefficients of a midpoint step by its rate 2 / dt [1/s], (19e)."""
-    eta = 0.5 * (1.0 - spectral_radius)
+    share = 0.5 * (1.0 - spectral_radius)
     return MatrixCoefficients(
-        mass=(1.0 - eta) * (0.5 * rate**2),
+        mass=(1.0 - share) * (0.5 * rate**2),
         damping=0.5 * rate,
-        stiffness=0.5 + eta / (1.0 + spectral_radius),
+        stiffness=0.5 + share / (1.0 + spectral_radius),
         exact_modes=exact_modes,
     )
 
@@ -36,9 +36,10 @@ class Dissipation:
 
     With P = 1 - Phi Psi^T, which leaves out the modes that the step takes exactly,
 
-        x = dt [(v0 + v1)/2 + chi P (v1 - v0)],   v1 = v_mid - eta P (v_mid - v0),        (19d)
+        x = dt [(v0 + v1)/2 + chi P (v1 - v0)],   v1 = v_mid - share P (v_mid - v0),        (19d)
 
-    and K has chi P x more than the mean displacement. All methods are collective.
+    share = (1 - rho)/2, and K has chi P x more than the mean displacement; v is that of the step in
+    exact modes (`exact_steps`). All methods are collective.
 
     Args:
         system: The system.
@@ -46,9 +47,6 @@ class Dissipation:
         effective: Coefficients of the step.
         spectral_radius: rho.
         exact: The exact modes, None without any.
-
-    Attributes:
-        eta: (1 - rho) / 2.
     """
 
     def __init__(
@@ -60,43 +58,59 @@ class Dissipation:
         exact: ModalStep | None,
     ) -> None:
         """Keep the parts."""
-        self.eta = 0.5 * (1.0 - spectral_radius)
+        self._share = 0.5 * (1.0 - spectral_radius)
         self._chi, self._rate = effective.stiffness - 0.5, 2.0 * effective.damping
         self._exact, self._before, self._fixed = exact, state, system.constrained
         self._moves = system.values is not None
+        if exact is not None:
+            self._modal_before = exact.modes.amounts(exact.used, state.velocity)
 
     def add_known(self, b: PETSc.Vec) -> None:
         """Change the known part of the step's equation."""
-        momentum = self._momentum_of_rest(self._before.momentum, self._before.velocity)
-        b.axpy(-self.eta * self._rate, momentum)
+        momentum = self._before.momentum.copy()
+        if self._exact is not None:
+            add_modal_momentum(self._exact, -self._modal_before, momentum.getArray())
+        b.axpy(-self._share * self._rate, momentum)
 
-    def complete(self, products: Products, x: PETSc.Vec) -> None:
-        """Change what is left of the step's equation, the exact modes' part of it."""
+    def complete(self, products: Products, x: PETSc.Vec, modal: Floats) -> None:
+        """Change what is left of the step's equation, the exact modes' part of it.
+
+        Args:
+            products: Their residual.
+            x: Change of the displacement.
+            modal: Phi.M x of the exact modes.
+        """
         step = self._exact
         if step is None:
             return
-        modal, pushed = step.modes.amounts(step.used, x), step.pushed(x)
-        force = np.zeros(x.getLocalSize())
-        add_modal_momentum(step, 0.5 * self.eta * self._rate**2 * modal, force)
-        force += step.modes.weighed(-self._chi * (step.squares * modal + pushed))
+        pushed = step.pushed(x)
+        force = step.modes.weighed(-self._chi * (step.squares * modal + pushed))
         step.modes.add_held(-self._chi * step.from_rest(modal, pushed), force)
+        add_modal_momentum(step, 0.5 * self._share * self._rate**2 * modal, force)
         products.reaction.getArray()[self._fixed] += force[self._fixed]
         force[self._fixed] = 0.0
         products.remainder.getArray()[:] += force
 
-    def damp(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
+    def damp(self, velocity: PETSc.Vec, momentum: PETSc.Vec, modal: Floats) -> None:
         """Change velocity and momentum at the end of the midpoint rule to those of (19d)."""
-        change = combination((1.0, velocity), (-1.0, self._before.velocity))
-        gained = combination((1.0, momentum), (-1.0, self._before.momentum))
-        momentum.axpy(-self.eta, self._momentum_of_rest(gained, change))
-        velocity.axpy(-self.eta, change)
-        step = self._exact
-        if step is not None:
-            modal = step.modes.amounts(step.used, change)
-            velocity.getArray()[:] += step.modes.combined(self.eta * modal)
+        for end, start in (
+            (velocity, self._before.velocity),
+            (momentum, self._before.momentum),
+        ):
+            end.scale(1.0 - self._share)
+            end.axpy(self._share, start)
+        if self._exact is not None:
+            kept = self._share * (self._rate * modal - 2.0 * self._modal_before)
+            velocity.getArray()[:] += self._exact.modes.combined(kept)
+            add_modal_momentum(self._exact, kept, momentum.getArray())
 
     def works(
-        self, x: PETSc.Vec, products: Products, velocity: PETSc.Vec, momentum: PETSc.Vec
+        self,
+        x: PETSc.Vec,
+        modal: Floats,
+        products: Products,
+        velocity: PETSc.Vec,
+        momentum: PETSc.Vec,
     ) -> tuple[float, float]:
         """Loss of a step, and work of moving supports on this part of the motion [J].
 
@@ -104,6 +118,7 @@ class Dissipation:
 
         Args:
             x: Change of the displacement.
+            modal: Phi.M x of the exact modes.
             products: M x and K x.
             velocity: At the end of the step.
             momentum: The same.
@@ -114,9 +129,8 @@ class Dissipation:
         at_supports = gained.array_r.copy()
         step = self._exact
         if step is not None:
-            modal, modal_change = (step.modes.amounts(step.used, v) for v in (x, change))
             carried = step.modes.carried(step.used, change)
-            moved = step.root * modal_change
+            moved = step.root * step.modes.amounts(step.used, change)
             inertia -= float(moved @ (moved + 2.0 * carried))
             pushed = step.pushed(x)
             stretch -= float((step.squares * modal + pushed) @ step.from_rest(modal, pushed))
@@ -131,14 +145,6 @@ class Dissipation:
             return 0.0
         fixed = self._fixed
         by_rule = self._rate * x.array_r[fixed] - 2.0 * self._before.velocity.array_r[fixed]
-        mine = -0.5 * self.eta * float(by_rule @ gained.array_r[fixed])
+        mine = -0.5 * self._share * float(by_rule @ gained.array_r[fixed])
         mine += self._chi * float(change.array_r[fixed] @ of_rest[fixed])
         return float(np.sum(x.comm.tompi4py().allgather(mine)))
-
-    def _momentum_of_rest(self, momentum: PETSc.Vec, velocity: PETSc.Vec) -> PETSc.Vec:
-        """M' P v from M' v and v."""
-        rest, step = momentum.copy(), self._exact
-        if step is not None:
-            modal = step.modes.amounts(step.used, velocity)
-            add_modal_momentum(step, -modal, rest.getArray())
-        return rest

@@ -43,7 +43,7 @@ def joints_before(
     if len(system.massless):
         # Theirs is that in the middle of the last step.
         late = system.massless
-        velocity.getArray()[late] += spectral_radius / rate * state.acceleration.array[late]
+        velocity.getArray()[late] += spectral_radius * state.acceleration.array[late] / rate
     of_end = 2.0 / (1.0 + spectral_radius)
     approach = of_end * 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
     return replace(joints, approach=approach)

@@ -82,15 +82,15 @@ class _Midpoint:
         turn.add(turn.momentum, b, -0.5 * rate)
         before = joints_before(system, state, turn.velocity, rate, self.spectral_radius)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
-        products = Products(system, effective, b, x, joints)
+        products, modal = Products(system, effective, b, x, joints), np.zeros(0)
         if exact is not None:
             modal = exact.modes.amounts(exact.used, x)
             complete(exact, products, effective, x, modal, fixed)
         velocity = combination((rate, x), (-1.0, state.velocity))
         momentum = combination((rate, products.mass), (-1.0, state.momentum))
         if dissipation is not None:
-            dissipation.complete(products, x)
-            dissipation.damp(velocity, momentum)
+            dissipation.complete(products, x, modal)
+            dissipation.damp(velocity, momentum, modal)
         turn.add(turn.velocity, velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
@@ -123,7 +123,7 @@ class _Midpoint:
         supports = float(products.reaction.dot(x)) + turn.work(state.momentum, momentum)
         lost = 0.0
         if dissipation is not None:
-            lost, more = dissipation.works(x, products, velocity, momentum)
+            lost, more = dissipation.works(x, modal, products, velocity, momentum)
             supports += more
         work = StepWork(
             loads=loads,
@@ -190,9 +190,9 @@ class _Turn:
         time: float,
         dt: float,
         exact: ModalStep | None,
-        eta: float,
+        share: float,
     ) -> None:
-        """Find the change, ``eta`` being that of `Dissipation` (collective)."""
+        """Find the change, ``share`` being that of `Dissipation` (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
@@ -206,7 +206,7 @@ class _Turn:
         self.momentum.set(0.0)
         if rates is not None:
             before, moved = state.velocity.array[self._fixed], x.array[self._fixed]
-            by_rule = rate * moved - before - eta * (rate * moved - 2.0 * before)
+            by_rule = rate * moved - before - share * (rate * moved - 2.0 * before)
             self.velocity.getArray()[self._fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:

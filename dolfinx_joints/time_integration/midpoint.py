@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -82,7 +82,8 @@ class _Midpoint:
         turn.add(turn.momentum, b, -0.5 * rate)
         before = joints_before(system, state, turn.velocity, rate, self.spectral_radius)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
-        products, modal = Products(system, effective, b, x, joints), np.zeros(0)
+        products = Products(system, effective, b, x, joints)
+        modal: Floats = np.zeros(0)
         if exact is not None:
             modal = exact.modes.amounts(exact.used, x)
             complete(exact, products, effective, x, modal, fixed)

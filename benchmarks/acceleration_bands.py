@@ -22,6 +22,7 @@ import dolfinx_joints as dj
 from dolfinx_joints import measures, plots
 from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
+from dolfinx_joints.time_integration.scheme import Scheme
 from studies import ambiesta as study
 
 BANDS = (None, 40.0, 25.0, 20.0, 15.0, 10.0)
@@ -29,7 +30,7 @@ PERIODS = np.geomspace(0.03, 3.0, 80)
 STEPS = {"readme": 0.001, "demo03": 0.00488}  # s
 
 
-def readme(path: Path, dt: float, seconds: float) -> None:
+def readme(path: Path, dt: float, seconds: float, scheme: Scheme | None = None) -> None:
     """Write results of the README's dam with a step [s]."""
     mesh = ambiesta(path.with_suffix(".msh"), size=8.0, order=1, active_height=1.0)
     law = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
@@ -46,7 +47,7 @@ def readme(path: Path, dt: float, seconds: float) -> None:
         "joint": dj.Probe(tuple(crest), group="joint_6+"),
         "off joint": (-7.578609, 6.020018, crest[2]),
     }
-    march(model, points, path, dt, seconds, dj.synthetic_motion(duration=2.0))
+    march(model, points, path, dt, seconds, dj.synthetic_motion(duration=2.0), scheme)
 
 
 def demo03(path: Path, dt: float, seconds: float) -> None:
@@ -64,13 +65,20 @@ def demo03(path: Path, dt: float, seconds: float) -> None:
 
 
 def march(
-    model: dj.Model, points: dict, path: Path, dt: float, seconds: float, motion: dj.Motion
+    model: dj.Model,
+    points: dict,
+    path: Path,
+    dt: float,
+    seconds: float,
+    motion: dj.Motion,
+    scheme: Scheme | None = None,
 ) -> None:
-    """Weight, then the motion."""
+    """Weight, then the motion, with the default scheme unless another is given."""
     recorded = dj.ResultsMonitor(path, points=points, every=1000, overwrite=True)
     simulation = dj.Simulation(model, monitors=[recorded])
     simulation.statics()
-    simulation.dynamics(dt=dt, steps=round(seconds / dt), motion=motion)
+    chosen = scheme or dj.EnergyConsistent()
+    simulation.dynamics(dt=dt, steps=round(seconds / dt), motion=motion, scheme=chosen)
 
 
 def changes(coarse: dj.Results, fine: dj.Results, point: str, band: float | None) -> None:

@@ -172,7 +172,7 @@ class ResultsMonitor(Monitor):
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
-            for term, text in further_energies(model).items():
+            for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             self._fields.declare(writer, "states", joints)
@@ -324,7 +324,7 @@ class ResultsMonitor(Monitor):
             for term in JOINT_ENERGY_TERMS:
                 value = getattr(record.energy, f"joint_{term}")[i]
                 energies[f"joints/{name}/{term}"] = value
-        for term in further_energies(self._model):
+        for term in further_energies(self._model, record):
             energies[term] = getattr(record.energy, term)
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work

@@ -13,11 +13,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.dissipation import Dissipation, midpoint_coefficients
 from dolfinx_joints.time_integration.exact_steps import (
     LoadKick,
     add_free_vibration,
@@ -45,6 +45,7 @@ class _Midpoint:
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
     exact_modes: ClassVar[int] = 0
+    spectral_radius: ClassVar[float] = 1.0
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -61,36 +62,40 @@ class _Midpoint:
                 "middle, which plastic cells cannot do; take EnergyConsistent."
             )
         state = scaled(system, state, self.exact_modes, rate)
-        effective = MatrixCoefficients(
-            mass=0.5 * rate**2,
-            damping=0.5 * rate,
-            stiffness=0.5,
-            exact_modes=self.exact_modes,
-        )
+        effective = midpoint_coefficients(rate, self.spectral_radius, self.exact_modes)
         exact = effective.modal_step(system)
+        dissipation = None
+        if self.spectral_radius < 1.0:
+            dissipation = Dissipation(system, state, effective, self.spectral_radius, exact)
         load = system.load(time, state.load.duplicate())
         known = [(0.5, load), (0.5, state.load)]
         known += [(rate, state.momentum), (-1.0, state.elastic_force)]
         if state.remainder is not None:
             known.append((-1.0, state.remainder))
         b = combination(*known)
+        if dissipation is not None:
+            dissipation.add_known(b)
         x = combination((dt, state.velocity))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        turn = _Turn(system, state, x, rate, time, dt, exact)
+        turn = _Turn(system, state, x, rate, time, dt, exact, 0.5 * (1.0 - self.spectral_radius))
         turn.add(turn.momentum, b, -0.5 * rate)
-        before = joints_before(system, state, turn.velocity, rate)
+        before = joints_before(system, state, turn.velocity, rate, self.spectral_radius)
         joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
         products = Products(system, effective, b, x, joints)
+        modal: Floats = np.zeros(0)
         if exact is not None:
             modal = exact.modes.amounts(exact.used, x)
             complete(exact, products, effective, x, modal, fixed)
         velocity = combination((rate, x), (-1.0, state.velocity))
+        momentum = combination((rate, products.mass), (-1.0, state.momentum))
+        if dissipation is not None:
+            dissipation.complete(products, x, modal)
+            dissipation.damp(velocity, momentum, modal)
         turn.add(turn.velocity, velocity)
         if len(system.massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[system.massless] = x.array[system.massless] / dt
-        momentum = combination((rate, products.mass), (-1.0, state.momentum))
         turn.add(turn.momentum, momentum)
         acceleration = combination((1.0, velocity), (-1.0, state.velocity))
         acceleration.scale(1.0 / dt)
@@ -116,11 +121,17 @@ class _Midpoint:
             of_supports = dt * exact.modes.carried(exact.used, acceleration)
             for name, kicked in turn.works(modal, rates, rate, of_supports).items():
                 loads[name] += kicked
+        supports = float(products.reaction.dot(x)) + turn.work(state.momentum, momentum)
+        lost = 0.0
+        if dissipation is not None:
+            lost, more = dissipation.works(x, modal, products, velocity, momentum)
+            supports += more
         work = StepWork(
             loads=loads,
-            supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
+            supports=supports,
             viscous=products.viscous,
             absorbed=products.absorbed,
+            dissipation=lost,
             joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
         )
         error = float(change.norm()) * dt**2 / 12.0
@@ -139,10 +150,14 @@ class EnergyConsistent(_Midpoint):
 
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
-            are exact; of them a step takes those with omega dt up to 1.
+            are exact; of them a step takes those with omega dt up to 1.5.
+        spectral_radius: Factor by which a step multiplies what vibrates infinitely fast, of all
+            that is not in exact modes: 1 keeps it, 0 takes it out in one step. Below 1 that part is
+            of first order, and the ledger has its loss as ``dissipation``.
     """
 
     exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
+    spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 1.0  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,8 +191,9 @@ class _Turn:
         time: float,
         dt: float,
         exact: ModalStep | None,
+        share: float,
     ) -> None:
-        """Find the change (collective)."""
+        """Find the change, ``share`` being that of `Dissipation` (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
@@ -190,7 +206,8 @@ class _Turn:
         self.velocity.set(0.0)
         self.momentum.set(0.0)
         if rates is not None:
-            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
+            before, moved = state.velocity.array[self._fixed], x.array[self._fixed]
+            by_rule = rate * moved - before - share * (rate * moved - 2.0 * before)
             self.velocity.getArray()[self._fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:

@@ -131,6 +131,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=2.0, help="of the motion")
     parser.add_argument("--dt", type=float, help="the longer step [s]")
     parser.add_argument("--exact-modes", type=int, default=0, help="of EnergyConsistent")
+    parser.add_argument("--mesh", type=float, default=1.0, help="share of the cell size (demo03)")
     parser.add_argument("--finer", action="store_true", help="the finer mesh as well (demo03)")
     parser.add_argument("--out", type=Path, default=Path("output/acceleration_bands"))
     parser.add_argument("--figure", type=Path, help="where to draw")
@@ -140,6 +141,7 @@ def main() -> None:
         dt=given.dt or STEPS[given.dam],
         seconds=given.seconds,
         scheme=dj.EnergyConsistent(exact_modes=given.exact_modes),
+        mesh=given.mesh,
     )
     given.out.mkdir(parents=True, exist_ok=True)
     names = ("whole", "half", "nudged", *(["finer"] if given.finer else []))
@@ -152,7 +154,7 @@ def main() -> None:
         if given.finer:
             with dj.Results(paths["whole"]) as results:
                 places = tuple(map(tuple, results.static("histories/points")))
-            make(paths["finer"], replace(whole, mesh=0.5, places=places))
+            make(paths["finer"], replace(whole, mesh=0.5 * given.mesh, places=places))
     with ExitStack() as stack:
         runs = {name: stack.enter_context(dj.Results(path)) for name, path in paths.items()}
         for name, results in runs.items():

@@ -152,7 +152,7 @@ def _resolved(run: Run) -> dict[str, Any]:
     titles = (
         "time step, ten to a period",
         "mesh, ten nodes to the shortest shear wave",
-        "closed joints, half of a wave's energy passes",
+        "closed joints, half the energy of waves passes",
     )
     return dict(zip(titles, limits.values(), strict=True))
 

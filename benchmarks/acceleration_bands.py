@@ -102,8 +102,8 @@ def changes(runs: dict[str, dj.Results], point: str, component: str, band: float
         tails = (by[shortest * (1 - 1e-9) <= PERIODS].max() for shortest in (from_band, from_step))
         worse = np.flatnonzero(by > 0.05)
         since = PERIODS[min(worse[-1] + 1, len(PERIODS) - 1)] if len(worse) else PERIODS[0]
-        spectra = " ".join(f"{tail:6.1%}" for tail in tails)
-        line += f" |{peak / other_peak - 1.0:+7.1%} {spectra} {since:5.2f}"
+        shares = " ".join(f"{100 * by:7.2g}" for by in (peak / other_peak - 1.0, *tails))
+        line += f" |{shares} {since:5.2f}"
     return line
 
 
@@ -162,8 +162,8 @@ def main() -> None:
             dofs = results.metadata["dofs"]
             print(f"{name}: dt {np.diff(results.time('histories')).max():g} s, {dofs} dofs, points")
             print(np.round(places, 3).tolist())
-        print("point, component, band, peak [m/s^2]; of", ", of ".join(names[1:]), "change of the")
-        print("peak, of spectra from 1/band, from 10 dt up as well, period [s] of 5 % and less")
+        print("point, component, band, peak [m/s^2]; against", " | ".join(names[1:]))
+        print("change [%] of the peak, of spectra from 1/band, from 10 dt; 5 % and less from [s]")
         for point in ("joint", "off joint"):
             for band in BANDS:
                 for component in measures.COMPONENTS:

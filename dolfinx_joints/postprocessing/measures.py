@@ -49,7 +49,8 @@ from dolfinx_joints.results.arguments import (
 )
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.resolved import Resolved as Resolved
-from dolfinx_joints.results.resolved import beyond, resolved_frequencies
+from dolfinx_joints.results.resolved import beyond
+from dolfinx_joints.results.resolved import resolved_frequencies as resolved_frequencies
 
 Floats = NDArray[np.floating[Any]]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]

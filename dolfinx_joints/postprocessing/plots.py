@@ -223,8 +223,9 @@ def response_spectra(
         draw(dt, ground if band is None else low_pass(ground, dt, band), dashes)
     resolved, by = resolved_frequencies(*(run for run, _ in drawn)).lowest
     if resolved * natural.min() < 1.0:
-        shade = {"color": "0.93", "zorder": 0, "label": f"beyond the {by}, above {resolved:.3g} Hz"}
-        ax.axvspan(natural.min(), min(1.0 / resolved, natural.max()), **shade)
+        ends = natural.min(), min(1.0 / resolved, natural.max())
+        name = f"beyond the {by}, above {resolved:.3g} Hz"
+        ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
     ax.set_title(

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.acceleration_bands import readme
+from benchmarks.acceleration_bands import Run, readme
 from benchmarks.exact_modes import scheme, tied
 from dolfinx_joints import measures
 from dolfinx_joints.common.command_line import Parser
@@ -43,7 +43,7 @@ def dam(folder: Path, dt: float, seconds: float, variants: list[tuple[int, float
     folder.mkdir(parents=True, exist_ok=True)
     finest = folder / "finest.h5"
     if not finest.exists():
-        readme(finest, dt / FINEST, seconds)
+        readme(finest, Run(dt=dt / FINEST, seconds=seconds, scheme=dj.EnergyConsistent()))
     right = displacements(finest, FINEST)
     band = measures.band_name(measures.ACCELERATION_BAND)
     print(f"dt {dt} s; {band}; peaks in m/s^2")
@@ -53,7 +53,7 @@ def dam(folder: Path, dt: float, seconds: float, variants: list[tuple[int, float
         for parts in (1, 2):
             path = folder / f"{modes}_{radius}_{parts}.h5"
             if not path.exists():
-                readme(path, dt / parts, seconds, scheme(modes, radius))
+                readme(path, Run(dt=dt / parts, seconds=seconds, scheme=scheme(modes, radius)))
             with dj.Results(path) as results:
                 for found, each in ((raw, None), (low, measures.ACCELERATION_BAND)):
                     a = measures.acceleration_history(results, "joint", "y", band=each)[1]

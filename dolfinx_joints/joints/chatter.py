@@ -40,7 +40,7 @@ class Chatter:
         points = 0 if contact is None else len(contact.operator.joint)
         # By point: time of its contact, impulse, friction work; time of the last flight.
         self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
-        self._flight = np.full(points, np.inf)
+        self._flight: Floats = np.full(points, np.inf)
         # By joint: short contacts, their impulse, all impulse; on this rank.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
         self._found: dict[str, float] = {}
@@ -56,10 +56,9 @@ class Chatter:
         resolved = max((RESOLVED - 0.5) * dt, whole)
         brief = np.maximum(self._lasts, self._flight) < resolved
         short = ended & brief & (self._rubbed > 0.0)
-        for row, values in zip(
-            self._sums, (short, short * self._impulse, pressed * pressure), strict=True
-        ):
-            row += np.bincount(operator.joint, values, len(row))
+        of_points = short, short * self._impulse, pressed * pressure
+        joint, count = operator.joint, len(operator.names)
+        self._sums += np.array([np.bincount(joint, values, count) for values in of_points])
         self._flight = np.where(pressed, self._flight, np.where(ended, dt, self._flight + dt))
         for total, more in (
             (self._lasts, dt),

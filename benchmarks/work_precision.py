@@ -48,6 +48,7 @@ Row = dict[str, Any]
 IMPACT_CONTROL = ((60, 1e-4, 8), (120, 3e-5, 8), (300, 2e-6, 9), (800, 1e-7, 9))
 FRICTION_CONTROL = ((125, 1e-5, 8), (250, 1e-6, 9), (1000, 1e-7, 9))
 WALL_STEP = 0.005  # [s]
+CONSISTENT = ("ec", "ec_exact")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +69,7 @@ class Case:
     steps: tuple[float, ...]
     schemes: tuple[str, ...] = tuple(SCHEMES)
     control: tuple[tuple[int, float, int], ...] = ()
-    adaptive: tuple[str, ...] = ("ec", "newmark")
+    adaptive: tuple[str, ...] = ("ec", "ec_exact", "newmark")
 
 
 def cases(*, quick: bool) -> dict[str, Case]:
@@ -106,9 +107,9 @@ def cases(*, quick: bool) -> dict[str, Case]:
             title=title,
             problem=lambda ratio=ratio: coulomb(ratio),
             steps=friction_steps,
-            schemes=tuple(SCHEMES) if math.isfinite(ratio) else ("ec",),
+            schemes=tuple(SCHEMES) if math.isfinite(ratio) else CONSISTENT,
             control=() if quick else FRICTION_CONTROL,
-            adaptive=("ec", "newmark") if math.isfinite(ratio) else ("ec",),
+            adaptive=Case.adaptive if math.isfinite(ratio) else CONSISTENT,
         )
     for name, title, stiffness in (
         ("sliding_block", "sliding block, $k_s = 10^8$ N/m", 1e8),
@@ -118,7 +119,7 @@ def cases(*, quick: bool) -> dict[str, Case]:
             title=title,
             problem=lambda stiffness=stiffness: sliding(stiffness),
             steps=(50, 200) if quick else (20, 50, 200, 1000),
-            schemes=tuple(SCHEMES) if math.isfinite(stiffness) else ("ec",),
+            schemes=tuple(SCHEMES) if math.isfinite(stiffness) else CONSISTENT,
         )
     found["blocks"] = Case(
         title="two blocks, impact and friction",
@@ -249,9 +250,17 @@ def header() -> str:
     )
 
 
-MARKERS = {"ec": "o", "implicit": "v", "newmark": "x", "hht": "+", "generalized_alpha": "^"}
+MARKERS = {
+    "ec": "o",
+    "ec_exact": "s",
+    "implicit": "v",
+    "newmark": "x",
+    "hht": "+",
+    "generalized_alpha": "^",
+}
 COLOURS = {
     "ec": "tab:blue",
+    "ec_exact": "black",
     "implicit": "tab:green",
     "newmark": "tab:red",
     "hht": "tab:orange",
@@ -259,6 +268,7 @@ COLOURS = {
 }
 LABELS = {
     "ec": "energy-consistent",
+    "ec_exact": "the same, 10 modes exact",
     "implicit": "implicit contact",
     "newmark": "Newmark",
     "hht": "HHT, $\\alpha = 0.1$",
@@ -358,7 +368,7 @@ def main() -> None:
         for row in rows_of(case):
             problems[name].append(row)
             print(line(name, row), flush=True)
-    ec = [row for rows in problems.values() for row in rows if row["scheme"] == "ec"]
+    ec = [row for rows in problems.values() for row in rows if row["scheme"] in CONSISTENT]
     ledger = max((row["ledger"] for row in ec if "failure" not in row), default=None)
     failed = sum("failure" in row for row in ec)
     result = {"ledger_max": ledger, "ec_failed": failed, "problems": problems}

@@ -25,6 +25,8 @@ LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_an
 
 POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
 
+BASE = Fixed(group="base")
+
 STEPS, DT = 12, 4e-3
 
 
@@ -48,12 +50,12 @@ def shaking(time):
     return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
-def wall(jointed, joints=LAW, **options):
+def wall(jointed, joints=LAW, supports=(BASE,), **options):
     return Model(
         jointed,
         material=CONCRETE,
         joints=joints,
-        supports=[Fixed(group="base")],
+        supports=list(supports),
         loads=[Gravity()],
         damping=stiffness_proportional(ratio=0.02, frequency=5.0),
         **options,

@@ -6,8 +6,10 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 """
 
 import json
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -19,6 +21,8 @@ import dolfinx_joints as dj
 from benchmarks import (
     agreement,
     compliances,
+    dam_precision,
+    dissipation,
     exact_modes,
     interface_integrals,
     jointed_wall,
@@ -81,6 +85,59 @@ def test_exact_modes(capsys):
     assert ledger < 1e-12
     exact_modes.main(["--cost", "tiny", "--modes", "5", "--steps", "3"])
     assert "wall tiny, 972 dofs" in capsys.readouterr().out
+
+
+def test_dissipation(capsys):
+    # Without exact modes the lowest is damped by 1 - exp(-10 * 2 pi * 0.0556 * 2 pi / 20), 67 %,
+    # and 0.49 off in its phase; with 4 of the cut rods exact only their rest is.
+    dissipation.rods((1e6,), (20,))
+    lines = capsys.readouterr().out.splitlines()[1:]
+    found = {tuple(line.split()[2:4]): np.array(line.split()[4:], float) for line in lines}
+    assert found["0", "1.0"][0] == pytest.approx(0.49, rel=0.02)
+    assert 0.66 < found["0", "0.8"][0] < 0.8
+    assert found["4", "0.8"][0] < 0.04
+    # Of velocities: none without exact modes, with them that of (1 - radius)/2 of one step.
+    assert found["0", "0.8"][1] < 1e-5
+    assert found["4", "0.8"][1] < 1e-2
+    assert max(each[2] for each in found.values()) < 1e-12
+
+
+def test_the_bar_that_strikes_six_times():
+    # The right motion is no march: one with all modes exact comes to it with the square of steps.
+    right, strikes = exact_modes.right_bar()
+    finer, _ = exact_modes.right_bar(scan=5e-5)
+    assert strikes == 6
+    np.testing.assert_allclose(right, finer, atol=1e-12)
+    size = np.linalg.norm(right)
+    off = [np.linalg.norm(exact_modes.striking_bar(40, n) - right) / size for n in (400, 800)]
+    assert off[1] < 2e-3
+    assert off[0] / off[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_fewest_steps_for_an_error():
+    # Error 1/n, but for one run that is right by chance.
+    steps = [10, 20, 40, 80]
+    assert exact_modes.steps_for(1 / 30, steps, [0.1, 0.05, 0.025, 0.0125]) == pytest.approx(30.0)
+    assert exact_modes.steps_for(1 / 60, steps, [0.1, 0.001, 0.025, 0.0125]) == pytest.approx(60.0)
+    assert exact_modes.steps_for(0.2, steps, [0.1, 0.05, 0.025, 0.0125]) == 10.0
+    assert exact_modes.steps_for(0.01, steps, [0.1, 0.05, 0.025, 0.0125]) == math.inf
+
+
+def test_dam_precision(capsys, tmp_path):
+    asked = ["--dam", "dam tiny", "--seconds", "0.05", "--modes", "0", "5", "--out", str(tmp_path)]
+    dam_precision.main(asked)
+    printed = capsys.readouterr().out
+    # Five lengths of steps, plain and exact, and two runs of reference, one of which is both.
+    assert len(list(tmp_path.glob("*.npz"))) == 5 + 5 + 2
+    run, right = (dict(np.load(tmp_path / f"dam_tiny_0.05s_{p}_0.npz")) for p in (1, 32))
+    assert len(run["opening"]) == 10
+    off = np.linalg.norm(run["crest"] - right["crest"][31::32], axis=1).max()
+    off /= np.linalg.norm(right["crest"], axis=1).max()
+    row = next(line for line in printed.splitlines() if line.split()[:2] == ["0", "4.88"])
+    assert float(row.split()[2]) == pytest.approx(100.0 * off, abs=1e-3)
+    # Found again, not run again.
+    dam_precision.main(asked)
+    assert capsys.readouterr().out == printed
 
 
 def test_stiffness_range(capsys):

@@ -36,6 +36,7 @@ Floats = NDArray[np.float64]
 
 SCHEMES: dict[str, Scheme] = {
     "ec": dj.EnergyConsistent(),
+    "ec_exact": dj.EnergyConsistent(exact_modes=10),
     "implicit": dj.ImplicitContact(),
     "newmark": dj.Newmark(),
     "hht": dj.HilberHughesTaylor(),
@@ -43,7 +44,7 @@ SCHEMES: dict[str, Scheme] = {
 }
 
 # Schemes whose traction is the mean over a step, not that at its end.
-MIDPOINT = ("ec", "implicit")
+MIDPOINT = ("ec", "ec_exact", "implicit")
 
 
 class Motion(Protocol):

@@ -36,7 +36,7 @@ class StudyError(JointsError, ValueError):
 
 
 class PlausibilityWarning(UserWarning):
-    """A value that no dam has, perhaps in another unit than SI.
+    """A value that no dam has, perhaps in another unit than SI, or that a run does not resolve.
 
     Of models in other units: ``warnings.simplefilter("ignore", PlausibilityWarning)``.
     """

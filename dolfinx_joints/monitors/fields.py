@@ -21,17 +21,18 @@ from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
 from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
 from dolfinx_joints.results.writer import ResultsWriter
-from dolfinx_joints.simulation.record import StageRecord
+from dolfinx_joints.simulation.record import Record, StageRecord
 
 Floats = NDArray[np.float64]
 
 
-def further_energies(model: Model) -> dict[str, str]:
+def further_energies(model: Model, record: Record) -> dict[str, str]:
     """Energy lines that not every run has, with what they are."""
     stops = model.contact is not None and model.contact.stops
     lines = (
         ("plastic", model.bulk is not None, "plastic work of the bulk"),
         ("impact", stops, "lost by joint points that strike and do not rebound"),
+        ("dissipation", record.dissipates, "taken out of the body by the spectral radius"),
         ("absorbed", model.absorbing, "part of viscous energy that viscous boundaries took"),
     )
     return {name: text for name, there, text in lines if there}

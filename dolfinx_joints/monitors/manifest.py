@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_joints import __version__
+from dolfinx_joints.results.resolved import Resolved, of_step
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
@@ -34,15 +35,18 @@ def manifest(
     nodes: ArrayLike,
     surface: ArrayLike,
     stages: Sequence[StageRecord],
+    resolved: Resolved,
 ) -> dict[str, Any]:
     """Facts that JSON can hold, of a model, its static stages and settings such as the time step.
 
     Nodes are in the order of the input mesh, shape (num_nodes, 3), [m]; the surface is vertices of
-    boundary facets, shape (num_facets, 2 to 4).
+    boundary facets, shape (num_facets, 2 to 4). ``resolved`` is of mesh and joints.
     """
     from petsc4py import PETSc
 
     laws = {} if model.contact is None else model.contact.laws
+    if "time step" in settings:
+        resolved = resolved._replace(step=of_step(settings["time step"]))
     return {
         "versions": versions(),
         "host": socket.gethostname(),
@@ -56,6 +60,7 @@ def manifest(
         "supports": [as_json(support) for support in model.supports],
         "static_stages": {stage.name: _acting(model, stage) for stage in stages},
         "damping": as_json(model.rayleigh),
+        "resolved_hz": resolved.as_json(),
         "settings": {name: as_json(value) for name, value in settings.items()},
         "petsc_options": dict(PETSc.Options().getAll()),
     }

@@ -20,6 +20,7 @@ from dolfinx_joints.common.errors import MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.resolution import resolution
 from dolfinx_joints.monitors.fields import Fields, StageFields, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
@@ -49,7 +50,7 @@ from dolfinx_joints.results.reader import (
     ENERGY_TERMS,
     JOINT_ENERGY_TERMS,
     RELATIVE,
-    Results,
+    holds_statics_alone,
 )
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 from dolfinx_joints.simulation.monitor import Monitor
@@ -132,9 +133,9 @@ class ResultsMonitor(Monitor):
         """Writer of a file of static stages alone, on rank 0."""
         if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages})
-        made_by = manifest(model, {}, self._nodes.positions, self._surface, ())
+        made_by = manifest(model, {}, self._nodes.positions, self._surface, (), self._resolved)
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
-        aside = None if _holds_statics_alone(self._path) else self._aside
+        aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
         declare_points(writer, self._probe.positions)
@@ -155,8 +156,10 @@ class ResultsMonitor(Monitor):
 
         def create() -> None:
             nodes = self._nodes.positions
-            facts["manifest"] = manifest(model, first.settings, nodes, surface, first.stages)
-            replaces = self.overwrite or (self._stages > 0 and _holds_statics_alone(self._path))
+            facts["manifest"] = manifest(
+                model, first.settings, nodes, surface, first.stages, self._resolved
+            )
+            replaces = self.overwrite or (self._stages > 0 and holds_statics_alone(self._path))
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:
                 self._aside.unlink(missing_ok=True)
@@ -172,7 +175,7 @@ class ResultsMonitor(Monitor):
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
-            for term, text in further_energies(model).items():
+            for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, status=True)
             self._fields.declare(writer, "states", joints)
@@ -234,6 +237,7 @@ class ResultsMonitor(Monitor):
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._surface, self._joints = boundary_facets(model, self._nodes), joint_statics(model)
         self._stage_fields = StageFields(model, self._nodes, self._probe, self._envelopes)
+        self._resolved = resolution(model)
         self._found = self._model = model
 
     def _find(self, model: Model, first: Record) -> None:
@@ -324,7 +328,7 @@ class ResultsMonitor(Monitor):
             for term in JOINT_ENERGY_TERMS:
                 value = getattr(record.energy, f"joint_{term}")[i]
                 energies[f"joints/{name}/{term}"] = value
-        for term in further_energies(self._model):
+        for term in further_energies(self._model, record):
             energies[term] = getattr(record.energy, term)
         for name, work in record.energy.input_by_load.items():
             energies[f"loads/{name}"] = work
@@ -384,12 +388,3 @@ class ResultsMonitor(Monitor):
                         values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]
-
-
-def _holds_statics_alone(path: Path) -> bool:
-    """Whether there is a file of static stages alone."""
-    try:
-        with Results(path) as results:
-            return list(results.streams) == ["statics"]
-    except ResultsError:
-        return False

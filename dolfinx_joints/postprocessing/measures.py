@@ -11,6 +11,7 @@ the ground or, where the ground moves within the model, absolute (``results.rela
 
 from __future__ import annotations
 
+import warnings
 from typing import Annotated, Any, NamedTuple
 
 import annotated_types as at
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
@@ -46,6 +48,9 @@ from dolfinx_joints.results.arguments import (
     check_results,
 )
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.resolved import Resolved as Resolved
+from dolfinx_joints.results.resolved import beyond
+from dolfinx_joints.results.resolved import resolved_frequencies as resolved_frequencies
 
 Floats = NDArray[np.floating[Any]]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
@@ -129,7 +134,8 @@ def acceleration_history(
 
     Raw values do not converge under shorter steps where joints strike. ``band`` [Hz] takes off what
     lies above it without a shift of phase (`processing.low_pass`), at most that of `common_band`;
-    None gives the values of the file. Compare runs in the same band.
+    None gives the values of the file. Compare runs in the same band. A band beyond what the run
+    resolves (`resolved_frequencies`) is warned of.
 
     Returns:
         Times [s] and accelerations [m/s^2], both of shape (records - 1,); with a band at equal
@@ -147,6 +153,8 @@ def acceleration_history(
         return 0.5 * (time[1:] + time[:-1]), a
     dt, a = _equal_means(time, a)
     band = common_band(results, band=band)
+    if doubt := beyond(band, resolved_frequencies(results)):
+        warnings.warn(f"{results.path}: {doubt}", PlausibilityWarning, stacklevel=3)
     return time[0] + dt * (0.5 + np.arange(len(a))), low_pass(a, dt, band)
 
 
@@ -159,9 +167,11 @@ def common_band(*runs: Results, band: float = ACCELERATION_BAND) -> float:
     return float(min(band, *(0.5 / step for step in longest if step > 0.0), band))
 
 
-def band_name(band: float | None) -> str:
-    """What accelerations are, in words: low-passed at a frequency, or raw."""
-    return "raw" if band is None else f"low-passed at {band:.3g} Hz"
+def band_name(band: float | None, *runs: Results) -> str:
+    """What accelerations are, in words: low-passed at a frequency, or raw; what runs resolve."""
+    name = "raw" if band is None else f"low-passed at {band:.3g} Hz"
+    frequency, by = resolved_frequencies(*runs).lowest if runs else (np.inf, "")
+    return name + (f", resolved to {frequency:.3g} Hz by the {by}" if frequency < np.inf else "")
 
 
 def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:

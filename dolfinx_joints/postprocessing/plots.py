@@ -60,6 +60,7 @@ from dolfinx_joints.postprocessing.measures import (
     common_band,
     displacement_history,
     joint_extremes,
+    resolved_frequencies,
 )
 from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, ORANGE, RED, colour_limits
 from dolfinx_joints.results.arguments import (
@@ -86,6 +87,7 @@ _ENERGY_STYLES = {
     "friction": ("--", RED),
     "plastic": ("--", "#a50f15"),
     "impact": ("--", "#e7298a"),
+    "dissipation": ("-.", "#8c6d00"),
     "numerical": ("-.", "#7b3294"),
     "error": (":", GREY),
 }
@@ -198,7 +200,8 @@ def response_spectra(
 
     The point moves by its absolute acceleration; the ground of a free field is the free surface
     under its waves alone. Periods are 0.03 to 3 s unless given. All motions are in the same
-    ``band`` [Hz], `measures.common_band`, which the title names; None for raw ones.
+    ``band`` [Hz], `measures.common_band`, which the title names; None for raw ones. Periods shorter
+    than the runs resolve (`measures.resolved_frequencies`) are shaded.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -220,6 +223,11 @@ def response_spectra(
         dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--"}
         dashes["label"] = ground_name(results)
         draw(dt, ground if band is None else low_pass(ground, dt, band), dashes)
+    resolved, by = resolved_frequencies(*(run for run, _ in drawn)).lowest
+    if resolved * natural.min() < 1.0:
+        ends = natural.min(), min(1.0 / resolved, natural.max())
+        name = f"beyond the {by}, above {resolved:.3g} Hz"
+        ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
     ax.set_title(

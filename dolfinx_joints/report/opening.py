@@ -14,10 +14,9 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
     STANDARD_GRAVITY,
 )
-from dolfinx_joints.postprocessing import peaks, views
+from dolfinx_joints.postprocessing import measures, peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.frames import frame_name
-from dolfinx_joints.postprocessing.measures import band_name
 from dolfinx_joints.postprocessing.peaks import Peak
 from dolfinx_joints.report.page import (
     Cell,
@@ -33,6 +32,7 @@ from dolfinx_joints.report.page import (
 from dolfinx_joints.report.runs import Content, Run, largest_moment
 from dolfinx_joints.report.static_section import gaps_note
 from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.resolved import beyond
 
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
@@ -52,14 +52,15 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     pieces.append(paragraph(f"{_runs(content)} {note}".rstrip(), "note"))
     if of_body:
         pieces += _dam(content)
-    rows = [[title, *(of(run) for run in runs)] for title, of in _rows(content.band)]
+    band = content.band
+    rows = [[title, *(of(run) for run in runs)] for title, of in _rows(band, runs)]
     rows = [row for row in rows if any(cell is not None for cell in row[1:])]
     if rows:
         pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
     pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
     if any(run.results.joints for run in runs):
         pieces.append(paragraph(JOINT_NOTE, "note"))
-    found = [sentence for run in content.runs for sentence in doubts(run)]
+    found = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
     pieces.append(heading("Warnings"))
     pieces.append(bullets(found or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))
@@ -94,6 +95,13 @@ def doubts(run: Run) -> list[str]:
     found += _losses(run)
     recorded = summary.get("warnings", [])
     return found + [f"{run.label}: {text}" for text in recorded]
+
+
+def _unresolved(run: Run, band: float) -> list[str]:
+    """A sentence where accelerations are shown beyond what the run resolves."""
+    shown = run.moves and run.has("histories", "acceleration")
+    text = beyond(band, measures.resolved_frequencies(run.results)) if shown else ""
+    return [f"{run.label}: {text}"] if text else []
 
 
 def _losses(run: Run) -> list[str]:
@@ -192,9 +200,10 @@ def _energy_error(run: Run) -> Cell:
 _SINCE = "from the last static state on"
 
 
-def _rows(band: float) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
+def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
     """Titles of rows and what makes their cells; accelerations in a band [Hz]."""
-    acceleration = f"crest acceleration, absolute, {band_name(band)} [m/s²]"
+    named = measures.band_name(band, *(run.results for run in runs))
+    acceleration = f"crest acceleration, absolute, {named} [m/s²]"
     return (
         ("crest displacement from the static state [mm]", _crest_displacement),
         (acceleration, partial(_crest_acceleration, band=band)),

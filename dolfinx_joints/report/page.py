@@ -192,10 +192,12 @@ def panels(
     limit: float | None = None,
     logarithmic: bool = False,
     shown: int = _SHOWN,
+    shaded: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """Panels one above the other over one abscissa; a name has one colour in all of them.
 
-    Titles have units, the abscissa ends at a limit, so many names are shown at first.
+    Titles have units, the abscissa ends at a limit, so many names are shown at first; a range of
+    the abscissa may be shaded.
     """
     names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
     count = len(curves)
@@ -218,6 +220,10 @@ def panels(
         layout["xaxis"]["range"] = [0.0, limit]
     if logarithmic:
         layout["xaxis"]["type"] = "log"
+    if shaded is not None:
+        where = {"x0": shaded[0], "x1": shaded[1], "y0": 0.0, "y1": 1.0, "yref": "paper"}
+        style = {"fillcolor": "#ececec", "line": {"width": 0}, "layer": "below"}
+        layout["shapes"] = [{"type": "rect", "xref": "x", **where, **style}]
     data = []
     for row, (panel, ordinate) in enumerate(zip(curves, ordinates, strict=True)):
         number = "" if row == 0 else str(row + 1)

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report.page import Cell, Html, Section, table
 from dolfinx_joints.report.runs import Content, Run
 
@@ -67,6 +68,7 @@ def parameters(content: Content) -> Section:
         "Damping": [_objects([("", m.get("damping"))]) for m in made],
         "Steps and solver": [_objects(m.get("settings", {}).items()) for m in made],
         "Facts of the run": [{"": _facts(run)} for run in runs],
+        "Resolved up to [Hz]": [{"": _resolved(run)} for run in runs],
         "Mesh": [{"": _mesh(run)} for run in runs],
         "Programs and machine": [{"": _programs(m)} for m in made],
     }
@@ -142,6 +144,17 @@ def _mesh(run: Run) -> dict[str, Any]:
     for title, name in (("nodes in the file", "mesh/nodes"), ("boundary facets", "mesh/surface")):
         found[title] = len(run.results.static(name)) if name in statics else None
     return found | {"joints": len(run.results.joints)}
+
+
+def _resolved(run: Run) -> dict[str, Any]:
+    """Frequencies by what limits them."""
+    limits = measures.resolved_frequencies(run.results).as_json()
+    titles = (
+        "time step, ten to a period",
+        "mesh, ten nodes to the shortest shear wave",
+        "closed joints, half the energy of waves passes",
+    )
+    return dict(zip(titles, limits.values(), strict=True))
 
 
 def _programs(made: Mapping[str, Any]) -> dict[str, Any]:

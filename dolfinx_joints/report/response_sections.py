@@ -111,7 +111,8 @@ def response_spectra(content: Content) -> Section:
             for column in range(len(names))
         ]
         titles = [f"{component} [m/s²]" for component in names]
-        spec = panels(curves, titles, "period [s]", logarithmic=True)
+        shaded = _unresolved_periods(having)
+        spec = panels(curves, titles, "period [s]", logarithmic=True, shaded=shaded)
         caption = (
             f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
             f"{name}"
@@ -119,14 +120,14 @@ def response_spectra(content: Content) -> Section:
         for what in ground:
             caption += f", and on the {what} of {runs[0].label}"
         caption += " (hidden at first)." if ground and len(having) > 1 else "."
-        caption += f" Accelerations are {measures.band_name(band)}."
+        named = measures.band_name(band, *(run.results for run in having))
+        caption += f" Accelerations are {named}{'; periods beyond are shaded' if shaded else ''}."
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
     rows = [[*row, *[None] * (len(head) - len(row))] for row in rows]
-    pieces.insert(
-        0, table(f"Largest absolute accelerations, {measures.band_name(band)}", head, rows)
-    )
+    named = measures.band_name(band, *(run.results for run in runs))
+    pieces.insert(0, table(f"Largest absolute accelerations, {named}", head, rows))
     return Section("accelerations", title, pieces)
 
 
@@ -203,6 +204,13 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
         content.save(f"{kind}_{number + 1}_{c}", draw(main.results, name, c, **options))
         for c in main.components
     ]
+
+
+def _unresolved_periods(runs: Sequence[Run]) -> tuple[float, float] | None:
+    """Periods of the spectra that are too short for some run [s]."""
+    lowest, _ = measures.resolved_frequencies(*(run.results for run in runs)).lowest
+    ends = float(PERIODS[0]), float(min(1.0 / lowest, PERIODS[-1]))
+    return ends if ends[0] < ends[1] else None
 
 
 def _acceleration_row(run: Run, name: str, band: float) -> list[Any]:

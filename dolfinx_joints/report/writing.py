@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Annotated
 import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
 from dolfinx_joints.common.hdf5 import damage_reported
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
@@ -49,7 +50,8 @@ def write(
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")
     _check_packages()
     damage = damage_reported(target, ResultsError, "cannot be made of what the files hold")
-    with opened(results) as runs, damage, _written(target):
+    muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
+    with opened(results) as runs, damage, _written(target), muted:  # the page tells of them
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)

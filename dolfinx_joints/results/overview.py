@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.resolved import resolved_frequencies
 
 _WIDTH = 100
 _LABEL = 12
@@ -55,6 +56,9 @@ def overview(path: str | Path) -> str:
         settings = {k: v for k, v in facts.items() if k not in _SHOWN}
         lines += _line("settings", _facts(settings, settings))
         lines += _made_by(facts.get("manifest"))
+        limits = resolved_frequencies(results)._asdict().items()
+        known = [f"{f:.3g} Hz by the {name}" for name, f in limits if f < np.inf]
+        lines += _line("resolved to", known)
         lines += _line("points", _points(results))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
@@ -109,6 +113,8 @@ def _made_by(manifest: Any) -> list[str]:
     """Lines on the programs and laws that made the file; joints of equal laws share one."""
     lines: list[str] = []
     for label, value in manifest.items() if isinstance(manifest, dict) else ():
+        if label == "resolved_hz":
+            continue
         if label == "joint_laws" and isinstance(value, dict):
             joints: dict[str, list[str]] = {}
             for joint, law in value.items():

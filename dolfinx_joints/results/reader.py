@@ -334,6 +334,15 @@ def _dataset_names(group: h5py.Group) -> list[str]:
     return names
 
 
+def holds_statics_alone(path: Path) -> bool:
+    """Whether there is a file of static stages alone."""
+    try:
+        with Results(path) as results:
+            return list(results.streams) == ["statics"]
+    except ResultsError:
+        return False
+
+
 def listing(names: Iterable[str]) -> str:
     """Names in one line, for messages; of many the first."""
     every = list(names)

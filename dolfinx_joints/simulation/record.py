@@ -60,6 +60,7 @@ class Record:
             (3,) at a time [s], [m/s]; None without any. Displacements are absolute then.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
+        dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
@@ -79,6 +80,7 @@ class Record:
     solve: SolveReport | None
     energy: EnergyRow
     substeps: int
+    dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None

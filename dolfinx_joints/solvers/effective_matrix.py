@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -32,7 +31,8 @@ class MatrixCoefficients:
         mass: Of M.
         damping: Of C.
         stiffness: Of K.
-        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`.
+        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`, in a
+            midpoint step, whose ``damping`` is 1 / dt.
     """
 
     mass: float
@@ -44,8 +44,7 @@ class MatrixCoefficients:
         """Mass and damping of the exact modes, None without any (collective)."""
         if not self.exact_modes:
             return None
-        rate = math.sqrt(2.0 * self.mass)
-        step = lowest_modes(system, self.exact_modes).step(rate)
+        step = lowest_modes(system, self.exact_modes).step(2.0 * self.damping)
         return step if step.used else None
 
 
@@ -100,11 +99,11 @@ class EffectiveMatrix:
         self._changed: ChangedSolver | None = None
         step = effective.modal_step(system)
         if step is not None:
-            delta = step.change(effective.mass, effective.damping)
+            more = effective.stiffness - 0.5
             self.change = ModalChange(
                 step.modes.weighted(step.used),
-                delta,
-                lambda x: effective.mass * step.of_supports(x),
+                step.change(effective.mass, effective.damping, effective.stiffness),
+                lambda x: effective.mass * step.of_supports(x) - more * step.pushed(x),
                 step.modes.comm,
             )
 

@@ -40,10 +40,12 @@ class EnergyRow:
             ``imbalance`` says nothing of these (`Contact.without_losses` names such laws).
         joint_imbalance: The part of ``imbalance`` that arises in each joint: its elastic energy,
             friction and numerical loss less the work of the body on it, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction + plastic + impact.
+        error: stored - stored at the start - input + viscous + friction + plastic + impact +
+            dissipation.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` that viscous boundaries took.
         impact: Lost by joint points that strike and do not rebound.
+        dissipation: What a spectral radius below 1 took out of the body, never negative.
     """
 
     kinetic: float
@@ -59,6 +61,7 @@ class EnergyRow:
     plastic: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
+    dissipation: float = 0.0
 
     @cached_property
     def joint(self) -> float:
@@ -135,12 +138,14 @@ class EnergyLedger:
         joints = work.joints
         own = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
         entered = last.input + sum(work.loads.values()) + work.supports
-        viscous, rubbed = last.viscous + work.viscous, last.joint_friction + joints.friction
+        viscous = last.viscous + (work.viscous + work.absorbed)
+        rubbed = last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
         kinetic, strain = state.kinetic_energy, self._strain(state)
         stored = kinetic + strain + float(elastic.sum())
         impact = last.impact + float(joints.impact.sum())
-        losses = viscous + float(rubbed.sum()) + plastic + impact
+        dissipation = last.dissipation + work.dissipation
+        losses = viscous + float(rubbed.sum()) + plastic + impact + dissipation
         missing = stored - self._at_start - entered + losses
         return EnergyRow(
             kinetic=kinetic,
@@ -159,11 +164,12 @@ class EnergyLedger:
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
+            dissipation=dissipation,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
         """Account for one accepted step."""
-        losses = row.viscous + row.friction + row.plastic + row.impact
+        losses = row.viscous + row.friction + row.plastic + row.impact + row.dissipation
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
         net = abs(row.input - row.absorbed)
         self.largest = max(self.largest, row.stored, net, losses - row.absorbed)

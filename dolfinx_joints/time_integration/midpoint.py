@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
@@ -13,11 +14,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Response, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.dissipation import Dissipation, midpoint_coefficients
 from dolfinx_joints.time_integration.exact_steps import (
     LoadKick,
     add_free_vibration,
@@ -45,6 +46,7 @@ class _Midpoint:
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
     exact_modes: ClassVar[int] = 0
+    spectral_radius: ClassVar[float] = 1.0
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
@@ -54,77 +56,18 @@ class _Midpoint:
         self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
         """One step of length dt [s] (collective)."""
-        system, time, rate = solver.system, state.time + dt, _exact_square(2.0 / dt)
-        if system.bulk is not None and self.rule != DISCRETE_GRADIENT:
+        if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
             )
-        state = scaled(system, state, self.exact_modes, rate)
-        effective = MatrixCoefficients(
-            mass=0.5 * rate**2,
-            damping=0.5 * rate,
-            stiffness=0.5,
-            exact_modes=self.exact_modes,
-        )
-        exact = effective.modal_step(system)
-        load = system.load(time, state.load.duplicate())
-        known = [(0.5, load), (0.5, state.load)]
-        known += [(rate, state.momentum), (-1.0, state.elastic_force)]
-        if state.remainder is not None:
-            known.append((-1.0, state.remainder))
-        b = combination(*known)
-        x = combination((dt, state.velocity))
-        fixed = system.constrained
-        x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        turn = _Turn(system, state, x, rate, time, dt, exact)
-        turn.add(turn.momentum, b, -0.5 * rate)
-        before = joints_before(system, state, turn.velocity, rate)
-        joints, solve = solver.solve(effective, b, x, before, self.rule.over(dt))
-        products = Products(system, effective, b, x, joints)
-        if exact is not None:
-            modal = exact.modes.amounts(exact.used, x)
-            complete(exact, products, effective, x, modal, fixed)
-        velocity = combination((rate, x), (-1.0, state.velocity))
-        turn.add(turn.velocity, velocity)
-        if len(system.massless):
-            # Nothing holds the velocities of these to those before: take the mean of the step.
-            velocity.getArray()[system.massless] = x.array[system.massless] / dt
-        momentum = combination((rate, products.mass), (-1.0, state.momentum))
-        turn.add(turn.momentum, momentum)
-        acceleration = combination((1.0, velocity), (-1.0, state.velocity))
-        acceleration.scale(1.0 / dt)
-        after = DynamicState(
-            time=time,
-            displacement=combination((1.0, state.displacement), (1.0, x)),
-            velocity=velocity,
-            acceleration=acceleration,
-            load=load,
-            reaction=products.reaction,
-            momentum=momentum,
-            elastic_force=combination((1.0, state.elastic_force), (1.0, products.stiffness)),
-            joints=joints,
-            remainder=products.remainder,
-            exact_modes=state.exact_modes,
-            rate=rate,
-        )
-        change = combination((1.0, acceleration), (-1.0, state.acceleration))
-        loads = system.work_of_loads(x, state.time, time)
-        if exact is not None:
-            rates = exact.modes.amounts(exact.used, state.velocity)
-            add_free_vibration(exact, rates, dt, change)
-            of_supports = dt * exact.modes.carried(exact.used, acceleration)
-            for name, kicked in turn.works(modal, rates, rate, of_supports).items():
-                loads[name] += kicked
-        work = StepWork(
-            loads=loads,
-            supports=float(products.reaction.dot(x)) + turn.work(state.momentum, momentum),
-            viscous=products.viscous,
-            absorbed=products.absorbed,
-            joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=False),
-        )
-        error = float(change.norm()) * dt**2 / 12.0
-        return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
+        rule = self.rule.over(dt)
+        step = _Step(solver.system, state, dt, self.exact_modes, self.spectral_radius)
+        joints, solve = solver.solve(step.effective, step.known, step.x, step.joints, rule)
+        products = step.products(joints)
+        after = step.state_after(products, joints)
+        work = step.work(products, after, rule)
+        return after, StepReport(dt=dt, solve=solve, work=work, local_error=step.local_error(after))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,10 +82,14 @@ class EnergyConsistent(_Midpoint):
 
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
-            are exact; of them a step takes those with omega dt up to 1.
+            are exact; of them a step takes those with omega dt up to 1.5.
+        spectral_radius: Factor by which a step multiplies what vibrates infinitely fast, of all
+            that is not in exact modes: 1 keeps it, 0 takes it out in one step. Below 1 that part is
+            of first order, and the ledger has its loss as ``dissipation``.
     """
 
     exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
+    spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 1.0  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +101,134 @@ class ImplicitContact(_Midpoint):
     """
 
     rule: ClassVar[Rule] = BACKWARD_EULER
+
+
+class _Step:
+    """The equation of one step, and what follows once a solver has found its x.
+
+    Attributes:
+        effective: Coefficients of the matrix.
+        known: (F0 + F1)/2 + 2/dt M v0 - K u0, with what the last step and the turn leave [N].
+        x: u1 - u0, a guess until it is solved for; prescribed dofs are as they must be [m].
+        joints: State of the joints as laws take it at the start.
+    """
+
+    def __init__(
+        self, system: MatrixSystem, state: DynamicState, dt: float, modes: int, radius: float
+    ) -> None:
+        """Set up the step of length dt [s] from a state (collective).
+
+        It is exact in some modes, with a spectral radius at infinity of the rest.
+        """
+        self._system, self._dt, self._time = system, dt, state.time + dt
+        self._rate = rate = _exact_square(2.0 / dt)
+        self._before = state = scaled(system, state, modes, rate)
+        self.effective = midpoint_coefficients(rate, radius, modes)
+        self._exact = exact = self.effective.modal_step(system)
+        self._dissipation = None
+        if radius < 1.0:
+            self._dissipation = Dissipation(system, state, self.effective, radius, exact)
+        self._load = system.load(self._time, state.load.duplicate())
+        known = [(0.5, self._load), (0.5, state.load)]
+        known += [(rate, state.momentum), (-1.0, state.elastic_force)]
+        if state.remainder is not None:
+            known.append((-1.0, state.remainder))
+        self.known = combination(*known)
+        if self._dissipation is not None:
+            self._dissipation.add_known(self.known)
+        self.x = combination((dt, state.velocity))
+        fixed = system.constrained
+        moved = system.prescribed(self._time) - state.displacement.array[fixed]
+        self.x.getArray()[fixed] = moved
+        share = 0.5 * (1.0 - radius)
+        self._turn = _Turn(system, state, self.x, rate, self._time, dt, exact, share)
+        self._turn.add(self._turn.momentum, self.known, -0.5 * rate)
+        self.joints = joints_before(system, state, self._turn.velocity, rate, radius)
+
+    @cached_property
+    def _modal(self) -> Floats:
+        """Phi.M x of the exact modes, once x is solved for, shape (used,), [m]."""
+        return self._amounts(self.x)
+
+    @cached_property
+    def _modal_rates(self) -> Floats:
+        """Their velocities at the start, shape (used,), [m/s]."""
+        return self._amounts(self._before.velocity)
+
+    def _amounts(self, vector: PETSc.Vec) -> Floats:
+        exact = self._exact
+        return np.zeros(0) if exact is None else exact.modes.amounts(exact.used, vector)
+
+    def products(self, joints: Response | None) -> Products:
+        """M x and K x, with the mass and damping of exact modes (collective)."""
+        system, exact = self._system, self._exact
+        products = Products(system, self.effective, self.known, self.x, joints)
+        if exact is not None:
+            complete(exact, products, self.effective, self.x, self._modal, system.constrained)
+        if self._dissipation is not None:
+            self._dissipation.complete(products, self.x, self._modal)
+        return products
+
+    def state_after(self, products: Products, joints: Response | None) -> DynamicState:
+        """The state at the end of the step (collective)."""
+        before, massless = self._before, self._system.massless
+        velocity = combination((self._rate, self.x), (-1.0, before.velocity))
+        momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
+        if self._dissipation is not None:
+            self._dissipation.damp(velocity, momentum, self._modal)
+        self._turn.add(self._turn.velocity, velocity)
+        if len(massless):
+            # Nothing holds the velocities of these to those before: take the mean of the step.
+            velocity.getArray()[massless] = self.x.array[massless] / self._dt
+        self._turn.add(self._turn.momentum, momentum)
+        acceleration = combination((1.0, velocity), (-1.0, before.velocity))
+        acceleration.scale(1.0 / self._dt)
+        return DynamicState(
+            time=self._time,
+            displacement=combination((1.0, before.displacement), (1.0, self.x)),
+            velocity=velocity,
+            acceleration=acceleration,
+            load=self._load,
+            reaction=products.reaction,
+            momentum=momentum,
+            elastic_force=combination((1.0, before.elastic_force), (1.0, products.stiffness)),
+            joints=joints,
+            remainder=products.remainder,
+            exact_modes=before.exact_modes,
+            rate=self._rate,
+        )
+
+    def work(self, products: Products, after: DynamicState, rule: Rule) -> StepWork:
+        """Works over the step, each by its own formula (collective)."""
+        system, before, exact = self._system, self._before, self._exact
+        loads = system.work_of_loads(self.x, before.time, self._time)
+        if exact is not None:
+            of_supports = self._dt * exact.modes.carried(exact.used, after.acceleration)
+            kicks = self._turn.works(self._modal, self._modal_rates, self._rate, of_supports)
+            for name, kicked in kicks.items():
+                loads[name] += kicked
+        supports = float(products.reaction.dot(self.x))
+        supports += self._turn.work(before.momentum, after.momentum)
+        lost = 0.0
+        if self._dissipation is not None:
+            ends = after.velocity, after.momentum
+            lost, more = self._dissipation.works(self.x, self._modal, products, *ends)
+            supports += more
+        return StepWork(
+            loads=loads,
+            supports=supports,
+            viscous=products.viscous,
+            absorbed=products.absorbed,
+            dissipation=lost,
+            joints=joint_works(system, before, after.joints, rule, mean_traction=False),
+        )
+
+    def local_error(self, after: DynamicState) -> float:
+        """Error of the displacement in the step, equation (33) [m] (collective)."""
+        change = combination((1.0, after.acceleration), (-1.0, self._before.acceleration))
+        if self._exact is not None:
+            add_free_vibration(self._exact, self._modal_rates, self._dt, change)
+        return float(change.norm()) * self._dt**2 / 12.0
 
 
 class _Turn:
@@ -176,8 +251,9 @@ class _Turn:
         time: float,
         dt: float,
         exact: ModalStep | None,
+        share: float,
     ) -> None:
-        """Find the change (collective)."""
+        """Find the change, ``share`` being that of `Dissipation` (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
@@ -190,7 +266,8 @@ class _Turn:
         self.velocity.set(0.0)
         self.momentum.set(0.0)
         if rates is not None:
-            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
+            before, moved = state.velocity.array[self._fixed], x.array[self._fixed]
+            by_rule = rate * moved - before - share * (rate * moved - 2.0 * before)
             self.velocity.getArray()[self._fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:

@@ -24,8 +24,8 @@ class Products:
     Attributes:
         mass: M x.
         stiffness: K x.
-        viscous: x.C x times the coefficient of C in the equation [J].
-        absorbed: The part of it of the dashpots that take waves out [J].
+        viscous: x.C x times the coefficient of C in the equation, absorption apart [J].
+        absorbed: The same of the dashpots that take waves out [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
         remainder: The same at the unconstrained dofs [N].
     """
@@ -53,12 +53,13 @@ class Products:
         if system.dashpots is not None:
             system.dashpots.mult(x, self.reaction)
             damped.axpy(1.0, self.reaction)
-        self.viscous = effective.damping * float(damped.dot(x))
         residual.axpy(effective.damping, damped)
         self.absorbed = 0.0
         if system.absorption is not None:
             system.absorption.mult(x, self.reaction)
             self.absorbed = effective.damping * float(self.reaction.dot(x))
+            damped.axpy(-1.0, self.reaction)
+        self.viscous = effective.damping * float(damped.dot(x))
         if system.internal_forces is not None and joints is not None:
             residual.axpy(1.0, system.internal_forces.force(joints, self.reaction))
         norm = float(residual.norm())

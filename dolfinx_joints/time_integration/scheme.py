@@ -22,9 +22,10 @@ class StepWork:
     Attributes:
         loads: Of each load by name [J].
         supports: Of moving supports [J].
-        viscous: Against the damping [J].
-        absorbed: The part of it of the dashpots that take waves out [J].
+        viscous: Against the damping, absorption apart [J].
+        absorbed: Against the dashpots that take waves out [J].
         joints: Of the body on each joint, and what of it is lost [J].
+        dissipation: What the scheme takes out of the body by its spectral radius [J].
     """
 
     loads: Mapping[str, float]
@@ -32,6 +33,7 @@ class StepWork:
     viscous: float
     joints: JointWorks
     absorbed: float = 0.0
+    dissipation: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

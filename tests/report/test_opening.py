@@ -63,7 +63,9 @@ def test_what_matters_is_what_the_file_holds(tmp_path):
         assert where == f"{point} {best}, {time[at]:.4g} s"
         # 1.3 mm sin(2 pi 5.22 t), sampled in steps of 0.01 s.
         assert abs(float(value)) == pytest.approx(1.3, rel=5e-3)
-        title = "crest acceleration, absolute, low-passed at 25 Hz [m/s²]"
+        # Steps of 0.01 s: ten of them to a period at 10 Hz.
+        band = "low-passed at 25 Hz, resolved to 10 Hz by the step"
+        title = f"crest acceleration, absolute, {band} [m/s²]"
         largest = max(abs(measures.acceleration_history(results, point, c)[1]).max() for c in "xyz")
         shown = after(cells, "linear", title, 2)[1]
         assert abs(float(shown.split(" ")[0])) == pytest.approx(largest, rel=1e-3)

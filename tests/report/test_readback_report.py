@@ -8,6 +8,8 @@ Rows are found by their names and columns by words, so that tables may move and 
 from __future__ import annotations
 
 import base64
+import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 from reading_back import Tables, curves, low_passed
-from written_runs import WEIGHT, write_distinct, write_stages
+from written_runs import WEIGHT, write_distinct, write_run, write_stages
 
 from dolfinx_joints import report
+from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
@@ -175,6 +178,27 @@ def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
             shown(tables.value(name, "water"), joint.water_force)
 
 
+def test_what_is_resolved_is_told(tmp_path: Path) -> None:
+    # Steps of 0.01 s, ten to a period: 10 Hz; what the file says of mesh and joints.
+    limits = {"step": 20.0, "mesh": 12.0, "joints": 500.0}
+    path = write_run(tmp_path / "run.h5", facts={"manifest": {"resolved_hz": limits}})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PlausibilityWarning)  # the page tells of them instead
+        out = report.write([path], tmp_path / "out.html", with_3d=False)
+    html = out.read_text(encoding="utf-8")
+    tables = Tables(html)
+    shown(tables.value("time step, ten to a period", "run"), 10.0)
+    shown(tables.value("mesh, ten nodes to the shortest shear wave", "run"), 12.0)
+    shown(tables.value("closed joints, half the energy of waves passes", "run"), 500.0)
+    band = "low-passed at 25 Hz, resolved to 10 Hz by the step"
+    assert f"crest acceleration, absolute, {band} [m/s²]" in html
+    (ends,) = set(re.findall(r'"x0":([\d.]+),"x1":([\d.]+),', html))  # of the shade, [s]
+    np.testing.assert_allclose([float(end) for end in ends], [0.03, 0.1])
+    (doubt,) = re.findall("<li>(run: accelerations.*?)</li>", html)
+    assert "up to 25 Hz, but" in doubt
+    assert "the step up to 10 Hz and the mesh up to 12 Hz; take" in doubt
+
+
 def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> None:
     html, runs = two
 
@@ -183,8 +207,14 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
         np.testing.assert_allclose(found[1], y, rtol=1e-5, atol=1e-6 * np.nanmax(np.abs(y)))
 
     periods = np.geomspace(0.03, 3.0, 80)
-    assert "Largest absolute accelerations, low-passed at 25 Hz" in html
-    assert html.count("Accelerations are low-passed at 25 Hz.") >= len(POINTS)
+    longest = max(np.diff(run.time("histories")).max() for run in runs.values())
+    named = f"low-passed at 25 Hz, resolved to {0.1 / longest:.3g} Hz by the step"
+    assert f"Largest absolute accelerations, {named}" in html
+    captions = (
+        html.count("<figcaption>Pseudo-acceleration of"),
+        html.count(f"Accelerations are {named}; periods beyond are shaded.</figcaption>"),
+    )
+    assert captions == (len(POINTS), len(POINTS))
     for number, point in enumerate(POINTS, 1):
         for (label, panel), found in curves(html, f"history-{number}").items():
             same(found, *measures.displacement_history(runs[label], point, "xyz"[panel]))  # type: ignore[arg-type]

@@ -613,6 +613,11 @@ def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
     assert "base" in made["supports"][0]
     assert made["static_stages"] == {"weight": "Gravity; inactive: joint_1", "grout": "Gravity"}
     assert made["settings"]["ground motion"] == "synthetic motion 5"
+    # Ten steps of 4 ms to a period; shear waves of 10 GPa over 2400 kg/m^3, 2041 m/s, in cells of
+    # 20/3 m; k_s / (pi rho c_s).
+    speed = np.sqrt(1e10 / 2400.0)
+    limits = {"step": 25.0, "mesh": 0.015 * speed, "joints": 4e10 / (np.pi * 2400.0 * speed)}
+    assert made["resolved_hz"] == pytest.approx(limits)
     assert len(made["mesh_sha256"]) == 64
     assert made["mesh_sha256"] in (comm.bcast(made["mesh_sha256"]),)
     assert main(["info", "--all", str(path)]) == 0

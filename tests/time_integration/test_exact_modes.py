@@ -328,3 +328,28 @@ def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, solver):
         found.append([row.kinetic, row.strain, row.friction, row.viscous, row.input])
     assert found[0][2] > 0.0
     np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
+
+
+@pytest.mark.mpi
+def test_a_wall_on_a_moving_base_on_any_number_of_ranks(comm, wall_file, read):
+    # Its modes carry momentum of the base, whose nodes and whose joints are on several ranks.
+    pytest.importorskip("dolfinx")
+    from mpi4py import MPI
+    from shaken_wall import DT, wall
+
+    from dolfinx_joints import Fixed, Prescribed, Simulation
+
+    moves = Prescribed(
+        group="base", component="x", value=lambda t: 0.03 * (1.0 - math.cos(20.0 * t))
+    )
+    found = []
+    for on in (comm, MPI.COMM_SELF):
+        model = wall(read(wall_file(), on), supports=[Fixed(group="base", components="yz"), moves])
+        simulation = Simulation(model)
+        simulation.statics()
+        outcome = simulation.dynamics(dt=DT, steps=8, scheme=EnergyConsistent(exact_modes=20))
+        assert outcome.imbalance < 1e-12
+        row = outcome.energy
+        found.append([row.kinetic, row.strain, row.friction, row.viscous, row.input])
+    assert found[0][2] > 0.0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)

@@ -19,6 +19,7 @@ from dolfinx_joints import (
     EnergyConsistent,
     FrictionNoTension,
     ImplicitContact,
+    JointsError,
     MatrixSystem,
     Newmark,
     SolverOptions,
@@ -28,19 +29,22 @@ from dolfinx_joints.laws.law import Losses
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration import midpoint, newmark
+from dolfinx_joints.time_integration.dissipation import Dissipation
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
 
 SCHEMES = {
     "energy-consistent": EnergyConsistent(),
+    "dissipating": EnergyConsistent(spectral_radius=0.5),
     "implicit": ImplicitContact(),
     "newmark": Newmark(),
 }
 FRICTION = {"normal_stiffness": 2e5, "shear_stiffness": 1e5, "friction_angle_deg": 30.0}
-BODY = ["loads", "viscous", "damping of the equation", "friction", "stored"]
+BODY = ["loads", "viscous", "absorbed", "damping of the equation", "friction", "stored"]
 CASES = [
     *((name, fault) for name in SCHEMES for fault in BODY),
-    *((name, "supports") for name in ("energy-consistent", "implicit")),
+    *((name, "supports") for name in ("energy-consistent", "dissipating", "implicit")),
+    ("dissipating", "dissipation"),
     *((name, "numerical") for name in ("implicit", "newmark")),
 ]
 
@@ -61,7 +65,8 @@ def scene(law, *, moving):
     if moving:
         support["values"] = lambda t: np.array([2e-3 * np.sin(30.0 * t)])
     rayleigh = Rayleigh(mass_factor=1.0, stiffness_factor=1e-4)
-    return dataclasses.replace(plain, rayleigh=rayleigh, **support)
+    waves = MatrixSystem.from_arrays(mass=np.eye(3), stiffness=10.0 * np.eye(3)).stiffness
+    return dataclasses.replace(plain, rayleigh=rayleigh, absorption=waves, **support)
 
 
 def run(scheme, law=None, *, moving=None, steps=400):
@@ -91,9 +96,13 @@ def plant(monkeypatch, fault):
         works = MatrixSystem.work_of_loads
         more = lambda *args: {name: 1.01 * each for name, each in works(*args).items()}  # noqa: E731
         monkeypatch.setattr(MatrixSystem, "work_of_loads", more)
-    if fault in ("viscous", "supports"):
+    if fault in FalseProducts:
         for module in (midpoint, newmark):
             monkeypatch.setattr(module, "Products", FalseProducts[fault])
+    if fault == "dissipation":
+        works = Dissipation.works
+        more = lambda *args: (1.01 * works(*args)[0], works(*args)[1])  # noqa: E731
+        monkeypatch.setattr(Dissipation, "works", more)
     if fault == "damping of the equation":
         right = MatrixSystem.coefficients
         monkeypatch.setattr(
@@ -128,13 +137,19 @@ class FalseViscous(midpoint.Products):
         self.viscous *= 1.01
 
 
+class FalseAbsorbed(midpoint.Products):
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.absorbed *= 1.01
+
+
 class FalseReaction(midpoint.Products):
     def __init__(self, *args):
         super().__init__(*args)
         self.reaction.scale(1.01)
 
 
-FalseProducts = {"viscous": FalseViscous, "supports": FalseReaction}
+FalseProducts = {"viscous": FalseViscous, "absorbed": FalseAbsorbed, "supports": FalseReaction}
 
 
 @pytest.mark.parametrize("name", SCHEMES)
@@ -146,7 +161,9 @@ def test_without_a_fault_the_lines_add_up(name):
     assert ledger.relative_imbalance <= 1e-11
     assert of_joint <= 1e-11
     assert min(row.viscous, row.friction, abs(row.input)) > 0.01 * ledger.scale
-    if name == "energy-consistent":
+    assert 0.1 * row.viscous < row.absorbed < row.viscous
+    assert (row.dissipation > 0.01 * ledger.scale) == (name == "dissipating")
+    if name in ("energy-consistent", "dissipating"):
         assert row.numerical == 0.0
     else:
         assert abs(row.numerical) > 1e-4 * ledger.scale
@@ -199,3 +216,46 @@ def test_a_law_that_states_no_losses_is_left_out(name):
     contact = scene(law, moving=False).contact
     assert contact.without_losses(scheme.rule) == ("Plain",)
     assert scene(Plain.law, moving=False).contact.without_losses(scheme.rule) == ()
+
+
+def test_a_fault_in_plastic_work_shows(monkeypatch):
+    # A square of plastic cells, pressed by its weight and a shaken base, damped by the scheme too.
+    pytest.importorskip("dolfinx")
+    from dolfinx import mesh
+    from mpi4py import MPI
+
+    from dolfinx_joints import DruckerPrager, Elastic, Fixed, Gravity, Model, Simulation, split_mesh
+    from dolfinx_joints.body.plastic_cells import PlasticBulk
+
+    square = mesh.create_unit_square(MPI.COMM_SELF, 2, 2, mesh.CellType.quadrilateral)
+    square.topology.create_connectivity(1, 2)
+    base = mesh.locate_entities_boundary(square, 1, lambda x: np.isclose(x[1], 0.0))
+    tags = mesh.meshtags(square, 1, base, np.ones(len(base), dtype=np.int32))
+    rock = DruckerPrager(
+        elastic=Elastic(young=1e9, poisson=0.3, density=2000.0),
+        cohesion=1e4,
+        friction_angle_deg=30.0,
+        fit="plane strain",
+    )
+    model = Model(
+        split_mesh(square, tags, joints={}, groups={"base": 1}),
+        material=rock,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+    )
+
+    def run_model():
+        return Simulation(model).dynamics(
+            dt=1e-3,
+            steps=20,
+            motion=lambda t: [20.0 * np.sin(300.0 * t), 0.0, 0.0],
+            scheme=EnergyConsistent(spectral_radius=0.5),
+        )
+
+    outcome = run_model()
+    assert outcome.imbalance < 1e-12
+    assert outcome.energy.plastic > 0.01 * outcome.energy.stored
+    assert outcome.energy.dissipation > 0.0
+    monkeypatch.setattr(PlasticBulk, "dissipation", falsified(PlasticBulk.dissipation))
+    with pytest.raises(JointsError, match="do not add up"):
+        run_model()

@@ -39,7 +39,7 @@ class Chatter:
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
         # By point: time of its contact, impulse, friction work; time of the last flight.
-        self._lasts, self._impulse, self._rubbed = (np.zeros(points) for _ in range(3))
+        self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
         self._flight: Floats = np.full(points, np.inf)
         # By joint: short contacts, their impulse, all impulse; on this rank.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
@@ -56,9 +56,9 @@ class Chatter:
         resolved = max((RESOLVED - 0.5) * dt, whole)
         brief = np.maximum(self._lasts, self._flight) < resolved
         short = ended & brief & (self._rubbed > 0.0)
-        weights = (1.0 * short, short * self._impulse, pressed * pressure)
-        count = self._sums.shape[1]
-        self._sums += [np.bincount(operator.joint, each, count) for each in weights]
+        of_points = short, short * self._impulse, pressed * pressure
+        joint, count = operator.joint, len(operator.names)
+        self._sums += np.array([np.bincount(joint, values, count) for values in of_points])
         self._flight = np.where(pressed, self._flight, np.where(ended, dt, self._flight + dt))
         for total, more in (
             (self._lasts, dt),

@@ -107,11 +107,11 @@ class RigidJoint:
     ) -> Response:
         """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
-        stored: Floats | None = state.internal
-        struck: Floats | None = None
+        stored = state.internal if self.restitution else None
+        struck = None
         if not self.restitution:
             way = state.approach if len(state.approach) else np.zeros(len(trial_gap))
-            stored, struck = None, np.column_stack([way, state.internal[:, 0]])
+            struck = np.column_stack([way, state.internal[:, 0]])
         answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law, struck)
         return response_of(
             answer,

@@ -178,6 +178,29 @@ def test_a_point_that_sticks_comes_to_rest():
         assert losses.sum() == pytest.approx(0.5e-4 * (1.0 - radius**12), abs=1e-15)
 
 
+@pytest.mark.parametrize("radius", [1.0, 0.8, 0.0])
+def test_what_does_not_rebound_stays(radius):
+    # Thrown at a rigid stop: its energy is lost in the impact and by the scheme, all of it by the
+    # latter at a radius of 0; nothing bounces after it.
+    system = MatrixSystem.from_arrays(
+        mass=2.0,
+        stiffness=0.0,
+        load=lambda t: [-1.0],
+        gap=[[1.0], [0.0], [0.0]],
+        law=RigidJoint(friction_angle_deg=0.0, restitution=0),
+        initial_gap=0.1,
+    )
+    states, losses, ledger = march(system, [0.0625] * 40, v0=-0.5, spectral_radius=radius)
+    struck = int(np.argmax(arrays(states)[:, 0] <= -0.09))
+    assert 0 < struck < 10
+    np.testing.assert_allclose(arrays(states, "velocity")[struck + 2 :, 0], 0.0, atol=1e-12)
+    row = ledger.row
+    assert row.impact + row.dissipation == pytest.approx(0.25 + row.input, rel=1e-12)
+    assert row.impact >= 0.2 * radius
+    assert losses.min() >= 0.0
+    assert ledger.relative_imbalance < 1e-12
+
+
 def test_parts_without_mass():
     # A massless end on a spring follows its force; balance and signs as elsewhere.
     system = MatrixSystem.from_arrays(

@@ -84,7 +84,7 @@ def test_exact_modes(capsys):
     assert off < 0.03
     assert ledger < 1e-12
     exact_modes.main(["--cost", "tiny", "--modes", "5", "--steps", "3"])
-    assert "wall tiny, 972 dofs" in capsys.readouterr().out
+    assert "tiny, 972 dofs" in capsys.readouterr().out
 
 
 def test_dissipation(capsys):

@@ -11,7 +11,7 @@
   against the motion of the same cells without error in time.
 - ``--scene``: displacement of a crest, velocities and opening of a shaken wall or dam against the
   plain scheme with 32 times shorter steps.
-- ``--cost``: processor time per step of a wall.
+- ``--cost``: processor time per step of a wall or dam.
 
 Errors are root mean squares in time over that of the right motion; of the rods the largest over
 the amplitude.
@@ -32,7 +32,7 @@ from scipy.optimize import brentq
 import dolfinx_joints as dj
 from benchmarks.shared.measure import StepWatch
 from benchmarks.shared.problems import Problem, first_state, impact, march
-from benchmarks.shared.scenes import TIME_STEP, Scene, dam, wall
+from benchmarks.shared.scenes import DAM_SIZES, DIVISIONS, TIME_STEP, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.choice import make_solver
@@ -308,15 +308,15 @@ def body(name: str, seconds: float, counts: list[int]) -> None:
                 )
 
 
-def cost(mesh: str, modes: int, steps: int) -> None:
-    """Processor time of steps of a wall, plain and exact in turn."""
-    scene, dt = wall(mesh), 0.4 * TIME_STEP
+def cost(name: str, counts: list[int], steps: int) -> None:
+    """Processor time of steps of a wall or a dam, plain and exact in turn."""
+    scene, dt = (dam(name) if name in DAM_SIZES else wall(name)), 0.4 * TIME_STEP
     with scene.mesh_file() as path:
         model = scene.model(scene.read(path), scene.law())
     static = dj.Simulation(model).statics(steps=scene.load_steps)
     motion = dj.BaseMotion(acceleration=scene.strong_shaking(steps * dt))
     runs, taken = [], []
-    for each in (0, modes):
+    for each in (0, *counts):
         solver = make_solver(model.system([motion]), rule=scheme(0).rule)
         state = initial_state(solver, dt=dt, displacement=static.displacement, joints=static.joints)
         runs.append([scheme(each), solver, state])
@@ -327,11 +327,11 @@ def cost(mesh: str, modes: int, steps: int) -> None:
             run[2], _ = run[0].advance(run[1], run[2], dt)
             times.append(1e3 * (clock.process_time() - began))
         taken.append(times)
-    plain, exact = np.median(taken[1:], axis=0)
-    ratio = np.median([b / a for a, b in taken[1:]])
-    print(f"wall {mesh}, {model.num_dofs} dofs, {dt * 1e3:.2f} ms: processor time per step")
-    print(f"plain {plain:.1f} ms, {modes} exact {exact:.1f} ms, ratio {ratio:.3f}")
-    print(f"first step {taken[0][0]:.0f} and {taken[0][1]:.0f} ms")
+    print(f"{name}, {model.num_dofs} dofs, {dt * 1e3:.2f} ms: processor time per step")
+    print("exact  step [ms]  over plain  first step [ms]")
+    ratios = np.median([np.divide(times, times[0]) for times in taken[1:]], axis=0)
+    for row in zip((0, *counts), np.median(taken[1:], axis=0), ratios, taken[0], strict=True):
+        print("{:5d} {:10.1f} {:11.3f} {:16.0f}".format(*row))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -340,12 +340,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--scene", choices=SCENES, help="errors of a body instead")
     parser.add_argument("--seconds", type=float, default=1.0, help="of its motion")
     parser.add_argument("--modes", type=int, nargs="+", default=[20], help="exact ones")
-    parser.add_argument("--cost", help="time per step of a wall of this mesh instead")
+    parser.add_argument(
+        "--cost", choices=(*DIVISIONS, *DAM_SIZES), help="time per step of this wall or dam instead"
+    )
     parser.add_argument("--steps", type=int, default=60, help="of --cost")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
     if options.cost:
-        cost(options.cost, options.modes[0], options.steps)
+        cost(options.cost, options.modes, options.steps)
     elif options.scene:
         body(options.scene, options.seconds, options.modes)
     else:

@@ -96,14 +96,15 @@ def low_pass(acceleration: NDArray[np.floating[Any]], dt: float, band: float) ->
     """The signal with the part 1 / (1 + (f / band)^8) of what it holds at a frequency f.
 
     No phase is shifted, and the gain is the same at every ``dt``. The cosine transform mirrors the
-    signal at both ends; two periods of the band next to an end hold what the mirror brings.
+    signal at its first and last value, so that one that changes sign every step goes up to the
+    ends; two periods of the band next to an end hold what the mirror brings.
     """
     from scipy.fft import dct, idct
 
     values = np.asarray(acceleration, dtype=np.float64)
-    frequency = np.arange(len(values)) / (2.0 * dt * len(values))
+    frequency = np.arange(len(values)) / (2.0 * dt * (len(values) - 1))
     gain = 1.0 / (1.0 + (frequency / band) ** 8)
-    passed: Floats = idct((gain * dct(values, axis=0).T).T, axis=0)
+    passed: Floats = idct((gain * dct(values, type=1, axis=0).T).T, type=1, axis=0)
     return passed
 
 

@@ -14,6 +14,8 @@ from dolfinx_joints.results.reader import Results
 STEPS_PER_PERIOD = 10.0
 """With so many steps a period comes out 3 % long by the trapezoidal rule (Clough and Penzien)."""
 
+_ROUNDING = 1e-6  # part of a band: steps are differences of times
+
 _REMEDIES = {"step": "a shorter step", "mesh": "a finer mesh", "joints": "stiffer joints"}
 
 
@@ -58,7 +60,8 @@ def beyond(band: float | None, resolved: Resolved) -> str:
     """Sentence on a band that ends above what is resolved, empty where it does not, or is raw."""
     if band is None:
         return ""
-    limits = {n: f for f, n in sorted(zip(resolved, resolved._fields, strict=True)) if f < band}
+    by_frequency = sorted(zip(resolved, resolved._fields, strict=True))
+    limits = {name: f for f, name in by_frequency if f < (1.0 - _ROUNDING) * band}
     if not limits:
         return ""
     each = " and ".join(f"the {name} up to {f:.3g} Hz" for name, f in limits.items())

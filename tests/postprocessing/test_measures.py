@@ -122,6 +122,14 @@ def test_a_constant_passes_the_band_up_to_the_ends(tmp_path: Path) -> None:
     np.testing.assert_allclose(a, 4.0, rtol=1e-9)
 
 
+def test_what_changes_sign_every_step_leaves_no_peak_at_the_end(tmp_path: Path) -> None:
+    # As mass beside stiff joints does: 40 m/s^2 at the Nyquist frequency, none of it in the band.
+    swing = along_x(lambda t: 40.0 * np.cos(np.pi * t / DT))
+    results = write(tmp_path / "r.h5", nothing, acceleration=swing)
+    _, a = measures.acceleration_history(results, "crest", "x", absolute=False, band=20.0)
+    assert np.abs(a).max() < 1e-3 * 40.0
+
+
 def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
     # A blow of 3 m/s within the one step of 1 ms among steps of 10 ms: low-passed it still brings
     # 3 m/s, as the gain at 0 Hz is one.

@@ -54,7 +54,7 @@ def test_a_band_beyond_is_warned_of(tmp_path: Path) -> None:
         (text,) = told(results, 11.0)
         assert "step up to 10 Hz" in text
         assert "mesh" not in text
-        assert told(results, 9.9) == []
+        assert told(results, STEP) == []
         assert told(results, None) == []  # raw values are not those of a band
     assert "the joints up to 3 Hz" in beyond(5.0, Resolved(10.0, 12.0, 3.0))
     assert "stiffer joints" in beyond(5.0, Resolved(10.0, 12.0, 3.0))

@@ -53,7 +53,7 @@ def lines(ax: Any) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def low_passed(values: np.ndarray, dt: float, band: float) -> np.ndarray:
-    """A signal, mirrored at its first and last value, with 1 / (1 + (f / band)^8) of what is at f."""
+    """A signal, mirrored at its first and last value, 1 / (1 + (f / band)^8) of it at f."""
     mirrored = np.concatenate([values, values[-2:0:-1]])
     frequency = np.fft.rfftfreq(len(mirrored), dt)
     spectrum = np.fft.rfft(mirrored) / (1.0 + (frequency / band) ** 8)

@@ -297,7 +297,12 @@ def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -
     count = math.ceil(len(problems) / columns)
     for name, (error, label, limits, work) in FIGURES.items():
         figure, axes = plt.subplots(
-            count, columns, figsize=(13.0, 2.9 * count), sharey=True, layout="constrained"
+            count,
+            columns,
+            figsize=(13.0, 2.9 * count),
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
         )
         for axis, (problem, rows) in zip(axes.flat, problems.items(), strict=False):
             draw_panel(axis, rows, error, work, limits)

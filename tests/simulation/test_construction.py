@@ -475,7 +475,7 @@ def test_without_joints_grouting_is_nothing(read, wall_file):
     run.grout()
     whole = Simulation(model).statics().displacement
     whole.axpy(-1.0, alone)
-    assert whole.norm() == 0.0
+    assert whole.norm() <= 1e-13 * alone.norm()  # sums of ranks come in any order
 
 
 def test_refusals(wall):

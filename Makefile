@@ -50,7 +50,7 @@ MYPY = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(MYPY_TOOL)" python3 -m mypy \
 	--cache-dir "$(TOOLS)/mypy-cache"
 IMPORTS = $(RUN) env PYTHONPATH="$(CURDIR):$(TOOLS)/$(IMPORTS_TOOL)" \
 	python3 "$(TOOLS)/$(IMPORTS_TOOL)/bin/lint-imports" --no-cache
-BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh
+BASH_SCRIPTS := with-dolfinx .ci/run tests/clean_root.sh tests/install_paths.sh
 
 # $(call install_tool,FOLDER,REQUIREMENTS): into a new directory, then one rename, so that an
 # interrupted call leaves nothing that is taken for whole.

@@ -8,6 +8,10 @@ The public names are listed in ``__init__.pyi`` and imported on first use, so th
 
 import lazy_loader
 
+from dolfinx_joints.common.import_order import load_in_order
+
+load_in_order()
+
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

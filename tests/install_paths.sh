@@ -6,7 +6,7 @@
 set -euo pipefail
 
 usage='Usage: tests/install_paths.sh [PART...]
-Installs this folder from nothing and runs the first example on 1 and 2 ranks. Parts, by default all:
+Installs this folder from nothing, runs demo 00, and demo 05 on 2 ranks. Parts, by default all:
   pip        an empty virtual environment of Python 3.12 or later, all packages from PyPI
   conda      environment.yml, by mamba, micromamba or conda
   container  Dockerfile, by docker or podman
@@ -33,14 +33,14 @@ timed() {
     echo "[$((SECONDS - start)) s] $*"
 }
 
-# try_example RUN...: the first example, then on 2 ranks, and what looks at its results; RUN runs
-# a command in the environment, in the folder it is called from.
-try_example() {
+# try_examples RUN...: demos, one of them on 2 ranks, and what looks at results; RUN runs a command
+# in the environment, in the folder $work/example.
+try_examples() {
     mkdir -p "$work/example"
-    cp -- "$project/demos/00_first_steps.py" "$work/example"
+    cp -- "$project"/demos/0[05]_*.py "$work/example"
     cd -- "$work/example"
     timed "$@" python3 00_first_steps.py
-    timed "$@" mpirun -n 2 python3 00_first_steps.py
+    timed "$@" mpirun -n 2 python3 05_joint_law_in_ufl.py
     timed "$@" dolfinx-joints csv dam.h5 --out tables
     timed "$@" dolfinx-joints report dam.h5 --out report.html
     ls -l first_steps.png report.html tables
@@ -56,7 +56,7 @@ try_pip() {
     git clone -q -- "$project" "$work/project"
     timed pip install -q --no-cache-dir "$work/project[dolfinx,views,reports,geometry]"
     du -sm "$work/venv"
-    try_example env
+    try_examples env
     # The one order of imports that cannot work is named, not left to fail somewhere else.
     python3 -c 'import dolfinx_solver, dolfinx.fem.petsc, dolfinx_joints' 2>&1 |
         grep -F 'above the imports from dolfinx'
@@ -67,14 +67,14 @@ try_conda() {
     conda=$(first_available mamba micromamba conda)
     cd -- "$project"
     timed "$conda" env create -y -q -p "$work/conda" -f environment.yml
-    try_example "$conda" run -p "$work/conda"
+    try_examples "$conda" run -p "$work/conda"
 }
 
 try_container() {
     local engine
     engine=$(first_available docker podman)
     timed "$engine" build -q -t dolfinx-joints "$project"
-    try_example "$engine" run --rm -v "$work/example:/work" -w /work dolfinx-joints
+    try_examples "$engine" run --rm -v "$work/example:/work" -w /work dolfinx-joints
 }
 
 if (($# == 0)); then set -- pip conda container; fi

@@ -8,13 +8,17 @@ names (``make docs``).
 
 from __future__ import annotations
 
+import base64
 import importlib
+import io
 import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from browser import Browser, chromium
+from PIL import Image
 
 import dolfinx_joints
 
@@ -59,6 +63,27 @@ def test_every_public_name_has_an_entry(pages):
     modules = re.findall(r"^\.\. automodule:: dolfinx_joints\.(?:\w+\.)*(\w+)$", page, re.M)
     assert len(names) == len(set(names))
     assert {*names, *modules} >= set(dolfinx_joints.__all__) >= set(names)
+
+
+def test_every_task_of_the_guide_is_linked_from_the_reference(pages):
+    reference = "".join(pages.reference_pages().values())
+    guide = {path.stem for path in (PROJECT / "docs" / "guide").glob("*.md")}
+    linked = set(re.findall(r"\(\.\./guide/(\w+)\.md\)", reference))
+    assert linked == guide - {"index", "other_codes"}
+
+
+def test_a_card_shows_the_picture_title_and_first_sentence_of_a_demo(pages, tmp_path):
+    pixels = np.full((300, 600, 3), [200, 30, 30], dtype=np.uint8)
+    (tmp_path / "05_law").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "05_law" / "tractions.png")
+    page = "# A law\n\n```python\nx = 1\n```\n\nThe joints get [a law](law.md) of `UFL`. It holds.\n"
+    made = pages.gallery({"05_law": page}, tmp_path)
+    assert '<a href="05_law.html">' in made
+    assert "<b>A law</b><span>The joints get a law of UFL.</span>" in made
+    data = re.search(r"data:image/jpeg;base64,([^\"]+)", made)[1]
+    with Image.open(io.BytesIO(base64.b64decode(data))) as small:
+        assert small.size == (640, 320)
+        np.testing.assert_allclose(small.getpixel((320, 160)), [200, 30, 30], atol=3)
 
 
 def test_a_demo_becomes_a_page(pages, tmp_path):

@@ -5,23 +5,23 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shutil
 from pathlib import Path
 
 import parameters
+from gallery import gallery
 
 PROJECT = Path(__file__).resolve().parents[2]
 # In the order of the menu. The pages of a folder are in the order of the links of its index.
 MENU = {
-    "Use": ["docs/guide/index.md", "demos", "docs/reference/index.md", "docs/conventions.md"],
+    "Use": ["docs/guide/index.md", "demos/index.md", "docs/reference/index.md", "docs/conventions.md"],
     "Background": ["docs/theory/index.md"],
     "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
-    "Development": ["docs/design.md", "CONTRIBUTING.md", "CHANGELOG.md"],
+    "Development": ["docs/design.md", "CONTRIBUTING.md", "docs/release.md", "CHANGELOG.md"],
 }
 # Files beside the pages that pages link to.
-FILES = ("CITATION.cff", "COPYING", "COPYING.LESSER")
+FILES = ("CITATION.cff", "CODE_OF_CONDUCT.md", "COPYING", "COPYING.LESSER", "SECURITY.md")
 # Modules that users import by name, as the guide does; each is on the page of its wing.
 MODULES = (
     "exact",
@@ -42,6 +42,26 @@ MODULES = (
     "results.reader",
     "study",
 )
+# Pages of the guide that use what a wing holds.
+GUIDES = {
+    "body": ("loads", "foundation", "modes"),
+    "common": ("errors",),
+    "joints": ("joints",),
+    "laws": ("joints",),
+    "loads": ("loads", "water", "temperature", "foundation"),
+    "materials": ("materials",),
+    "mesh": ("mesh", "dolfinx"),
+    "model": ("statics", "modes", "dolfinx"),
+    "monitors": ("results",),
+    "motions": ("motions",),
+    "postprocessing": ("results",),
+    "report": ("report",),
+    "results": ("results",),
+    "simulation": ("statics", "dynamics", "restart", "ranks"),
+    "solvers": ("solvers",),
+    "study": ("studies",),
+    "time_integration": ("dynamics",),
+}
 LINK = re.compile(r"\]\(([^)\s:#]+)(#[^)\s]*)?\)")
 REFERENCE = """# Reference
 
@@ -74,9 +94,13 @@ def gather(target: Path, runs: Path) -> None:
         _write(target / name, with_page_links(source.read_text("utf-8"), source))
     for name in FILES:
         shutil.copy(PROJECT / name, target / name)
-    for script in demos():
-        text = demo_page(script, runs / script.stem, target / "demos" / script.stem)
-        _write(target / "demos" / f"{script.stem}.md", text)
+    pages = {
+        script.stem: demo_page(script, runs / script.stem, target / "demos" / script.stem)
+        for script in demos()
+    }
+    pages["index"] = gallery(pages, runs) + _toctree("", list(pages))
+    for name, text in pages.items():
+        _write(target / "demos" / f"{name}.md", text)
     for name, text in reference_pages().items():
         _write(target / "docs" / "reference" / f"{name}.md", text)
     with (target / "index.md").open("a", encoding="utf-8") as index:
@@ -156,7 +180,7 @@ def reference_pages() -> dict[str, str]:
     wings = {module.split(".")[0] for module in homes.values()}
     pages = {}
     for wing in sorted(wings | {module.split(".")[0] for module in MODULES}):
-        pages[wing] = f"# {wing}\n\n{_summary(wing)}\n"
+        pages[wing] = f"# {wing}\n\n{_summary(wing)}\n\n{_guides(wing)}\n"
         for module in sorted(m for m in set(homes.values()) if m.split(".")[0] == wing):
             names = sorted(name for name, home in homes.items() if home == module)
             pages[wing] += _section(module, [_directive(module, name) for name in names])
@@ -167,6 +191,15 @@ def reference_pages() -> dict[str, str]:
     rows = "".join(f"- [{name}]({name}.md): {_brief(name)}\n" for name in pages)
     pages["parameters"] = f"# Parameters\n\n{parameters.table()}"
     return {"index": REFERENCE + rows, **pages}
+
+
+def _guides(wing: str) -> str:
+    """Links to the pages of the guide that use a wing."""
+    links = []
+    for name in GUIDES.get(wing, ()):
+        title = (PROJECT / "docs" / "guide" / f"{name}.md").read_text("utf-8").partition("\n")[0]
+        links.append(f"[{title.removeprefix('# ')}](../guide/{name}.md)")
+    return f"In the guide: {', '.join(links)}." if links else ""
 
 
 def public_names() -> dict[str, str]:
@@ -212,11 +245,7 @@ def _brief(module: str) -> str:
 def _menu() -> str:
     text = ""
     for caption, names in MENU.items():
-        pages = []
-        for name in names:
-            found = demos() if name == "demos" else [PROJECT / name]
-            pages += [os.path.relpath(file.with_suffix(""), PROJECT) for file in found]
-        text += _toctree(caption, pages)
+        text += _toctree(caption, [name.removesuffix(".md") for name in names])
     return text
 
 

@@ -1,0 +1,60 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The page of demos: a card for each with a small picture, its title and its first sentence."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from PIL import Image
+
+# The picture of a demo that draws several; the first otherwise.
+PICTURES = {"03_ambiesta": "deformed", "06_dam_by_forms": "tractions"}
+WIDTH = 640  # of a small picture, twice that of a card on the screen, [pixels]
+HEIGHT = 400
+
+
+def gallery(pages: Mapping[str, str], runs: Path) -> str:
+    """Markdown of the page, pictures in it.
+
+    Args:
+        pages: By the name of the demo, the Markdown of its page.
+        runs: Folder with a folder for each demo, in which it ran.
+    """
+    cards = [_card(name, text, runs / name) for name, text in pages.items()]
+    return "# Demos\n\n" + '<div class="gallery">\n' + "\n".join(cards) + "\n</div>\n"
+
+
+def _card(name: str, page: str, run: Path) -> str:
+    title = page.partition("\n")[0].removeprefix("# ")
+    figures = sorted(run.rglob("*.png"))
+    chosen = [figure for figure in figures if figure.stem == PICTURES.get(name)] or figures
+    picture = f'<img src="{small(chosen[0])}" alt=""/>' if chosen else "<i></i>"
+    return (
+        f'<a href="{name}.html">{picture}<b>{html.escape(title)}</b>'
+        f"<span>{html.escape(first_sentence(page))}</span></a>"
+    )
+
+
+def first_sentence(page: str) -> str:
+    """The first sentence below a page's title, without marks of Markdown."""
+    paragraphs = [p for p in page.split("\n\n")[1:] if p[:1].isalnum()]
+    words = " ".join(paragraphs[0].split()) if paragraphs else ""
+    plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", words).replace("`", "").replace("*", "")
+    return re.split(r"(?<=[.:])\s+(?=[A-Z])", plain)[0]
+
+
+def small(figure: Path) -> str:
+    """A picture's upper part in the format of a card, as an address that holds it."""
+    with Image.open(figure) as whole:
+        picture = whole.convert("RGB")
+    height = round(picture.height * WIDTH / picture.width)
+    picture = picture.resize((WIDTH, height), Image.Resampling.LANCZOS)
+    file = io.BytesIO()
+    picture.crop((0, 0, WIDTH, min(height, HEIGHT))).save(file, "JPEG", quality=85)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"

@@ -24,8 +24,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 from petsc4py import PETSc
 
 import dolfinx_joints as dj

@@ -24,11 +24,12 @@ import json
 import statistics
 from typing import Any
 
+from mpi4py import MPI
+
 import dolfinx
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_joints as dj

@@ -22,8 +22,9 @@ import statistics
 from collections.abc import Callable
 from typing import Any, get_args
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 import dolfinx_joints as dj
 from benchmarks.shared.measure import March, disturbance, load_average, march, print_disturbance

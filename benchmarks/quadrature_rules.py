@@ -20,8 +20,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser

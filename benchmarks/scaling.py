@@ -29,8 +29,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 import dolfinx_joints as dj
 from benchmarks.shared.measure import load_average, march, print_disturbance

@@ -33,9 +33,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 from matplotlib.figure import Figure
-from mpi4py import MPI
 
 from dolfinx_joints import EnergyConsistent, FrictionNoTension, MatrixSystem, Newmark
 from dolfinx_joints.exact import ImpactOscillator

@@ -40,9 +40,10 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mpi4py import MPI
+
 import numpy as np
 from matplotlib.figure import Figure
-from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the geometry scripts
 

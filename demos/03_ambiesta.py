@@ -26,8 +26,9 @@ import json
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser, at_least

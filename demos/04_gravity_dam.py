@@ -38,10 +38,11 @@ import math
 import sys
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the geometry scripts
 

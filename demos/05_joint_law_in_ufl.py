@@ -14,10 +14,11 @@
 import math
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints import plots, views

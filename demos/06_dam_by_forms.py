@@ -27,8 +27,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 import dolfinx_joints as dj
 from dolfinx_joints import measures, plots, views

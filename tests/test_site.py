@@ -76,7 +76,9 @@ def test_a_card_shows_the_picture_title_and_first_sentence_of_a_demo(pages, tmp_
     pixels = np.full((300, 600, 3), [200, 30, 30], dtype=np.uint8)
     (tmp_path / "05_law").mkdir()
     Image.fromarray(pixels).save(tmp_path / "05_law" / "tractions.png")
-    page = "# A law\n\n```python\nx = 1\n```\n\nThe joints get [a law](law.md) of `UFL`. It holds.\n"
+    page = (
+        "# A law\n\n```python\nx = 1\n```\n\nThe joints get [a law](law.md) of `UFL`. It holds.\n"
+    )
     made = pages.gallery({"05_law": page}, tmp_path)
     assert '<a href="05_law.html">' in made
     assert "<b>A law</b><span>The joints get a law of UFL.</span>" in made

@@ -13,8 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import dolfinx_joints as dj

@@ -15,7 +15,12 @@ from gallery import gallery
 PROJECT = Path(__file__).resolve().parents[2]
 # In the order of the menu. The pages of a folder are in the order of the links of its index.
 MENU = {
-    "Use": ["docs/guide/index.md", "demos/index.md", "docs/reference/index.md", "docs/conventions.md"],
+    "Use": [
+        "docs/guide/index.md",
+        "demos/index.md",
+        "docs/reference/index.md",
+        "docs/conventions.md",
+    ],
     "Background": ["docs/theory/index.md"],
     "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "docs/release.md", "CHANGELOG.md"],

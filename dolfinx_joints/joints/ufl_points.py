@@ -7,10 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from numpy.typing import NDArray
 from ufl.algorithms import strip_variables
 from ufl.algorithms.renumbering import renumber_indices

@@ -77,9 +77,10 @@ def _acting(model: Model, stage: StageRecord) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of what computes, by package."""
+    from mpi4py import MPI
+
     import dolfinx
     import h5py
-    from mpi4py import MPI
     from petsc4py import PETSc
 
     found = {

@@ -11,8 +11,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-import ufl
 from mpi4py import MPI
+
+import ufl
 
 from dolfinx_joints import (
     Checkpoints,

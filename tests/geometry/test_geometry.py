@@ -6,11 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+from mpi4py import MPI
+
 import gmsh
 import numpy as np
 import pytest
 from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
-from mpi4py import MPI
 
 from dolfinx_joints import MeshError, read_msh
 from dolfinx_joints.geometry.ambiesta import ArchDam, ambiesta, mid_crest

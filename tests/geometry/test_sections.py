@@ -4,11 +4,12 @@
 
 from itertools import pairwise
 
+from mpi4py import MPI
+
 import gmsh
 import numpy as np
 import pytest
 from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry import sections_dam as script

@@ -6,10 +6,11 @@ import contextlib
 import re
 import sys
 
+from mpi4py import MPI
+
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry import from_step as script

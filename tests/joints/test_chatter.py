@@ -4,9 +4,10 @@
 
 from types import SimpleNamespace
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from dolfinx_joints.joints.chatter import Chatter
 

@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import basix
 import basix.ufl
 import ufl
@@ -23,7 +25,6 @@ from dolfinx.mesh import (
     locate_entities,
     meshtags,
 )
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from benchmarks.shared.grids import CASES, SHAPES, case, name_of

@@ -16,10 +16,11 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_interval
-from mpi4py import MPI
 from shaken_wall import DT, STEPS, shaking, wall
 
 from benchmarks.shared.cohesive import (

@@ -4,10 +4,11 @@
 
 import sys
 
+from mpi4py import MPI
+
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry.meshing import gmsh_model

@@ -14,13 +14,14 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import basix.ufl
 import ufl
 from dolfinx import fem
 from dolfinx import mesh as dolfinx_mesh
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import CellType
-from mpi4py import MPI
 from petsc4py import PETSc
 from rings import HEIGHT, JOINT, quarter_ring
 

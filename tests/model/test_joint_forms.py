@@ -17,9 +17,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 from benchmarks.shared.grids import case
 from dolfinx_joints import (

@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_boundary, meshtags
-from mpi4py import MPI
 
 from dolfinx_joints import (
     BaseMotion,

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+
 from vtx_files import read_vtx
 
 from dolfinx_joints import (

@@ -9,8 +9,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx import mesh as dmesh
 from mpi4py import MPI
+
+from dolfinx import mesh as dmesh
 
 from dolfinx_joints import (
     Elastic,

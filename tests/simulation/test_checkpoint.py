@@ -23,6 +23,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+
 from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, wall
 
 from dolfinx_joints import (

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from mpi4py import MPI
+
 from petsc4py import PETSc
 
 from dolfinx_joints.common import memory

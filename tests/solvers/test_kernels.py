@@ -20,6 +20,7 @@ pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
 
 from mpi4py import MPI
+
 from plates import compressed, kernel, plates
 
 from dolfinx_joints.laws import discrete_gradient, friction

@@ -230,6 +230,7 @@ def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, modes, new_path):
     # the line in the results file is that of the ledger.
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
+
     from shaken_wall import DT, POINTS, shaking, wall
 
     from dolfinx_joints import Results, ResultsMonitor, Simulation, StepControl, plots

@@ -307,6 +307,7 @@ def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, solver):
     # Joints that open and slide, mass redistributed, steps cut: the same on one rank alone.
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
+
     from shaken_wall import DT, shaking, wall
 
     from dolfinx_joints import Simulation
@@ -335,6 +336,7 @@ def test_a_wall_on_a_moving_base_on_any_number_of_ranks(comm, wall_file, read):
     # Its modes carry momentum of the base, whose nodes and whose joints are on several ranks.
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
+
     from shaken_wall import DT, wall
 
     from dolfinx_joints import Fixed, Prescribed, Simulation

@@ -221,8 +221,9 @@ def test_a_law_that_states_no_losses_is_left_out(name):
 def test_a_fault_in_plastic_work_shows(monkeypatch):
     # A square of plastic cells, pressed by its weight and a shaken base, damped by the scheme too.
     pytest.importorskip("dolfinx")
-    from dolfinx import mesh
     from mpi4py import MPI
+
+    from dolfinx import mesh
 
     from dolfinx_joints import DruckerPrager, Elastic, Fixed, Gravity, Model, Simulation, split_mesh
     from dolfinx_joints.body.plastic_cells import PlasticBulk

@@ -22,6 +22,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 from dolfinx.mesh import (
     CellType,
     create_box,
@@ -29,7 +31,6 @@ from dolfinx.mesh import (
     locate_entities_boundary,
     meshtags,
 )
-from mpi4py import MPI
 
 from dolfinx_joints import (
     Elastic,

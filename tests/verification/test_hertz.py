@@ -37,6 +37,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 from dolfinx.mesh import (
     CellType,
     DiagonalType,
@@ -45,7 +47,6 @@ from dolfinx.mesh import (
     locate_entities,
     meshtags,
 )
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 

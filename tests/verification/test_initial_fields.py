@@ -22,9 +22,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 
 from dolfinx_joints import (
     CheckpointError,

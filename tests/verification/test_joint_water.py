@@ -23,6 +23,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx.mesh import (
     CellType,
@@ -31,7 +33,6 @@ from dolfinx.mesh import (
     locate_entities,
     meshtags,
 )
-from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY

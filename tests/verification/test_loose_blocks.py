@@ -29,8 +29,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 from mpi4py import MPI
+
+from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
 
 from dolfinx_joints import (
     Elastic,

@@ -21,6 +21,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx.mesh import (
     CellType,
@@ -31,7 +33,6 @@ from dolfinx.mesh import (
     locate_entities_boundary,
     meshtags,
 )
-from mpi4py import MPI
 
 from dolfinx_joints import (
     Elastic,

@@ -42,9 +42,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities, meshtags
-from mpi4py import MPI
 
 from dolfinx_joints import (
     Elastic,

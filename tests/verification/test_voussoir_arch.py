@@ -37,6 +37,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 import dolfinx_joints as dj

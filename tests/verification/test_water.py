@@ -22,9 +22,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 import ufl
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices, meshtags
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.integrate import quad
 

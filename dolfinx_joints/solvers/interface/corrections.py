@@ -19,8 +19,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular

@@ -3,6 +3,7 @@
 # The public names and where they live; __init__.py reads them from here.
 
 from . import exact as exact
+from . import export as export
 from . import report as report
 from . import study as study
 from .body.damping import Rayleigh as Rayleigh
@@ -23,6 +24,7 @@ from .common.errors import RecordError as RecordError
 from .common.errors import ResultsError as ResultsError
 from .common.errors import TemperatureError as TemperatureError
 from .common.mpi import abort_on_error as abort_on_error
+from .export.csv_files import write_csv as write_csv
 from .joints.ufl_law import PotentialJoint as PotentialJoint
 from .joints.ufl_law import TractionJoint as TractionJoint
 from .laws.friction import FrictionNoTension as FrictionNoTension
@@ -82,7 +84,6 @@ from .postprocessing import measures as measures
 from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots
 from .postprocessing import views as views
-from .postprocessing.csv_tables import write_csv as write_csv
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.monitor import Monitor as Monitor

@@ -29,6 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _info(options.file, whole=options.all)
         elif options.command == "csv":
             _csv(options.file, options.out, force=options.force)
+        elif options.command == "vtk":
+            _vtk(options.file, options.out, force=options.force)
         else:
             _report(options.results, options.out, with_3d=not options.no_3d)
         sys.stdout.flush()
@@ -79,6 +81,16 @@ def _parser() -> Parser:
         "--out", type=Path, required=True, metavar="FOLDER", help="folder of the tables"
     )
     tables.add_argument("--force", action="store_true", help="replace files of the same names")
+    fields = commands.add_parser(
+        "vtk",
+        help="write files for ParaView",
+        description="Write body and joints in all recorded states as VTKHDF.",
+    )
+    fields.add_argument("file", type=Path, metavar="FILE", help="results file")
+    fields.add_argument(
+        "--out", type=Path, metavar="NAME", help="NAME.vtkhdf; that of FILE unless given"
+    )
+    fields.add_argument("--force", action="store_true", help="replace files of the same names")
     return parser
 
 
@@ -89,11 +101,20 @@ def _info(file: Path, *, whole: bool) -> None:
 
 
 def _csv(file: Path, out: Path, *, force: bool) -> None:
-    from dolfinx_joints.postprocessing.csv_tables import write_csv
+    from dolfinx_joints.export.csv_files import write_csv
     from dolfinx_joints.results.reader import Results
 
     with Results(file) as results:
         for path in write_csv(results, out, overwrite=force):
+            print(path)
+
+
+def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
+    from dolfinx_joints.export.paraview import write_vtk
+    from dolfinx_joints.results.reader import Results
+
+    with Results(file) as results:
+        for path in write_vtk(results, out or file, overwrite=force):
             print(path)
 
 

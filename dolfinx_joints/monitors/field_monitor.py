@@ -1,10 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Monitor that writes fields for ParaView."""
+"""Monitor that writes body and joints for ParaView."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
@@ -12,13 +11,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import annotated_types as at
-from petsc4py import PETSc
+import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
+from dolfinx_joints.export.paraview import joints_path, values_of_all
+from dolfinx_joints.export.vtk_files import SUFFIX, VtkFile
+from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.body_cells import CellGather, body_cells
+from dolfinx_joints.monitors.cell_fields import CellFields
+from dolfinx_joints.monitors.fields import Fields
+from dolfinx_joints.monitors.probes import boundary_facets, joint_statics
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
@@ -26,16 +34,17 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
-    """Writes the displacement for ParaView (VTX, folder ``*.bp``), joints opened.
+    """Writes body and joints for ParaView (VTKHDF), whole after each time.
 
-    Each static stage has a folder of its own, ``NAME_NUMBER_STAGE.bp`` beside that of the dynamic
-    one, such as ``run_2_grouting_1.bp``, with the stage's number as its time.
-
-    A continued run writes a folder of its own, ``NAME_from_STEP.bp`` beside the first, since such
-    folders cannot be opened again; the times of the first after that step are there twice.
+    ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
+    ``displacement [m]``, and for each cell the mean of ``stress [Pa]`` (xx, yy, zz, xy, yz, xz; elastic
+    bodies in space only) with its largest and smallest principal values, and ``temperature change
+    [K]`` where there is one. ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes
+    them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    stage's number as time. A continued run goes on with its files.
 
     Args:
-        path: The folder; what an earlier run left there is replaced.
+        path: ``NAME.vtkhdf``, or ``NAME``; what an earlier run left there is replaced.
         every: Steps between two times.
     """
 
@@ -45,57 +54,101 @@ class FieldMonitor(Monitor):
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
-        self._path = Path(self.path)
+        self._path = Path(self.path).with_suffix(SUFFIX)
+        self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
+        self._found: Model | None = None
+        self._files: list[VtkFile] = []
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Write a folder of the stage (collective)."""
-        plain = re.sub(r"[^\w.+-]", "_", stages[-1].name)
-        name = f"{self._path.stem}_{len(stages)}_{plain}{self._path.suffix}"
-        self._open(self._path.with_name(name), model, stages[-1].state.displacement)
+        """Add a stage to the file of stages (collective)."""
+        self._find(model)
+        stage, number = stages[-1], len(stages)
+        self._fields = Fields(model, self._nodes, self._wet)
+        self._open(self._stages_path, number - 1 if number > 1 else None)
         with released(self._lock, at_end=True):
-            self._writer.write(len(stages))
-            self._writer.close()
+            pressure = stage.pressure
+            values = self._fields.values(
+                stage.state.displacement,
+                stage.state.joints,
+                None if pressure is None else lambda: pressure,
+            )
+            loads = stage.loads
+            self._append(number, values, self._cells(stage.state.displacement, stage.time, loads))
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Create the folder and write the first time (collective)."""
-        self._open(self._path, model, first.displacement)
+        """Create the files and write the first time (collective)."""
+        self._begin(model, first, None)
         with released(self._lock, at_end=False):
             self.record(first)
-
-    def _open(self, path: Path, model: Model, displacement: PETSc.Vec) -> None:
-        """Create a folder that no other run writes (collective)."""
-        from dolfinx.io import VTXWriter
-
-        def take() -> None:
-            """Find out on one rank what would leave the others waiting in the writer."""
-            try:
-                path.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise ResultsError(f"{path} cannot be written: {error}.") from None
-            self._lock = FileLock(path, ResultsError)
-
-        on_root(model.jointed.mesh.comm, take)
-        with released(self._lock, at_end=False):
-            self._u = model.function(displacement)
-            self._writer = VTXWriter(model.jointed.mesh.comm, path, [self._u])
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Create a folder for the times after ``last`` (collective)."""
-        name = f"{self._path.stem}_from_{last.step}{self._path.suffix}"
-        self._open(self._path.with_name(name), model, last.displacement)
+        """Go on with the files after ``last`` (collective)."""
+        self._begin(model, last, last.time)
+
+    def _begin(self, model: Model, record: Record, last: float | None) -> None:
+        self._find(model)
+        self._fields = Fields(model, self._nodes, record.wet_joints)
+        self._open(self._path, last)
+
+    def _find(self, model: Model) -> None:
+        """Grids of body and joints, once (collective)."""
+        if self._found is model:
+            return
+        self._nodes = NodeNumbering(model.V)
+        cells = body_cells(model, self._nodes)
+        self._cells = CellFields(model, CellGather(model))
+        self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
+        surface, joints = boundary_facets(model, self._nodes), joint_statics(model)
+        arrays = StaticArrays({"mesh/nodes": self._nodes.positions, "mesh/surface": surface})
+        arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
+        self._names, self._grids = list(joints), list[Grid]()
+        self._comm, self._found = model.jointed.mesh.comm, model
+        if cells is not None:  # on the rank that writes
+            nodes = np.asarray(cells.nodes)
+            self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind))
+            if joints:
+                self._grids.append(joined({name: joint_grid(arrays, name) for name in joints}))
+
+    def _open(self, path: Path, last: float | None) -> None:
+        """Create files that no other run writes, or go on after a time (collective)."""
+
+        def take() -> None:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise ResultsError(f"{path} cannot be written: {error}.") from None
+            self._lock = FileLock(path, ResultsError)
+            with released(self._lock, at_end=False):
+                self._files = [
+                    VtkFile(place, grid)
+                    if last is None or not place.exists()
+                    else VtkFile.resume(place, grid, last)
+                    for place, grid in zip((path, joints_path(path)), self._grids, strict=False)
+                ]
+
+        on_root(self._comm, take)
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""
-        if record.step % self.every == 0:
-            owned = record.displacement.getLocalSize()
-            self._u.x.array[:owned] = record.displacement.getArray(readonly=True)
-            self._u.x.scatter_forward()
-            self._writer.write(record.time)
+        if record.step % self.every:
+            return
+        values = self._fields.values(record.displacement, record.joints, record.pressure)
+        cells = self._cells(record.displacement, record.time, None)
+        self._append(record.time, values, cells)
+
+    def _append(self, time: float, values: dict[str, Any], cells: dict[str, Any]) -> None:
+        """Write on the rank that does; what goes wrong there stops every rank."""
+        with raised_together(self._comm):
+            if self._files:
+                body, *joints = self._files
+                body.append(time, {"displacement [m]": values["displacement"]}, cells)
+                for file in joints:
+                    file.append(time, {}, values_of_all(values, self._names))
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Close the folder and let others write it (collective)."""
+        """Let others write the files (collective)."""
         with released(self._lock, at_end=True):
-            self._writer.close()
+            pass

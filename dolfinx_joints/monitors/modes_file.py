@@ -16,7 +16,9 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import Modes
+from dolfinx_joints.monitors.body_cells import body_cells
 from dolfinx_joints.monitors.probes import boundary_facets
+from dolfinx_joints.results.layout import declare_body
 from dolfinx_joints.results.writer import ResultsWriter, check_storable
 
 
@@ -47,14 +49,13 @@ def write_modes(
             "they are of another model."
         )
     nodes = NodeNumbering(model.V)
-    surface = boundary_facets(model, nodes)
+    surface, cells = boundary_facets(model, nodes), body_cells(model, nodes)
     shapes = [nodes.gather(shape) for shape in modes.shapes]
     facts = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}
 
     def write() -> None:
         with ResultsWriter(Path(path), facts, overwrite=overwrite) as writer:
-            writer.static("mesh/nodes", nodes.positions, "m", "nodes")
-            writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
+            declare_body(writer, nodes.positions, surface, {}, cells)
             text = "natural frequencies, all joints closed and sticking"
             writer.static("modes/frequency", modes.frequencies, "Hz", text)
             text = "mode shapes at the nodes, of unit modal mass"

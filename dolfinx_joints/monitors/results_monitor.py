@@ -21,6 +21,7 @@ from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
+from dolfinx_joints.monitors.body_cells import body_cells
 from dolfinx_joints.monitors.fields import Fields, StageFields, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
@@ -139,7 +140,7 @@ class ResultsMonitor(Monitor):
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
         declare_points(writer, self._probe.positions)
-        declare_body(writer, self._nodes.positions, self._surface, self._joints)
+        declare_body(writer, self._nodes.positions, self._surface, self._joints, self._cells)
         self._stage_fields.declare(writer, self._joints)
         if self._envelopes is not None:
             declare_directions(writer, *self._envelopes.directions)
@@ -177,7 +178,9 @@ class ResultsMonitor(Monitor):
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
-            declare_states(writer, self._nodes.positions, surface, joints, status=True)
+            declare_states(
+                writer, self._nodes.positions, surface, joints, self._cells, status=True
+            )
             self._fields.declare(writer, "states", joints)
             if first.stages:
                 self._stage_fields.declare(writer, joints)
@@ -236,6 +239,7 @@ class ResultsMonitor(Monitor):
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._surface, self._joints = boundary_facets(model, self._nodes), joint_statics(model)
+        self._cells = body_cells(model, self._nodes)
         self._stage_fields = StageFields(model, self._nodes, self._probe, self._envelopes)
         self._resolved = resolution(model)
         self._found = self._model = model

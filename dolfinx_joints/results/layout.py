@@ -5,7 +5,10 @@
 Monitors declare others where they record them, such as reactions, resultants and envelopes.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +22,20 @@ from dolfinx_joints.results.reader import (
     STAGE_NAME_BYTES,
 )
 from dolfinx_joints.results.writer import ResultsWriter
+
+
+class Cells(NamedTuple):
+    """Cells of the body.
+
+    Attributes:
+        kind: VTK's number of the cell's shape, of Lagrange cells from the second degree on.
+        nodes: Nodes of each cell in VTK's order, shape (num_cells, nodes per cell).
+        groups: Rows of ``nodes`` that make up each named cell group.
+    """
+
+    kind: int
+    nodes: ArrayLike
+    groups: Mapping[str, ArrayLike]
 
 
 def declare_histories(
@@ -93,6 +110,7 @@ def declare_states(
     nodes: ArrayLike,
     surface: ArrayLike,
     joints: Mapping[str, Mapping[str, ArrayLike]],
+    cells: Cells | None = None,
     *,
     status: bool = False,
 ) -> None:
@@ -105,9 +123,10 @@ def declare_states(
             sides of the joints belong to them.
         joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
             s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+        cells: Cells of the body.
         status: Declare the ``status`` of the joint points as well.
     """
-    declare_body(writer, nodes, surface, joints)
+    declare_body(writer, nodes, surface, joints, cells)
     _declare_fields(writer, "states", nodes, joints, status=status)
 
 
@@ -116,16 +135,29 @@ def declare_body(
     nodes: ArrayLike,
     surface: ArrayLike,
     joints: Mapping[str, Mapping[str, ArrayLike]],
+    cells: Cells | None = None,
 ) -> None:
     """Write mesh and joints; arguments as in `declare_states`."""
     writer.static("mesh/nodes", np.asarray(nodes, dtype=np.float64), "m", "nodes")
     writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
+    if cells is not None:
+        declare_cells(writer, cells)
     for name, joint in joints.items():
         where = f"joints/{name}"
         writer.static(f"{where}/points", joint["points"], "m", "joint points")
         writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
         writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
         writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
+
+
+def declare_cells(writer: ResultsWriter, cells: Cells) -> None:
+    """Write the cells of the body and their groups."""
+    nodes = np.asarray(cells.nodes, dtype=np.int32)
+    writer.static("mesh/cells", nodes, "-", "nodes of the cells, VTK's order")
+    writer.static("mesh/cell_kind", np.array([cells.kind]), "-", "VTK's number of the cell shape")
+    for name, rows in cells.groups.items():
+        text = f"rows of mesh/cells in the group {name}"
+        writer.static(f"mesh/groups/{name}", np.asarray(rows, dtype=np.int32), "-", text)
 
 
 def declare_static_stages(

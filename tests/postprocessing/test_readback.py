@@ -22,7 +22,7 @@ from written_runs import write_distinct
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
 from dolfinx_joints.postprocessing import measures, motion_plots, plots, rendering, views
-from dolfinx_joints.postprocessing.csv_tables import write_csv
+from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
 from dolfinx_joints.postprocessing.joints.surface import MapQuantity

@@ -68,8 +68,11 @@ class Temperature:
     def blocked_stress(self, model: LoadedBody) -> Any:
         """Pressure that it makes in a clamped body (UFL), [Pa]."""
         expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
-        change = self._field(model) - self._reference(model)
-        return model.body.blocked_stress(expansion * change)
+        return model.body.blocked_stress(expansion * self.change(model))
+
+    def change(self, model: LoadedBody) -> Any:
+        """T - T_0 (UFL), [K]."""
+        return self._field(model) - self._reference(model)
 
     def _reference(self, model: LoadedBody) -> Any:
         """T_0 as a constant, or as a function of degree 0."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,16 @@ MAP_LABELS = LABELS | {
 STATES = {"open": OPEN, "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
 
 
+class Statics(Protocol):
+    """Arrays of mesh and joints, as `Results` gives them."""
+
+    def static(self, name: str) -> NDArray[Any]:
+        """Return an array written once."""
+
+    def check_joint(self, joint: str) -> None:
+        """Raise an error for a joint that is not there."""
+
+
 class JointSurface:
     """A joint laid into a plane: points, facets and the patch of each point, all (.., 2) [m].
 
@@ -57,7 +67,7 @@ class JointSurface:
         upright: whether the ordinate is an elevation, the same as that of other joints.
     """
 
-    def __init__(self, results: Results, joint: str) -> None:
+    def __init__(self, results: Statics, joint: str) -> None:
         """Project or unroll the facets of the mesh that carry the points."""
         results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")

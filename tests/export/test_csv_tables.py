@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dolfinx_joints import Results, ResultsError, cli
-from dolfinx_joints.postprocessing.csv_tables import tables_of, write_csv
+from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_measures

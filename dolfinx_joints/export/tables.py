@@ -1,26 +1,19 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as CSV tables: one row per record or joint, units in the headers.
-
-Numbers are written with all their digits: read back, they are the same.
-"""
+"""Results files as tables: one row per record or joint, units in the headers."""
 
 from __future__ import annotations
 
-import csv
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
-from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import (
     RESULTANT_MEASURES,
@@ -33,9 +26,15 @@ from dolfinx_joints.postprocessing.measures import (
     joint_extremes,
     joint_measures,
 )
+from dolfinx_joints.postprocessing.peaks import (
+    Peak,
+    acceleration_peak,
+    displacement_peak,
+    joint_peaks,
+)
 from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
-from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[Any]
 
@@ -48,56 +47,8 @@ class Table:
     rows: list[list[Any]]
 
 
-@checked
-def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
-    """Write what a results file holds as CSV files.
-
-    - ``stages.csv``: a row per static stage, displacements of the points from the unloaded body,
-      reactions, and extremes of the stresses where they were recorded;
-    - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`;
-    - ``histories.csv``: every step, displacements and raw accelerations of the points, relative to
-      the ground unless they are called absolute, the ground's motion, shares of joint points,
-      reactions;
-    - ``energy.csv``: every step, the lines of the ledger;
-    - ``joints.csv``: one row per joint, `measures.joint_measures` and
-      `resultants.resultant_measures`;
-    - ``joint_extremes.csv``: a row per joint and record of `measures.joint_extremes`: every step;
-    - ``resultants.csv``: a row per joint and record of `resultants.joint_resultants`;
-    - ``blocks.csv``: a row per block and record, where the run recorded them;
-    - ``envelopes.csv``: a row per vertex, where the run recorded them;
-    - ``modes.csv``: a row per mode, of a file of modes.
-
-    The normal force of a joint is positive where it presses, other forces are global components
-    on its + side. Where the flatness of a joint is below 0.95 its mean normal, and with it its
-    normal and its shear force, say little.
-
-    Args:
-        results: The run.
-        folder: Where to; made if it is missing.
-        overwrite: Replace files of these names.
-
-    Returns:
-        The files written.
-    """
-    check_path("folder", folder)
-    folder, tables = Path(folder), tables_of(results)
-    if not tables:
-        raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
-    paths = {name: folder / f"{name}.csv" for name in tables}
-    there = [str(path) for path in paths.values() if os.path.exists(path)]
-    if there and not overwrite:
-        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, path in paths.items():
-            _write(tables[name], path)
-    except OSError as error:
-        raise ResultsError(f"The tables cannot be written to {folder}: {error.strerror}.") from None
-    return list(paths.values())
-
-
 def tables_of(results: Results) -> dict[str, Table]:
-    """The tables of `write_csv` by name, those for which the file holds something."""
+    """The tables of `csv_files.write_csv` by name, those for which the file holds something."""
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
     found = {}
@@ -108,6 +59,7 @@ def tables_of(results: Results) -> dict[str, Table]:
                 found["stage_joints"] = _stage_joints(results)
         if "histories" in streams:
             found["histories"] = _histories(results)
+            found["peaks"] = _peaks(results)
         if "energy" in streams:
             found["energy"] = _plain(results, "energy")
         if "states" in streams and results.joints:
@@ -121,20 +73,6 @@ def tables_of(results: Results) -> dict[str, Table]:
         if "modes/frequency" in results.statics:
             found["modes"] = _modes(results)
     return found
-
-
-def _write(table: Table, path: Path) -> None:
-    """Write a table whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(table.header)
-            writer.writerows(table.rows)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
@@ -212,6 +150,26 @@ def _histories(results: Results) -> Table:
     header = [rest.header[0], *motions.header, *rest.header[1:]]
     both = zip(rest.rows, motions.rows, strict=True)
     return Table(header, [[row[0], *more, *row[1:]] for row, more in both])
+
+
+def _peaks(results: Results) -> Table:
+    """Largest values with their times and places, a row each."""
+    found: list[tuple[str, str, Peak]] = []
+    for point in results.point_names:
+        found.append((f"displacement of {point}", "m", displacement_peak(results, [point])))
+        if "acceleration" in results.streams["histories"]:
+            what = f"absolute acceleration of {point} up to {ACCELERATION_BAND:g} Hz"
+            found.append((what, "m/s^2", acceleration_peak(results, [point])))
+    for joint in results.joints if "states" in results.streams else ():
+        units = {"opening": "m", "slip": "m", "safety": "-"}
+        peaks = joint_peaks(results, joint)
+        found += [(f"{name} of {joint}", units[name], peak) for name, peak in peaks.items()]
+    header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
+    rows = [
+        [what, peak.value, unit, peak.time, peak.name[-1:], *peak.place.tolist()]
+        for what, unit, peak in found
+    ]
+    return Table(header, rows)
 
 
 def _joints(results: Results) -> Table:

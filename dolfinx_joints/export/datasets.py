@@ -1,0 +1,127 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files as datasets of xarray, with coordinates and units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.export.optional import imported
+from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.reader import Results, listing
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+StreamName = Literal["histories", "energy", "states", "joints"]
+_AXES = ("n", "s1", "s2")  # local axes of a joint
+
+
+@checked
+def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
+    """A stream of a results file.
+
+    Variables are the series of the file with the attributes ``units`` and ``long_name``.
+
+    - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
+      ``component`` (x, y, z);
+    - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
+    - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together ``gap``,
+      ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``, ``area`` and the
+      place ``joint_x``, ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
+
+    Args:
+        results: The run.
+        stream: Name of the stream.
+
+    Raises:
+        ResultsError: The file has no such stream.
+        ImportError: xarray is missing.
+    """
+    xarray = imported("xarray")
+    check_results(results)
+    if stream not in results.streams:
+        known = listing(results.streams)
+        raise ResultsError(f"{results.path} has no stream {stream!r}; it has {known}.")
+    rows = results.rows(stream)
+    builder = _Builder(results, stream, rows)
+    names = results.streams[stream]
+    of_points = [name for name in names if stream == "states" and name.startswith("joints/")]
+    for name in names:
+        if name not in of_points:
+            builder.add(name)
+    if of_points:
+        builder.add_joint_points({name.rpartition("/")[2] for name in of_points})
+    return xarray.Dataset(builder.variables, builder.coordinates, {"file": str(results.path)})
+
+
+class _Builder:
+    """Variables and coordinates of a stream as xarray takes them."""
+
+    def __init__(self, results: Results, stream: str, rows: int) -> None:
+        self._results, self._stream, self._rows = results, stream, rows
+        self.variables: dict[str, Any] = {}
+        times = results.time(stream)[:rows]
+        self.coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s"})}
+
+    def add(self, name: str) -> None:
+        """Add a series by the shape of its records."""
+        values = self._results.series(self._stream, name, slice(self._rows))
+        if values.ndim == 3:
+            many = "point" if self._stream == "histories" else "node"
+            self._places(many)
+            dims: tuple[str, ...] = ("time", many, "component")
+        else:
+            dims = ("time", "component")[: values.ndim]
+        if "component" in dims:
+            self.coordinates["component"] = list(COMPONENTS[: values.shape[-1]])
+        self.variables[name] = (dims, values, self._attributes(name))
+
+    def add_joint_points(self, names: set[str]) -> None:
+        """Add series of joint points, of all joints one after the other; NaN where one has none."""
+        results, joints = self._results, self._results.joints
+        static = {
+            what: [results.static(f"joints/{joint}/{what}") for joint in joints]
+            for what in ("points", "areas")
+        }
+        counts = [len(points) for points in static["points"]]
+        self.coordinates["joint"] = ("joint_point", np.repeat(joints, counts))
+        self.coordinates["area"] = (
+            "joint_point",
+            np.concatenate(static["areas"]),
+            {"units": "m^2"},
+        )
+        self._coordinates("joint_point", "joint_", np.concatenate(static["points"]))
+        self.coordinates["axis"] = list(_AXES)
+        for name in sorted(names):
+            parts, first = [], ""
+            for joint, count in zip(joints, counts, strict=True):
+                where = f"joints/{joint}/{name}"
+                if where in results.streams["states"]:
+                    parts.append(results.series("states", where, slice(self._rows)))
+                    first = first or where
+                else:
+                    parts.append(np.full((self._rows, count), np.nan))
+            values = np.concatenate(parts, axis=1)
+            dims = ("time", "joint_point", "axis")[: values.ndim]
+            self.variables[name] = (dims, values, self._attributes(first))
+
+    def _attributes(self, name: str) -> dict[str, str]:
+        unit = self._results.unit(self._stream, name)
+        return {"units": unit, "long_name": self._results.description(self._stream, name)}
+
+    def _places(self, many: str) -> None:
+        """Coordinates of monitor points or nodes."""
+        if many == "point":
+            self.coordinates["point"] = self._results.point_names
+            self._coordinates("point", "", self._results.static("histories/points"))
+        else:
+            self._coordinates("node", "", self._results.static("mesh/nodes"))
+
+    def _coordinates(self, many: str, prefix: str, places: Any) -> None:
+        for axis, values in zip(COMPONENTS, places.T, strict=True):
+            self.coordinates[prefix + axis] = (many, values, {"units": "m"})

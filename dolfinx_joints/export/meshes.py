@@ -1,0 +1,76 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files as grids of PyVista."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.export.grids import Grid, body_grid, joint_grid
+from dolfinx_joints.export.optional import imported
+from dolfinx_joints.export.paraview import values_of
+from dolfinx_joints.results.arguments import chosen_state
+from dolfinx_joints.results.reader import Results
+
+if TYPE_CHECKING:
+    from pyvista import MultiBlock
+
+
+@checked
+def to_pyvista(
+    results: Results,
+    *,
+    time: float | None = None,
+    index: int = -1,
+    stage: int | str | None = None,
+    groups: Collection[str] | None = None,
+) -> MultiBlock:
+    """Body and joints in a recorded state.
+
+    The block ``"body"`` has the displacement of the nodes, the block ``"joints"`` a block for each
+    joint, with a polygon for each joint point and its gap, traction and status; names and units are
+    those of `paraview.write_vtk`.
+
+        blocks = export.to_pyvista(dj.Results("dam.h5"), time=0.5)
+        body = blocks["body"].warp_by_vector("displacement [m]", factor=200)
+        plotter = pyvista.Plotter()
+        plotter.add_mesh(body, color="white", opacity=0.4)
+        plotter.add_mesh(blocks["joints"], scalars="opening [m]")
+
+    Args:
+        results: The run.
+        time: The state nearest to it [s].
+        index: Number of the state where no time is given, negative from the end.
+        stage: A static stage instead, by name or number.
+        groups: Names of cell groups of the body that are wanted; all cells unless given.
+
+    Raises:
+        ResultsError: The file holds no cells, or not these groups.
+        ImportError: PyVista is missing.
+    """
+    pyvista = imported("pyvista")
+    results, number, _ = chosen_state(results, time, index, stage)
+    body = _grid(pyvista, body_grid(results, groups))
+    body.point_data["displacement [m]"] = results.series("states", "displacement", number)
+    if groups is not None:
+        body = body.clean() if not body.n_cells else body.extract_cells(np.arange(body.n_cells))
+    joints = pyvista.MultiBlock()
+    for joint in results.joints:
+        joints[joint] = _grid(pyvista, joint_grid(results, joint))
+        joints[joint].cell_data.update(values_of(results, joint, number))
+    blocks = pyvista.MultiBlock()
+    blocks["body"], blocks["joints"] = body, joints
+    return blocks
+
+
+def _grid(pyvista: Any, grid: Grid) -> Any:
+    lengths = np.diff(grid.offsets)
+    cells = np.insert(grid.connectivity, grid.offsets[:-1], lengths)
+    made = pyvista.UnstructuredGrid(cells, grid.kinds, grid.points)
+    for name, values in grid.cell_data.items():
+        made.cell_data[name] = values
+    return made

@@ -1,0 +1,25 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Packages that only some exports need."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_EXTRAS = {"pandas": "tables", "xarray": "tables", "pyvista": "views"}
+
+
+def imported(package: str) -> Any:
+    """Import an optional package.
+
+    Raises:
+        ImportError: It is missing.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(
+            f"{package} is missing ({error}): pip install {package}, or install dolfinx_joints "
+            f"with the extra {_EXTRAS[package]!r}."
+        ) from error

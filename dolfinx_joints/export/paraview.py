@@ -1,0 +1,95 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Results files as files for ParaView."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.parameters import check_path
+from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
+from dolfinx_joints.export.vtk_files import SUFFIX, VtkFile
+from dolfinx_joints.results.reader import Results
+
+
+@checked
+def write_vtk(
+    results: Results, path: str | PathLike[str], *, overwrite: bool = False
+) -> list[Path]:
+    """Write the recorded states of a results file for ParaView, PyVista and VTK.
+
+    ``NAME.vtkhdf`` holds the cells of the body, of the degree of its mesh, with ``displacement [m]``;
+    ``NAME_joints.vtkhdf`` the joints, a polygon for each joint point, with ``gap [m]`` and
+    ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap [m]``,
+    ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all times.
+
+    Args:
+        results: The run.
+        path: ``NAME.vtkhdf``, or ``NAME``.
+        overwrite: Replace files of these names.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ResultsError: The file holds no states or no cells, or files are there already.
+    """
+    check_path("path", path)
+    if "states" not in results.streams or not results.rows("states"):
+        raise ResultsError(f"{results.path} holds no states to write for ParaView.")
+    first = Path(path).with_suffix(SUFFIX)
+    paths = [first, joints_path(first)][: 2 if results.joints else 1]
+    there = [str(each) for each in paths if each.exists()]
+    if there and not overwrite:
+        raise ResultsError(
+            f"{', '.join(there)}: there already; --force replaces (overwrite=True)."
+        )
+    first.parent.mkdir(parents=True, exist_ok=True)
+    times = results.time("states")
+    body = VtkFile(first, body_grid(results))
+    for number, time in enumerate(times):
+        moved = results.series("states", "displacement", number)
+        body.append(time, {"displacement [m]": moved}, {})
+    if results.joints:
+        file = VtkFile(paths[1], joined({j: joint_grid(results, j) for j in results.joints}))
+        for number, time in enumerate(times):
+            names = [name for name in results.streams["states"] if "/" in name]
+            record = {name: results.series("states", name, number) for name in names}
+            file.append(time, {}, values_of_all(record, results.joints))
+    return paths
+
+
+def joints_path(path: Path) -> Path:
+    """The file of the joints beside that of the body."""
+    return path.with_name(f"{path.stem}_joints{path.suffix}")
+
+
+def values_of(results: Results, joint: str, number: int) -> dict[str, Any]:
+    """Values of a joint's points at a record of ``states``, by name with unit."""
+    start = f"joints/{joint}/"
+    names = [n for n in results.streams["states"] if n.startswith(start)]
+    values = {n.removeprefix(start): results.series("states", n, number) for n in names}
+    return joint_values(values)
+
+
+def values_of_all(record: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """Values of the points of all joints by name with unit, one joint after the other.
+
+    Args:
+        record: Values of a record of ``states`` by their names in the file.
+        joints: Names of the joints; what only some of them have is NaN in the others.
+    """
+    known = {name.split("/", 2)[2]: each for name, each in record.items() if "/" in name}
+    parts: dict[str, list[Any]] = {what: [] for what in known}
+    for joint in joints:
+        count = len(record[f"joints/{joint}/gap"])
+        for what in known:
+            parts[what].append(record.get(f"joints/{joint}/{what}", np.full(count, np.nan)))
+    return joint_values({what: np.concatenate(each) for what, each in parts.items()})

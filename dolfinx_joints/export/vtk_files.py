@@ -1,0 +1,142 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Files for ParaView: an unstructured grid whose values change in time (VTKHDF 2.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.export.grids import Grid
+
+SUFFIX = ".vtkhdf"
+_VERSION = (2, 2)
+_CHUNK = 1 << 16  # numbers of a chunk of values
+# Where the part of each time begins; the grid, written once, is that of every time.
+_FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
+
+Values = Mapping[str, ArrayLike]
+
+
+class VtkFile:
+    """A file that grows by one time after the other and is whole between them.
+
+    Args:
+        path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
+        grid: The grid; its ``cell_data`` are written with every time as the format has no
+            values that stay.
+
+    Raises:
+        ResultsError: The file cannot be written.
+    """
+
+    def __init__(self, path: Path, grid: Grid) -> None:
+        """Write the grid."""
+        self.path, self._fixed = path, dict(grid.cell_data)
+        try:
+            with h5py.File(path, "w") as file:
+                _write_grid(file, grid)
+        except OSError as error:
+            raise ResultsError(f"{path} cannot be written: {error}.") from None
+
+    @classmethod
+    def resume(cls, path: Path, grid: Grid, last: float) -> VtkFile:
+        """Go on with a file after the time ``last`` [s]; what was later is cut off."""
+        file = cls.__new__(cls)
+        file.path, file._fixed = path, dict(grid.cell_data)
+        try:
+            with h5py.File(path, "r+") as opened:
+                _cut(opened["VTKHDF"], last)
+        except (OSError, KeyError) as error:
+            raise ResultsError(f"{path} cannot be continued: {error}.") from None
+        return file
+
+    def append(self, time: float, point_data: Values, cell_data: Values) -> None:
+        """Add a time [s] with values by name, shape (points or cells, ...).
+
+        Every time has the same names.
+        """
+        with h5py.File(self.path, "r+") as file:
+            root = file["VTKHDF"]
+            steps = root["Steps"]
+            for kind, data in (
+                ("PointData", point_data),
+                ("CellData", {**self._fixed, **cell_data}),
+            ):
+                for name, values in data.items():
+                    _append_values(root, kind, name, np.asarray(values))
+            for name in _FIXED_OFFSETS:
+                _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
+            _extend(steps, "NumberOfParts", [1])
+            _extend(steps, "Values", [time])
+            steps.attrs["NSteps"] = len(steps["Values"])
+
+
+def _write_grid(file: h5py.File, grid: Grid) -> None:
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = np.array(_VERSION, dtype=np.int64)
+    kind = b"UnstructuredGrid"
+    root.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+    root["NumberOfPoints"] = np.array([len(grid.points)], dtype=np.int64)
+    root["NumberOfCells"] = np.array([len(grid.kinds)], dtype=np.int64)
+    root["NumberOfConnectivityIds"] = np.array([len(grid.connectivity)], dtype=np.int64)
+    root["Points"] = np.asarray(grid.points, dtype=np.float64)
+    root["Connectivity"] = np.asarray(grid.connectivity, dtype=np.int64)
+    root["Offsets"] = np.asarray(grid.offsets, dtype=np.int64)
+    root["Types"] = np.asarray(grid.kinds, dtype=np.uint8)
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = 0
+    _growing(steps, "Values", (), np.float64)
+    _growing(steps, "NumberOfParts", (), np.int64)
+    for name in _FIXED_OFFSETS:
+        _growing(steps, name, () if name == "PartOffsets" else (1,), np.int64)
+    for name in ("PointData", "CellData"):
+        root.create_group(name)
+        steps.create_group(f"{name}Offsets")
+
+
+def _append_values(root: h5py.Group, kind: str, name: str, values: NDArray[Any]) -> None:
+    """Append values of all points or cells, and where they begin."""
+    data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
+    key = name.replace("/", " per ")  # HDF5 takes it for a group
+    if key not in data:
+        rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
+        _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
+        _growing(offsets, key, (), np.int64)
+    begin = len(data[key])
+    _extend(data, key, values)
+    _extend(offsets, key, [begin])
+
+
+def _growing(
+    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, rows: int = 64
+) -> None:
+    """An empty dataset that grows by its first axis, in chunks of so many rows."""
+    group.create_dataset(name, (0, *shape), dtype, maxshape=(None, *shape), chunks=(rows, *shape))
+
+
+def _extend(group: h5py.Group, name: str, rows: Any) -> None:
+    dataset, rows = group[name], np.asarray(rows)
+    dataset.resize(len(dataset) + len(rows), axis=0)
+    if len(rows):
+        dataset[-len(rows) :] = rows
+
+
+def _cut(root: h5py.Group, last: float) -> None:
+    """Keep the times up to one."""
+    steps = root["Steps"]
+    kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
+    for kind in ("PointData", "CellData"):
+        for name, offsets in steps[f"{kind}Offsets"].items():
+            if kept < len(offsets):
+                root[kind][name].resize(int(offsets[kept]), axis=0)
+            offsets.resize(kept, axis=0)
+    for name in ("Values", "NumberOfParts", *_FIXED_OFFSETS):
+        steps[name].resize(kept, axis=0)
+    steps.attrs["NSteps"] = kept

@@ -1,0 +1,130 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What pandas, xarray, PyVista and VTK read is what the results file holds, units with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from dolfinx_joints import export
+from dolfinx_joints.cli import main
+from dolfinx_joints.geometry.jointed_wall import jointed_wall
+from shaken_wall import POINTS, shaking, wall
+
+STEPS, DT = 4, 4e-3
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Results files of walls by shape and degree of their cells, written when asked for."""
+    found: dict[tuple[str, int], dj.Results] = {}
+    folder = tmp_path_factory.mktemp("runs")
+
+    def run(shape: str = "hex", order: int = 1) -> dj.Results:
+        if (shape, order) not in found:
+            name = f"{shape}{order}"
+            msh = jointed_wall(folder / f"{name}.msh", cell=shape, order=order)
+            model = wall(dj.read_msh(msh, MPI.COMM_SELF))
+            monitors = [
+                dj.ResultsMonitor(folder / f"{name}.h5", points=POINTS, every=2),
+                dj.FieldMonitor(folder / f"{name}.vtkhdf", every=2),
+            ]
+            simulation = dj.Simulation(model, monitors=monitors)
+            simulation.statics(name="own weight")
+            simulation.dynamics(dt=DT, steps=STEPS, motion=shaking)
+            found[shape, order] = dj.Results(folder / f"{name}.h5")
+        return found[shape, order]
+
+    yield run
+    for results in found.values():
+        results.close()
+
+
+def test_pandas(runs):
+    pytest.importorskip("pandas")
+    results = runs()
+    frame = export.to_pandas(results)
+    assert frame.index.name == "time [s]"
+    np.testing.assert_array_equal(frame.index, results.time("histories"))
+    u = results.series("histories", "displacement")
+    assert results.unit("histories", "displacement") == "m"
+    np.testing.assert_array_equal(frame["displacement of corner y [m]"], u[:, 1, 1])
+    energy = export.to_pandas(results, "energy")
+    friction = results.series("energy", "joints/joint_1/friction")
+    np.testing.assert_array_equal(energy["joints/joint_1/friction [J]"], friction)
+    peaks = export.to_pandas(results, "peaks").set_index("peak")
+    opening = results.series("joints", "joint_2/opening")
+    row = peaks.loc["opening of joint_2"]
+    assert (row["value"], row["unit"]) == (opening.max(), "m")
+    assert row["time [s]"] == results.time("joints")[opening.argmax()]
+    with pytest.raises(dj.ResultsError, match="no table 'modes'; it has stages, stage_joints"):
+        export.to_pandas(results, "modes")
+
+
+def test_xarray(runs):
+    pytest.importorskip("xarray")
+    results = runs()
+    histories = export.to_xarray(results)
+    u = histories["displacement"]
+    assert u.attrs["units"] == results.unit("histories", "displacement")
+    np.testing.assert_array_equal(
+        u.sel(point="corner", component="z"), results.series("histories", "displacement")[:, 1, 2]
+    )
+    np.testing.assert_array_equal(histories["x"], results.static("histories/points")[:, 0])
+    states = export.to_xarray(results, "states")
+    assert states["traction"].dims == ("time", "joint_point", "axis")
+    assert states["traction"].attrs["units"] == "Pa"
+    mine = states["traction"].sel(joint_point=states["joint"] == "joint_2", axis="n")
+    held = results.series("states", "joints/joint_2/traction")[:, :, 0]
+    np.testing.assert_array_equal(mine, held)
+    np.testing.assert_array_equal(states["time"], results.time("states"))
+    np.testing.assert_array_equal(
+        states["displacement"], results.series("states", "displacement")
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("shape", ["tet", "hex"])
+def test_vtk_and_pyvista(runs, shape, order, tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    results = runs(shape, order)
+    # The body: 20 m x 4 m x 20 m whatever its cells; a wrong order of nodes gives another volume.
+    blocks = export.to_pyvista(results, index=-1)
+    body = blocks["body"]
+    volume = body.triangulate(inplace=False) if order == 1 else body.linear_copy()
+    np.testing.assert_allclose(np.ptp(body.points, axis=0), [20.0, 4.0, 20.0])
+    assert abs(volume.volume - 1600.0) < 1e-9 * 1600.0
+    area = sum(
+        joint.compute_cell_sizes()["Area"].sum() for joint in blocks["joints"]
+    )
+    shares = [results.static(f"joints/{joint}/areas").sum() for joint in results.joints]
+    assert area == pytest.approx(sum(shares), rel=1e-12)
+    main(["vtk", str(results.path), "--out", str(tmp_path / "later")])
+    for path in (results.path.with_suffix(".vtkhdf"), tmp_path / "later.vtkhdf"):
+        reader = pyvista.get_reader(path)
+        np.testing.assert_array_equal(reader.time_values, results.time("states"))
+        joints = pyvista.get_reader(path.with_name(f"{path.stem}_joints.vtkhdf"))
+        for number, time in enumerate(reader.time_values):
+            reader.set_active_time_value(time)
+            read = reader.read()
+            u = results.series("states", "displacement", number)
+            np.testing.assert_array_equal(read.point_data["displacement [m]"], u)
+            np.testing.assert_array_equal(read.points, results.static("mesh/nodes"))
+            joints.set_active_time_value(time)
+            of_joints = joints.read()
+            for name in ("gap [m]", "traction [Pa]", "status [-]"):
+                series, unit = name.removesuffix("]").split(" [")
+                of_all = [f"joints/{joint}/{series}" for joint in results.joints]
+                assert {results.unit("states", each) for each in of_all} == {unit}
+                held = [results.series("states", each, number) for each in of_all]
+                np.testing.assert_array_equal(of_joints.cell_data[name], np.concatenate(held))
+            wide = np.maximum(of_joints.cell_data["gap [m]"][:, 0], 0.0)
+            np.testing.assert_array_equal(of_joints.cell_data["opening [m]"], wide)
+    with pytest.raises(dj.ResultsError, match="there already; --force"):
+        export.write_vtk(results, tmp_path / "later")

@@ -139,7 +139,7 @@ def models(case: Case, out: Path) -> tuple[dict[str, dj.Model], dict[str, np.nda
 # %%
 def run(which: str, model: dj.Model, case: Case, options: argparse.Namespace) -> Finished:
     """Self weight, then the earthquake."""
-    fields = dj.FieldMonitor(options.out / f"{which}.bp", every=10 * ambiesta.STATE_INTERVAL)
+    fields = dj.FieldMonitor(options.out / f"{which}.vtkhdf", every=10 * ambiesta.STATE_INTERVAL)
     watching = [fields, dj.ProgressMonitor(which)]
     finished = ambiesta.simulate(
         case, which, model, options.out, solver=options.solver, monitors=watching

@@ -178,7 +178,7 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
             resultants=model.contact is not None,
             envelopes=True,
         ),
-        dj.FieldMonitor(results.with_suffix(".bp"), every=20),
+        dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20),
     ]
     simulation = dj.Simulation(model, monitors=monitors)
     build_up(simulation)
@@ -233,7 +233,7 @@ def study(mesh: Path, record: str | None, steps: int, out: Path) -> Table:
 # %% [markdown]
 # ## What the office reads
 #
-# The report opens in any browser, the tables in any spreadsheet, the `.bp` folders in ParaView.
+# The report opens in any browser, the tables in any spreadsheet, the `.vtkhdf` files in ParaView.
 
 
 # %%

@@ -30,6 +30,10 @@ FILES = ("CITATION.cff", "CODE_OF_CONDUCT.md", "COPYING", "COPYING.LESSER", "SEC
 # Modules that users import by name, as the guide does; each is on the page of its wing.
 MODULES = (
     "exact",
+    "export.datasets",
+    "export.frames",
+    "export.meshes",
+    "export.paraview",
     "laws.law",
     "laws.path_mean",
     "monitors.surface_stress",
@@ -51,6 +55,7 @@ MODULES = (
 GUIDES = {
     "body": ("loads", "foundation", "modes"),
     "common": ("errors",),
+    "export": ("export",),
     "joints": ("joints",),
     "laws": ("joints",),
     "loads": ("loads", "water", "temperature", "foundation"),

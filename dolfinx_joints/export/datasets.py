@@ -30,9 +30,9 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
     - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
       ``component`` (x, y, z);
     - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
-    - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together ``gap``,
-      ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``, ``area`` and the
-      place ``joint_x``, ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
+    - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together
+      ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``,
+      ``area`` and the place ``joint_x``, ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
 
     Args:
         results: The run.

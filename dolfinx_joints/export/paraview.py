@@ -25,8 +25,9 @@ def write_vtk(
 ) -> list[Path]:
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
-    ``NAME.vtkhdf`` holds the cells of the body, of the degree of its mesh, with ``displacement [m]``;
-    ``NAME_joints.vtkhdf`` the joints, a polygon for each joint point, with ``gap [m]`` and
+    ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
+    ``displacement [m]``; ``NAME_joints.vtkhdf`` the joints, a polygon for each joint point, with
+    ``gap [m]`` and
     ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap [m]``,
     ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all times.
 
@@ -48,9 +49,7 @@ def write_vtk(
     paths = [first, joints_path(first)][: 2 if results.joints else 1]
     there = [str(each) for each in paths if each.exists()]
     if there and not overwrite:
-        raise ResultsError(
-            f"{', '.join(there)}: there already; --force replaces (overwrite=True)."
-        )
+        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
     first.parent.mkdir(parents=True, exist_ok=True)
     times = results.time("states")
     body = VtkFile(first, body_grid(results))

@@ -37,10 +37,10 @@ class FieldMonitor(Monitor):
     """Writes body and joints for ParaView (VTKHDF), whole after each time.
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
-    ``displacement [m]``, and for each cell the mean of ``stress [Pa]`` (xx, yy, zz, xy, yz, xz; elastic
-    bodies in space only) with its largest and smallest principal values, and ``temperature change
-    [K]`` where there is one. ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes
-    them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    ``displacement [m]``, and of the middle of each cell ``stress [Pa]`` (xx, yy, zz, xy, yz, xz;
+    elastic bodies in space only) with its largest and smallest principal values, and ``temperature
+    change [K]`` where there is one. ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk`
+    writes them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
     stage's number as time. A continued run goes on with its files.
 
     Args:

@@ -178,9 +178,7 @@ class ResultsMonitor(Monitor):
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
-            declare_states(
-                writer, self._nodes.positions, surface, joints, self._cells, status=True
-            )
+            declare_states(writer, self._nodes.positions, surface, joints, self._cells, status=True)
             self._fields.declare(writer, "states", joints)
             if first.stages:
                 self._stage_fields.declare(writer, joints)

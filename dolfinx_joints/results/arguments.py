@@ -47,6 +47,7 @@ class StageStates(Results):
     def __init__(self, results: Results) -> None:
         """Share the file."""
         self.path, self._file = results.path, results._file
+        self._names, self._rows = results._names, results._rows
 
     @property
     def relative(self) -> bool:

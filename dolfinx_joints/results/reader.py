@@ -70,6 +70,8 @@ class Results:
         """Open the file."""
         self.path = Path(path)
         self._file = _open(self.path)
+        self._names: dict[str, list[str]] = {}  # by group
+        self._rows: dict[str, int] = {}  # likewise, once the run has ended
 
     def __enter__(self) -> Self:
         """Return the reader."""
@@ -120,14 +122,14 @@ class Results:
     @property
     def statics(self) -> list[str]:
         """Names of the arrays written once."""
-        return _dataset_names(self._file["static"])
+        return self._names_in(self._file["static"])
 
     @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream, ``time`` left out."""
         groups = self._file["streams"]
         with self._reading():
-            return {key: [n for n in _dataset_names(groups[key]) if n != "time"] for key in groups}
+            return {key: [n for n in self._names_in(groups[key]) if n != "time"] for key in groups}
 
     @property
     def joints(self) -> list[str]:
@@ -214,9 +216,20 @@ class Results:
 
     def rows(self, stream: str) -> int:
         """Number of whole records of a stream: those that all its datasets and its time hold."""
-        group, block = self._stream(stream), 1
+        group = self._stream(stream)
+        if group.name in self._rows:
+            return self._rows[group.name]
+        ended = self.status != "running"  # read before the rows
+        rows = self._count(group)
+        if ended:
+            self._rows[group.name] = rows
+        return rows
+
+    def _count(self, group: h5py.Group) -> int:
+        """Number of whole records of a stream now."""
+        block = 1
         with self._reading():
-            rows = min(len(group[name]) for name in _dataset_names(group))
+            rows = min(len(group[name]) for name in self._names_in(group))
             while rows:  # the last may be extended and not filled yet
                 first = max(0, rows - block)
                 known = np.flatnonzero(~np.isnan(group["time"][first:rows]))
@@ -267,6 +280,12 @@ class Results:
         """Description of an array given by its name, or of a series by stream and name."""
         return self._text("description", where)
 
+    def _names_in(self, group: h5py.Group) -> list[str]:
+        """Names of the datasets in a group, which a started file keeps."""
+        if group.name not in self._names:
+            self._names[group.name] = _dataset_names(group)
+        return self._names[group.name]
+
     def _reading(self) -> AbstractContextManager[None]:
         return damage_reported(self.path, ResultsError)
 
@@ -290,7 +309,7 @@ class Results:
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
         group = self._stream(stream)
-        if name not in _dataset_names(group):
+        if name not in self._names_in(group):
             raise ResultsError(
                 f"No series {shown(name)} in the stream {stream!r} of {self.path}; "
                 f"it has {listing(self.streams[stream])}."

@@ -33,7 +33,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.monitors.field_monitor import FieldMonitor
 from dolfinx_joints.monitors.probes import joint_facet_points
 
 pytestmark = pytest.mark.mpi
@@ -237,18 +236,3 @@ def test_files_of_others_are_kept(comm, column, new_path):
         run.dynamics(dt=1e-3, steps=1)
     with Results(path) as results:
         assert results.rows("histories") == 3
-
-
-def test_paraview_sees_each_stage(comm, column, new_path):
-    """Each stage has a folder of its own, in which the displacement lies as the numbers it is."""
-    path, model = new_path("column.bp"), column()
-    simulation = Simulation(model, monitors=[FieldMonitor(path)])
-    states = [simulation.statics(loads=[WEIGHT], name="own weight")]
-    states.append(simulation.statics(name="winter/2"))
-    comm.barrier()
-    for state, name in zip(states, ("1_own_weight", "2_winter_2"), strict=True):
-        folder = path.with_name(f"{path.stem}_{name}.bp")
-        written = b"".join(part.read_bytes() for part in sorted(folder.glob("data.*")))
-        for one, is_there in zip(states, (one is state for one in states), strict=True):
-            mine = model.function(one.displacement).x.array.tobytes()
-            assert (mine in written) == is_there

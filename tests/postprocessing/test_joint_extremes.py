@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
 from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results

@@ -19,10 +19,10 @@ import pytest
 from reading_back import equal_means, lines, low_passed, si
 from written_runs import write_distinct
 
+from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import equally_spaced, response_spectrum
 from dolfinx_joints.postprocessing import measures, motion_plots, plots, rendering, views
-from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
 from dolfinx_joints.postprocessing.joints.surface import MapQuantity
@@ -272,10 +272,31 @@ def columns(path: Path) -> dict[str, Any]:
     return found
 
 
+def check_peaks(results: Results, table: dict[str, Any]) -> None:
+    """Each value is the largest, or smallest, of the history that its name says, at its time."""
+    names = ("peak", "value", "unit", "time", "component")
+    for what, value, unit, time, component in zip(*(table[name] for name in names), strict=True):
+        kind, _, of = what.partition(" of ")
+        if kind == "displacement":
+            known = measures.displacement_history(results, of, component)
+        elif kind == "absolute acceleration":
+            point = of.removesuffix(" up to 25 Hz")
+            known = measures.acceleration_history(results, point, component)
+        else:
+            extremes = measures.joint_extremes(results, of)
+            known = extremes.time, getattr(extremes, kind)
+        times, values = known
+        at = np.nanargmin(values) if kind == "safety" else np.nanargmax(np.abs(values))
+        assert (float(value), time) == (values[at], times[at]), what
+        units = {"displacement": "m", "opening": "m", "slip": "m", "safety": "-"}
+        assert unit == units.get(kind, "m/s^2")
+
+
 def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
     """Every column of numbers is compared, with the measure of its row's joint and time."""
     own, _ = runs
     tables = {path.stem: columns(path) for path in write_csv(own, tmp_path)}
+    check_peaks(own, tables.pop("peaks"))
     wanted: dict[str, dict[str, Any]] = {name: {} for name in tables}
     for stream in ("histories", "energy"):
         wanted[stream]["time"] = own.time(stream)

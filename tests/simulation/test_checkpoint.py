@@ -25,6 +25,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, wall
+from vtk_files import read_vtk
 
 from dolfinx_joints import (
     CheckpointError,
@@ -526,15 +527,16 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
     jointed = read(wall_file())
 
     def monitors(kill):
-        fields = FieldMonitor(tmp_path / "run.bp", every=1)
+        fields = FieldMonitor(tmp_path / "run", every=1)
         return [fields, ProgressMonitor("again"), Killer(kill)]
 
     with pytest.raises(Killed):
         short(jointed, tmp_path, monitors=monitors(3))
     capsys.readouterr()
     short(jointed, tmp_path, monitors=monitors(None), resume=True)
-    assert (tmp_path / "run.bp").is_dir()
-    assert (tmp_path / "run_from_2.bp").is_dir()
+    for name in ("run.vtkhdf", "run_joints.vtkhdf"):
+        times = [time for time, _ in read_vtk(tmp_path / name)]
+        np.testing.assert_allclose(times, DT * np.arange(5), rtol=1e-12)
     assert "4/4" in capsys.readouterr().err
 
 

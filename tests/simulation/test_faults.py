@@ -563,10 +563,10 @@ def test_a_disk_that_is_full_at_the_first_record(wall, tmp_path, monkeypatch):
 
 
 @pytest.mark.mpi
-def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
+def test_a_file_of_fields_has_one_writer(wall, comm, new_path):
     from dolfinx_joints import FieldMonitor, Simulation
 
-    path = new_path("run.bp")
+    path = new_path("run.vtkhdf")
 
     def shake(*others):
         run = Simulation(wall(), monitors=[FieldMonitor(path, every=1), *others])
@@ -574,7 +574,9 @@ def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
         run.dynamics(dt=4e-3, steps=2, motion=shaking)
 
     def another():
-        sentence = rf"run\.bp is being written by process {comm.bcast(os.getpid())} on \S+; wait"
+        sentence = (
+            rf"run\.vtkhdf is being written by process {comm.bcast(os.getpid())} on \S+; wait"
+        )
         with pytest.raises(ResultsError, match=sentence):
             shake()
 
@@ -584,10 +586,10 @@ def test_a_folder_of_fields_has_one_writer(wall, comm, new_path):
     shake(Then(1, another))
     with pytest.raises(RuntimeError, match="enough"):
         shake(Then(1, fail))
-    shake()  # whatever ended the runs before, the folder is free
+    shake()  # whatever ended the runs before, the file is free
     comm.barrier()
-    assert path.is_dir()
-    assert not path.with_name("run.bp.lock").exists()
+    assert path.is_file()
+    assert not path.with_name("run.vtkhdf.lock").exists()
 
 
 @pytest.mark.mpi

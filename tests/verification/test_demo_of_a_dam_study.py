@@ -69,4 +69,4 @@ def test_from_the_sections_to_the_report(tmp_path):
     assert [row["status"] for row in study] == ["complete"] * 4
     assert len({row["slip_mm"] for row in study}) == 4
     for stage in ("monolith", "joints", *(f"joints_{i}_{n}" for i, n in enumerate(STAGES[:1], 1))):
-        assert (tmp_path / f"{stage}.bp").is_dir()
+        assert (tmp_path / f"{stage}.vtkhdf").is_file()

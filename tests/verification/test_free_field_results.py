@@ -27,9 +27,9 @@ from dolfinx_joints import (
     ViscousBoundary,
     stiffness_proportional,
 )
+from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.motions.spectra import response_spectrum, significant_duration
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, through_boundaries
 from dolfinx_joints.postprocessing.frames import frame_name, nodal_displacement
 from studies.summary import summary_row

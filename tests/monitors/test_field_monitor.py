@@ -1,0 +1,101 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Files for ParaView against the results file and against equilibrium, on any number of ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
+from vtk_files import read_vtk
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+
+pytestmark = pytest.mark.mpi
+
+WARMER, FACTOR = 20.0, 0.5  # [K], [-]
+
+
+def on_root(comm, look):
+    """Look at files on rank 0; every rank fails alike."""
+    failure = None
+    if comm.rank == 0:
+        try:
+            look()
+        except Exception as error:
+            failure = f"{type(error).__name__}: {error}"
+    failure = comm.bcast(failure)
+    assert failure is None, failure
+
+
+def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
+    path, run = new_path("fields.vtkhdf"), new_path("run.h5")
+    monitors = [dj.FieldMonitor(path, every=2), dj.ResultsMonitor(run, points=POINTS, every=2)]
+    simulation = dj.Simulation(wall(read(wall_file())), monitors=monitors)
+    simulation.statics(name="weight")
+    simulation.dynamics(dt=DT, steps=4, motion=shaking)
+
+    def look():
+        body, joints = read_vtk(path), read_vtk(path.with_name(f"{path.stem}_joints.vtkhdf"))
+        ((one, weight),) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
+        with dj.Results(run) as results:
+            assert [time for time, _ in body] == results.time("states").tolist()
+            for number, ((_, grid), (_, of_joints)) in enumerate(zip(body, joints, strict=True)):
+                u = results.series("states", "displacement", number)
+                assert np.abs(u).max() > 1e-5
+                np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
+                names = [f"joints/{joint}/traction" for joint in results.joints]
+                t = np.concatenate([results.series("states", name, number) for name in names])
+                np.testing.assert_array_equal(of_joints.cell_data["traction [Pa]"], t)
+            u = results.series("statics", "displacement", 0)
+            np.testing.assert_array_equal(weight.point_data["displacement [m]"], u)
+        assert one == 1.0
+
+    on_root(comm, look)
+
+
+def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, read, new_path):
+    """The mean of zz in a layer of equal hexahedra is that of the weight above its middle.
+
+    This follows from virtual displacements that are zero below the layer, constant above, linear
+    in it: exact for trilinear cells, with closed vertical joints. Temperatures do no work on them
+    over a whole layer, as what they press is taken off.
+    """
+    path = new_path("warm.vtkhdf")
+    warm = dj.Temperature(
+        value=lambda x: 10.0 + WARMER * x[0] / 20.0,
+        reference=10.0,
+        expansion=1e-5,
+        factor=lambda _: FACTOR,
+    )
+    model = dj.Model(
+        read(wall_file()),
+        material=CONCRETE,
+        joints=LAW,
+        supports=[BASE],
+        loads=[dj.Gravity(), warm],
+    )
+    simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path)])
+    simulation.statics()
+
+    def look():
+        ((_, grid),) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
+        middle = grid.cell_centers().points
+        stress = grid.cell_data["stress [Pa]"]
+        for z in np.unique(middle[:, 2].round(9)):
+            layer = np.isclose(middle[:, 2], z)
+            above = CONCRETE.density * STANDARD_GRAVITY * (20.0 - z)
+            assert stress[layer, 2].mean() == pytest.approx(-above, rel=1e-9)
+        change = grid.cell_data["temperature change [K]"]
+        np.testing.assert_allclose(change, FACTOR * WARMER * middle[:, 0] / 20.0, rtol=1e-12)
+        for name, pick in (("largest", np.max), ("smallest", np.min)):
+            xx, yy, zz, xy, yz, xz = stress[0]
+            tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+            value = grid.cell_data[f"{name} principal stress [Pa]"][0]
+            assert value == pytest.approx(pick(np.linalg.eigvalsh(tensor)), rel=1e-12)
+
+    on_root(comm, look)

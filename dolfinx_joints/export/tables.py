@@ -166,7 +166,7 @@ def _peaks(results: Results) -> Table:
         found += [(f"{name} of {joint}", units[name], peak) for name, peak in peaks.items()]
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
-        [what, peak.value, unit, peak.time, peak.name[-1:], *peak.place.tolist()]
+        [what, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
         for what, unit, peak in found
     ]
     return Table(header, rows)

@@ -72,6 +72,6 @@ def body_cells(model: Model, nodes: NodeNumbering) -> Cells | None:
         groups[name] = gather(inside)
     if every is None:
         return None
-    found = {name: np.flatnonzero(inside) for name, inside in groups.items()}
+    found = {k: np.flatnonzero(inside) for k, inside in groups.items() if inside is not None}
     is_linear = table.shape[1] == len(basix.geometry(jointed.shape.type))
     return Cells(_KINDS[jointed.shape.name][0 if is_linear else 1], every, found)

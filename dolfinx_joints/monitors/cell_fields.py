@@ -18,7 +18,7 @@ from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellGather
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 _COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # VTK's order
 

@@ -40,8 +40,8 @@ class FieldMonitor(Monitor):
     ``displacement [m]``, and of the middle of each cell ``stress [Pa]`` (xx, yy, zz, xy, yz, xz;
     elastic bodies in space only) with its largest and smallest principal values, and ``temperature
     change [K]`` where there is one. ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk`
-    writes them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
-    stage's number as time. A continued run goes on with its files.
+    writes them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with
+    the stage's number as time. A continued run goes on with its files.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``; what an earlier run left there is replaced.

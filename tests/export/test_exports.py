@@ -92,9 +92,9 @@ def test_xarray(runs):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("shape", ["tet", "hex"])
 def test_vtk_and_pyvista(runs, shape, order, tmp_path):
-    pyvista = pytest.importorskip("pyvista")
+    pytest.importorskip("pyvista")
     results = runs(shape, order)
-    # The body: 20 m x 4 m x 20 m whatever its cells; a wrong order of nodes gives another volume.
+    # 20 m x 4 m x 20 m whatever the cells; a wrong order of their nodes gives another volume.
     blocks = export.to_pyvista(results, index=-1)
     body = blocks["body"]
     volume = body.triangulate(inplace=False) if order == 1 else body.linear_copy()

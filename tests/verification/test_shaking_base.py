@@ -408,7 +408,7 @@ def test_elastic_solution_solves_its_equation(ratio):
     assert np.abs(e).max() <= exact.r * (1.0 + 1e-12)
     for last, phase in zip(exact.phases[:-1], exact.phases[1:], strict=True):
         assert np.array(phase[2:]) == pytest.approx(
-            exact._motion(last, phase.begin), rel=1e-9, abs=1e-14
+            np.array(exact._motion(last, phase.begin), dtype=float), rel=1e-9, abs=1e-14
         )
 
 

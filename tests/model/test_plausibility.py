@@ -154,7 +154,8 @@ def test_warnings_are_seen_in_a_script(comm):
     # DOLFINx 0.9 imports an FFCx that hands them to a logger without handlers.
     if comm.size > 1:
         return
-    script = "import warnings, mpi4py.MPI, dolfinx, dolfinx_joints as dj; dj.Model; warnings.warn('seen')"
+    script = "import warnings, mpi4py.MPI, dolfinx, dolfinx_joints as dj"
+    script += "; dj.Model; warnings.warn('seen')"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )

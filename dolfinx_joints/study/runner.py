@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Many cases of one function, several at once, each in a process of its own; resumable.
+"""Many cases of one function on an executor, each in a process of its own; resumable.
 
 A folder holds everything::
 
@@ -8,55 +8,41 @@ A folder holds everything::
     cases/CASE/      what the case wrote, and log.txt with what it printed
 
 The table is replaced as a whole after each case. Killing the runner at any moment, also by signal
-9, ends its cases and loses only those that were under way; the next run does the rest.
+9, loses only the cases that were under way; the next run does the rest. Cases that the runner
+itself has started end with it, those of an executor with their workers.
 """
 
 from __future__ import annotations
 
 import json
-import multiprocessing as mp
 import os
 import pickle
 import re
-import shutil
-import threading
-import time as clock
-import traceback
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from inspect import signature
-from multiprocessing.connection import Connection
-from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any
 
 import annotated_types as at
-import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.file_lock import FileLock
-from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.study_table import (
+from dolfinx_joints.study.case import Function, end_cases, packed, run_case
+from dolfinx_joints.study.case import reason_of as _reason
+from dolfinx_joints.study.table import (
     OWN_COLUMNS,
-    SUFFIX,
     TABLE,
     Row,
     Table,
     columns,
     columns_of_values,
     read_rows,
-    read_table,
     reason_of,
     replace,
-    write_csv,
 )
-
-__all__ = ["Study", "Table", "Tally", "read_table", "write_csv"]
-
-Function = Callable[..., Mapping[str, Any]]
-_LONGEST_REASON = 2000  # characters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +111,7 @@ class Study:
     def run(
         self,
         *,
+        executor: Executor | None = None,
         workers: Annotated[int, at.Ge(1)] = 1,
         only: Sequence[str] | None = None,
         retry_failed: bool = False,
@@ -134,7 +121,9 @@ class Study:
         """Run the cases that have no row yet.
 
         Args:
-            workers: Cases at once.
+            executor: Runs the cases: of processes, of MPI ranks (mpi4py.futures), of a cluster
+                (dask); unless given, this process starts them.
+            workers: Cases at once, where there is no executor.
             only: Names of the cases to run, all unless given.
             retry_failed: Run failed cases again.
             rerun_changed: Run cases again whose parameters differ from those of their rows; an
@@ -150,15 +139,25 @@ class Study:
             raise ValueError(
                 f"There is no case {min(unknown)!r}; there are {', '.join(self.cases)}."
             )
-        if {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
-            raise StudyError("A study starts processes of its own: run it without mpirun.")
+        if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
+            raise StudyError(
+                "A study starts processes of its own: run it without mpirun, or give it an "
+                "MPIPoolExecutor and start it by mpirun -n N python3 -m mpi4py.futures."
+            )
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with FileLock(self.path / TABLE, StudyError):
                 rows = self._rows()
                 chosen = [name for name in self.cases if only is None or name in only]
                 waiting = self._waiting(rows, chosen, retry_failed, rerun_changed)
-                self._work(rows, waiting, workers, progress)
+                if executor is not None:
+                    self._work(rows, waiting, executor, progress)
+                else:
+                    with ThreadPoolExecutor(workers) as threads:
+                        try:
+                            self._work(rows, waiting, threads, progress)
+                        finally:
+                            end_cases()
         except OSError as error:
             raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
         names = columns_of_values(list(rows.values()))
@@ -202,79 +201,38 @@ class Study:
                 waiting.append(name)
         return waiting
 
-    def _work(self, rows: dict[str, Row], waiting: list[str], workers: int, progress: bool) -> None:
+    def _work(
+        self, rows: dict[str, Row], waiting: list[str], executor: Executor, progress: bool
+    ) -> None:
         """Run cases; put each row into the table when its case ends."""
         from tqdm import tqdm
 
-        running: list[mp.process.BaseProcess] = []
+        work = packed(self._function)
+        futures = {}
+        for name in waiting:
+            folder = str(self.folder(name).resolve())
+            futures[executor.submit(run_case, name, work, folder, self.cases[name])] = name
         bar = tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=not progress)
-        with bar, ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(self._run_case, name, running) for name in waiting]
+        with bar:
             try:
                 for future in as_completed(futures):
-                    row = future.result()
-                    rows[row["case"]] = row
+                    name = futures[future]
+                    rows[name] = self._row(name, future)
                     ordered = [rows[name] for name in self.cases if name in rows]
                     replace(self.path / TABLE, json.dumps(ordered, indent=1))
                     bar.update()
             finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-                for process in running:
-                    process.kill()
+                for future in futures:
+                    future.cancel()
 
-    def _run_case(self, name: str, running: list[mp.process.BaseProcess]) -> Row:
-        """Run a case in an empty folder and a new interpreter; its row."""
-        folder = self.folder(name).resolve()
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        context = mp.get_context("spawn")
-        receiver, sender = context.Pipe(duplex=False)
-        began = clock.perf_counter()
-        work = (sender, self._function, folder, self.cases[name])
-        process = context.Process(target=_case, args=work, daemon=True)
-        process.start()
-        running.append(process)
-        sender.close()
+    def _row(self, name: str, future: Future[Row]) -> Row:
+        """Row of a case, also of one whose worker died or could not be given it."""
         try:
-            status, reason, values, peak = receiver.recv()
-        except EOFError:
-            process.join()
-            code = process.exitcode or 0
-            end = f"exit code {code}" if code >= 0 else f"signal {-code}"
-            reason, values, peak = f"ended by {end}; see {folder / 'log.txt'}", {}, float("nan")
-            status = "failed"
-        row = {"case": name, "status": status, "reason": reason}
-        row |= {"wall_s": clock.perf_counter() - began, "peak_mb": peak}
-        return row | {"parameters": self.cases[name], "values": values}
-
-
-def _case(
-    sender: Connection, function: Function, folder: Path, parameters: Mapping[str, Any]
-) -> None:
-    """Run a case here, output to log.txt; send status, reason or remarks, values, peak memory."""
-    threading.Thread(target=_end_with_the_runner, daemon=True).start()
-    with (folder / "log.txt").open("wb") as log:
-        os.dup2(log.fileno(), 1)
-        os.dup2(log.fileno(), 2)
-    try:
-        values, remarks = _plain_values(function(folder, **parameters))
-        sender.send(("complete", _in_one_line(" ".join(remarks)), values, peak_mb()))
-    except Exception as error:
-        traceback.print_exc()
-        reason = _in_one_line(f"{type(error).__name__}: {error}")
-        sender.send(("failed", reason, {}, peak_mb()))
-
-
-def _in_one_line(text: str) -> str:
-    return " ".join(text.split())[:_LONGEST_REASON]
-
-
-def _end_with_the_runner() -> None:
-    """Wait for the end of the process that started this one, then end as well."""
-    runner = mp.parent_process()
-    assert runner is not None
-    runner.join()
-    os._exit(1)
+            return future.result()
+        except Exception as error:
+            lost = {"status": "failed", "reason": f"its worker was lost: {_reason(error)}"}
+            empty = {"values": {}, "wall_s": float("nan"), "peak_mb": float("nan")}
+            return {"case": name, "parameters": self.cases[name], **lost, **empty}
 
 
 def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -292,34 +250,3 @@ def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) 
     except (TypeError, ValueError) as error:
         raise ValueError(f"The parameters of the case {name!r} do not fit: {error}.") from None
     return kept
-
-
-def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
-    """Values that a case returned as numbers and texts, and remarks on the others."""
-    if not isinstance(values, Mapping):
-        raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
-    kept: dict[str, float | str] = {}
-    remarks = []
-    for given, value in values.items():
-        name, plain = str(given), _plain(value)
-        while name in kept:
-            name += SUFFIX
-        if plain is None:
-            print(f"{name!r}: {value!r}", flush=True)
-            remarks.append(
-                f"The value {name!r} must be a number or a text, not {value!r:.80}; it is in "
-                "log.txt alone."
-            )
-        else:
-            kept[name] = plain
-    return kept, remarks
-
-
-def _plain(value: Any) -> float | str | None:
-    """A value as a file holds it, None where it is neither number nor text."""
-    if isinstance(value, str):
-        return value
-    try:
-        return float(value) if isinstance(value, Real | np.bool_) else None
-    except OverflowError:
-        return None

@@ -11,7 +11,9 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -124,12 +126,14 @@ import sys
 sys.path.insert(0, {tests!r})
 from test_study import squares
 if __name__ == "__main__":
-    squares({path!r}, 6, wait={wait}).run(workers=2, progress=False)
+    from concurrent.futures import ProcessPoolExecutor
+    squares({path!r}, 6, wait={wait}).run(executor={executor}, workers=2, progress=False)
 """
 
 
-def start_runner(path, wait):
-    code = RUNNER.format(tests=str(Path(__file__).parent), path=str(path), wait=wait)
+def start_runner(path, wait, executor="None"):
+    facts = {"path": str(path), "wait": wait, "executor": executor}
+    code = RUNNER.format(tests=str(Path(__file__).parent), **facts)
     return subprocess.Popen([sys.executable, "-c", code])
 
 
@@ -139,18 +143,54 @@ def wait_for(runner, ready):
         time.sleep(0.02)
 
 
-def test_killed_half_way_and_resumed(tmp_path):
+@pytest.mark.parametrize("executor", ["None", "ProcessPoolExecutor(2)"])
+def test_killed_half_way_and_resumed(tmp_path, executor):
     squares(tmp_path / "whole", 6, wait=0.5).run(workers=2, progress=False)
     path = tmp_path / "killed"
-    runner = start_runner(path, 0.5)
+    runner = start_runner(path, 0.5, executor)
     wait_for(runner, lambda: path.exists() and (path / "table.json").exists())
     runner.kill()  # signal 9
     runner.wait()
+    wait_for_lock(path)  # workers of a pool see the end of the runner and end
     tally = squares(path, 6, wait=0.5).run(workers=2, progress=False)
     assert tally.skipped
     assert len(tally.done) >= 2  # those that were under way
     assert len(tally.done) + len(tally.skipped) == 6
     assert without_times(read_table(path)) == without_times(read_table(tmp_path / "whole"))
+
+
+def test_a_worker_that_dies_is_a_row(tmp_path):
+    """Of a pool whose worker dies nothing comes back; the cases before keep their rows."""
+    with ProcessPoolExecutor(1) as pool:
+        pool.submit(int).result()
+        cases = Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 2, "wait": 600.0}})
+        (worker,) = pool._processes
+
+        def kill():
+            wait_for_files(cases, "b")
+            os.kill(worker, signal.SIGKILL)
+
+        threading.Thread(target=kill).start()
+        tally = cases.run(executor=pool, progress=False)
+    assert tally.done == ["a"]
+    assert tally.failed["b"].startswith("its worker was lost: BrokenProcessPool: ")
+    retried = Study(tmp_path / "s", square, {"a": {"x": 1}, "b": {"x": 2}})
+    assert retried.run(rerun_changed=True, progress=False).done == ["b"]
+    assert read_table(tmp_path / "s")["square"].tolist() == [1.0, 4.0]
+
+
+def wait_for_lock(path):
+    for _ in range(500):
+        try:
+            return FileLock(path / "table.json", StudyError).release()
+        except StudyError:
+            time.sleep(0.02)
+    raise AssertionError("the study is still locked")
+
+
+def wait_for_files(study, name):
+    while not (study.folder(name) / "x.txt").exists():
+        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])

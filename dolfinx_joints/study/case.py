@@ -1,0 +1,184 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One case of a study in an interpreter of its own, started by whatever worker takes it.
+
+The interpreter shares nothing with the worker, least of all MPI: a case that dies leaves the worker
+alive, and a worker that dies ends its case, whose standard input closes.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import multiprocessing
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import threading
+import time as clock
+import traceback
+from collections.abc import Callable, Mapping
+from multiprocessing import spawn
+from multiprocessing.process import BaseProcess
+from numbers import Real
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.study.table import SUFFIX, Row
+
+Function = Callable[..., Mapping[str, Any]]
+_LONGEST_REASON = 2000  # characters
+# Variables by which the programs of MPI find each other: a case is not one of theirs.
+_MPI = ("OMPI_", "PMI_", "PMIX_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")
+_running: set[subprocess.Popen[bytes]] = set()
+
+
+def packed(function: Function) -> bytes:
+    """A function, and how another interpreter imports its module."""
+    preparation = spawn.get_preparation_data("case")
+    del preparation["authkey"]  # of this process alone
+    return pickle.dumps((preparation, pickle.dumps(function)))
+
+
+def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
+    """Run a case in an empty folder and a new interpreter; its row.
+
+    A case of the same name that a runner has left behind is waited for.
+
+    Args:
+        name: Name of the case.
+        work: Its function, `packed`.
+        folder: Its folder.
+        parameters: Parameters of the function.
+    """
+    if parent := multiprocessing.parent_process():
+        threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()
+    place, began = Path(folder), clock.perf_counter()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with place.with_name(f".{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+        row = {"case": name, "parameters": dict(parameters)} | _outcome(work, place, parameters)
+    return row | {"wall_s": clock.perf_counter() - began}
+
+
+def _end_with_the_runner(parent: BaseProcess) -> None:
+    """End this worker of a pool and its case when the process that has the pool ends."""
+    parent.join()
+    end_cases()
+    os._exit(1)
+
+
+def end_cases() -> None:
+    """End the cases that this process has started."""
+    for process in list(_running):
+        process.kill()
+
+
+def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
+    """Status, reason, values and peak memory of a case."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(_MPI)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from dolfinx_joints.study.case import main; main()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=environment | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    _running.add(process)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        with process.stdin as to_case:
+            pickle.dump((work, folder, dict(parameters)), to_case)
+            to_case.flush()
+            answer = process.stdout.read()  # until it ends
+        code = process.wait()
+    finally:
+        process.kill()
+        _running.discard(process)
+    if answer:
+        return dict(json.loads(answer))
+    end = f"exit code {code}" if code >= 0 else f"signal {-code}"
+    reason = f"ended by {end}; see {folder / 'log.txt'}"
+    return {"status": "failed", "reason": reason, "values": {}, "peak_mb": float("nan")}
+
+
+def main() -> None:
+    """Run the case that standard input tells; its outcome goes to standard output as JSON."""
+    (preparation, function), folder, parameters = _told(sys.stdin.buffer)
+    threading.Thread(target=_end_with_the_worker, daemon=True).start()
+    answer = os.dup(1)
+    with (folder / "log.txt").open("wb") as log:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+    outcome: dict[str, Any]
+    try:
+        spawn.prepare(preparation)
+        values, remarks = _plain_values(pickle.loads(function)(folder, **parameters))
+        outcome = {"status": "complete", "reason": in_one_line(" ".join(remarks)), "values": values}
+    except Exception as error:
+        traceback.print_exc()
+        outcome = {"status": "failed", "reason": reason_of(error), "values": {}}
+    sys.stdout.flush()
+    with os.fdopen(answer, "wb") as to_worker:
+        to_worker.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode())
+    os._exit(0)  # the thread that waits holds standard input
+
+
+def _told(source: BinaryIO) -> tuple[tuple[Any, bytes], Path, dict[str, Any]]:
+    work, folder, parameters = pickle.load(source)
+    return pickle.loads(work), folder, parameters
+
+
+def _end_with_the_worker() -> None:
+    """Wait for the end of the process that started this one, then end as well."""
+    os.read(0, 1)  # nothing more comes before the end
+    os._exit(1)
+
+
+def reason_of(error: BaseException) -> str:
+    """Why a case failed, in a line."""
+    return in_one_line(f"{type(error).__name__}: {error}")
+
+
+def in_one_line(text: str) -> str:
+    """A text without breaks, not too long."""
+    return " ".join(text.split())[:_LONGEST_REASON]
+
+
+def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
+    """Values that a case returned as numbers and texts, and remarks on the others."""
+    if not isinstance(values, Mapping):
+        raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
+    kept: dict[str, float | str] = {}
+    remarks = []
+    for given, value in values.items():
+        name, plain = str(given), _plain(value)
+        while name in kept:
+            name += SUFFIX
+        if plain is None:
+            print(f"{name!r}: {value!r}", flush=True)
+            remarks.append(
+                f"The value {name!r} must be a number or a text, not {value!r:.80}; it is in "
+                "log.txt alone."
+            )
+        else:
+            kept[name] = plain
+    return kept, remarks
+
+
+def _plain(value: Any) -> float | str | None:
+    """A value as a file holds it, None where it is neither number nor text."""
+    if isinstance(value, str):
+        return value
+    try:
+        return float(value) if isinstance(value, Real | np.bool_) else None
+    except OverflowError:
+        return None

@@ -43,6 +43,8 @@ COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
 COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-1
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
+STUDIES_TOOL := studies-1
+STUDIES_NEEDS := 'dask[distributed]==2026.*' 'submitit==1.5.*'
 MUTANTS_TOOL := mutants-2
 MUTANTS_NEEDS := 'cosmic-ray==8.7.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
@@ -67,7 +69,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms lint dist docs clean
+.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms bench-studies lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -168,6 +170,10 @@ bench-forms: ## Joint integrals against the operator on 1, 2, 3 ranks, with both
 		./with-dolfinx --dolfinx $$version timeout --foreground $(MPI_SECONDS) \
 			mpirun -n $$ranks python3 benchmarks/interface_integrals.py --parts operator; \
 	done; done
+
+bench-studies: ## A study on processes, MPI ranks, dask and submitit, each also killed and resumed
+	@$(call install_tool,$(STUDIES_TOOL),$(STUDIES_NEEDS))
+	$(call with_tool,$(STUDIES_TOOL)) -m benchmarks.study_engines
 
 lint: ## Check style, imports between wings, and types
 	@$(call install_tool,$(RUFF_TOOL),$(RUFF_NEEDS))

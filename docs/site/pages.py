@@ -30,10 +30,7 @@ FILES = ("CITATION.cff", "CODE_OF_CONDUCT.md", "COPYING", "COPYING.LESSER", "SEC
 # Modules that users import by name, as the guide does; each is on the page of its wing.
 MODULES = (
     "exact",
-    "export.datasets",
-    "export.frames",
-    "export.meshes",
-    "export.paraview",
+    "export",
     "laws.law",
     "laws.path_mean",
     "monitors.surface_stress",

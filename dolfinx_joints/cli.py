@@ -12,6 +12,7 @@ from pathlib import Path
 from dolfinx_joints import __version__
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.progress import set_log_level
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0, or 2 where a file cannot be used or written; wrong usage ends the program with 2.
     """
     options = _parser().parse_args(arguments)
+    if not options.quiet:
+        set_log_level("INFO")
     try:
         if options.command == "info":
             _info(options.file, whole=options.all)
@@ -31,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _csv(options.file, options.out, force=options.force)
         elif options.command == "vtk":
             _vtk(options.file, options.out, force=options.force)
+        elif options.command == "completion":
+            _completion(options.shell)
         else:
             _report(options.results, options.out, with_3d=not options.no_3d)
         sys.stdout.flush()
@@ -50,6 +55,7 @@ def _parser() -> Parser:
         prog="dolfinx-joints", description="Look at the results files of runs with joints."
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
+    parser.add_argument("--quiet", action="store_true", help="do not tell how far it is")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     report = commands.add_parser(
         "report",
@@ -91,6 +97,12 @@ def _parser() -> Parser:
         "--out", type=Path, metavar="NAME", help="NAME.vtkhdf; that of FILE unless given"
     )
     fields.add_argument("--force", action="store_true", help="replace files of the same names")
+    completion = commands.add_parser(
+        "completion",
+        help="print what completes this command in a shell",
+        description='Print the completion of a shell: eval "$(dolfinx-joints completion bash)".',
+    )
+    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
     return parser
 
 
@@ -116,6 +128,19 @@ def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
     with Results(file) as results:
         for path in write_vtk(results, out or file, overwrite=force):
             print(path)
+
+
+def _completion(shell: str) -> None:
+    try:
+        import shtab
+    except ImportError:
+        raise JointsError("Completion needs the package shtab: pip install shtab.") from None
+    parser = _parser()
+    for command in parser._subparsers._group_actions[0].choices.values():  # type: ignore
+        for action in command._actions:
+            if action.type is Path:
+                action.complete = shtab.FILE
+    print(shtab.complete(parser, shell=shell))
 
 
 def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:

@@ -15,6 +15,22 @@ from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_knows_the_commands(shell, capsys):
+    pytest.importorskip("shtab")
+    assert cli.main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    if shell == "bash":
+        asked = 'COMP_WORDS=(dolfinx-joints ""); COMP_CWORD=1; COMPREPLY=()\n'
+        asked += '_shtab_dolfinx_joints; echo "${COMPREPLY[@]}"'
+        done = subprocess.run(
+            ["bash", "-c", f"{script}\n{asked}"], capture_output=True, text=True, check=True
+        )
+        assert {"report", "info", "csv", "vtk", "completion"} <= set(done.stdout.split())
+    else:
+        assert script.startswith("#compdef dolfinx-joints")
+
+
 def write_file(path: Path) -> Path:
     """Write a results file without records."""
     with ResultsWriter(path, {"title": "wall"}) as writer:

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from itertools import count
 from typing import Annotated, Protocol, runtime_checkable
 
 import annotated_types as at
@@ -90,3 +92,18 @@ class AddedMass(Protocol):
 def always(_time: float) -> float:
     """The factor of a constant load."""
     return 1.0
+
+
+def load_names(loads: Sequence[Load]) -> list[str]:
+    """A name for each load: its kind and where it acts, with a number where that is not enough."""
+    plain = []
+    for load in loads:
+        where = load.group if isinstance(load, FaceLoad) else ""
+        where = load.joint if isinstance(load, JointLoad) else where
+        where = load.cells or "" if isinstance(load, CellLoad) else where
+        plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
+    names: list[str] = []
+    for name in plain:
+        unused = (n for i in count(1) if (n := f"{name}_{i}") not in (*plain, *names))
+        names.append(name if plain.count(name) == 1 else next(unused))
+    return names

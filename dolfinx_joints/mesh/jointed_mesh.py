@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
@@ -34,8 +35,8 @@ from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 from dolfinx_joints.mesh.partition import partitioner_across
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointedMesh:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class JointedMesh(Summarised):
     """A DOLFINx mesh split at its joints, with its groups by name.
 
     For integrals over a joint take `dS`, over one side of it ``ds("NAME-")`` or ``ds("NAME+")``:
@@ -61,6 +62,18 @@ class JointedMesh:
     pairs: JointPairs
     _facet_tags: dolfinx.mesh.MeshTags
     _facet_groups: Mapping[str, tuple[int, ...]]
+
+    def _summary(self) -> Rows:
+        topology, geometry = self.mesh.topology, self.mesh.geometry
+        cells = topology.index_map(topology.dim).size_global
+        nodes, ranks = geometry.index_map().size_global, self.mesh.comm.size
+        yield "cells", f"{number(cells)}, {self.shape.name}, degree {self.shape.degree}"
+        yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, those on joints twice"
+        yield "joints", names(self.joint_names) or "none"
+        yield "joint facets", number(len(self.pairs.joint)) if self.joint_names else ""
+        yield "cell groups", names(self.cell_groups)
+        yield "facet groups", names(self.facet_groups)
+        yield "ranks", ranks if ranks > 1 else ""
 
     @cached_property
     def facet_groups(self) -> dict[str, tuple[int, ...]]:

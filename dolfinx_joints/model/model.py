@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -27,17 +25,19 @@ from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.common.parameters import check_kind_of, offers
+from dolfinx_joints.common.summary import Summarised
 from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
-from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, JointLoad, Load
+from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
+from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
 
 
-class Model:
+class Model(Summarised):
     """M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
 
     Args:
@@ -148,6 +148,8 @@ class Model:
         )
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
+
+    _summary = model_rows
 
     def _stiffness(self, extra: BilinearForm | None) -> PETSc.Mat:
         """K of bulk, extra form and springs."""
@@ -305,7 +307,7 @@ class Model:
                 "time, since stresses are recovered with the temperatures of the model."
             )
         loads = [*(self.loads if only is None else only), *extra_loads]
-        by_name = dict(zip(_names(loads), loads, strict=True))
+        by_name = dict(zip(load_names(loads), loads, strict=True))
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         constraints = self.constraints
@@ -383,18 +385,3 @@ def _check_loads(jointed: JointedMesh, loads: Any) -> None:
             jointed.facets(load.group)
         elif isinstance(load, CellLoad) and load.cells:
             jointed.cells(load.cells)
-
-
-def _names(loads: Sequence[Load]) -> list[str]:
-    """A name for each load: its kind and where it acts, with a number where that is not enough."""
-    plain = []
-    for load in loads:
-        where = load.group if isinstance(load, FaceLoad) else ""
-        where = load.joint if isinstance(load, JointLoad) else where
-        where = load.cells or "" if isinstance(load, CellLoad) else where
-        plain.append(re.sub(r"[^\w.+-]", "_", f"{type(load).__name__}_{where}".rstrip("_")))
-    names: list[str] = []
-    for name in plain:
-        unused = (n for i in count(1) if (n := f"{name}_{i}") not in (*plain, *names))
-        names.append(name if plain.count(name) == 1 else next(unused))
-    return names

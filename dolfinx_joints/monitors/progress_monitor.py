@@ -31,7 +31,7 @@ class ProgressMonitor(Monitor):
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Show the bar."""
         if model.jointed.mesh.comm.rank == 0:
-            from tqdm import tqdm
+            from tqdm.auto import tqdm
 
             self._bar = tqdm(
                 total=steps, initial=first.step, desc=self.label, unit="step", mininterval=1.0

@@ -18,6 +18,7 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
+from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.processing import (
     ROUNDING,
     band_pass,
@@ -33,9 +34,9 @@ Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 @checked
-class Motion:
+class Motion(Summarised):
     """Ground acceleration sampled at equal steps from t = 0, linear between samples.
 
     Args:
@@ -60,6 +61,12 @@ class Motion:
             raise RecordError(f"acceleration must be finite, got {values[row]} at sample {row}.")
         values.flags.writeable = False
         object.__setattr__(self, "acceleration", values)
+
+    def _summary(self) -> Rows:
+        yield "name", self.name
+        yield "duration", f"{self.duration:g} s in steps of {self.dt:g} s"
+        for axis, peak in zip("xyz", self.peak, strict=True):
+            yield f"peak {axis}", f"{peak:.3g} m/s², {peak / STANDARD_GRAVITY:.3g} g"
 
     @property
     def duration(self) -> float:

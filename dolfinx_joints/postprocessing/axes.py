@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Axes of figures: made where none are given, labelled, with legends, in the look of all figures.
 
-Matplotlib's global state is not used.
+Matplotlib's global state is not used. Figures show themselves in notebooks, and so do axes that
+have a figure of their own.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
@@ -17,6 +20,7 @@ from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Inches = Annotated[float, at.Interval(ge=0.5, le=100.0), at.Unit("inch")]
 Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
@@ -25,11 +29,35 @@ Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 @checked
 def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
     """Axes of a new figure of their own."""
+    figure = new_figure(figsize=(width, height), layout="compressed")
+    ax: Axes = figure.add_subplot(axes_class=_shown_classes()[1])
+    return ax
+
+
+def new_figure(**options: Any) -> Figure:
+    """A figure that shows itself in a notebook, from the options of matplotlib's."""
+    figure: Figure = _shown_classes()[0](**options)
+    return figure
+
+
+@cache
+def _shown_classes() -> tuple[type, type]:
+    """Figure and axes with the picture that notebooks ask an object for."""
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="compressed")
-    ax: Axes = figure.add_subplot()
-    return ax
+    class ShownFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            file = io.BytesIO()
+            self.savefig(file, format="png", dpi=110)
+            return file.getvalue()
+
+    class ShownAxes(Axes):
+        def _repr_png_(self) -> bytes:
+            shown: bytes = self.figure.figure._repr_png_()  # type: ignore[attr-defined]
+            return shown
+
+    return ShownFigure, ShownAxes
 
 
 def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:

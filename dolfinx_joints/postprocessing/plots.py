@@ -39,6 +39,7 @@ from dolfinx_joints.postprocessing.axes import (
     decorate,
     legend,
     new_axes,
+    new_figure,
     plain_periods,
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, through_boundaries
@@ -327,13 +328,11 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     the largest opening or slip or the smallest safety in colour; the legend says when and how
     much. A joint slides at a safety of 1, dashed; what is above 10 is not shown.
     """
-    from matplotlib.figure import Figure
-
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
     every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    drawn = figure or Figure(figsize=(6.3, 6.4), layout="compressed")
+    drawn = figure or new_figure(figsize=(6.3, 6.4), layout="compressed")
     panels: list[Axes] = list(drawn.subplots(3, sharex=True))
     units = {"opening": "mm", "slip": "mm", "safety": "-"}
     for ax, (what, unit) in zip(panels, units.items(), strict=True):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.postprocessing.axes import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -226,14 +227,12 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     Returns:
         The figure and the axes of its pictures, in metres across and up each picture.
     """
-    from matplotlib.figure import Figure
-
     extents = [scene.extent(camera) for camera in cameras]
     widths = [right - left for left, right, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
     shape = (inches, 0.7 + 0.85 * inches * height / sum(widths))
-    figure = Figure(figsize=shape, layout="compressed")
+    figure = new_figure(figsize=shape, layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")

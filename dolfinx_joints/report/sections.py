@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.report import (
     body_sections,
     joint_sections,
@@ -37,4 +38,9 @@ SECTIONS_OF_BODY = (body_sections.space, body_sections.stresses, body_sections.m
 def ordered(content: Content, added: Addition, *, of_body: bool) -> list[Section]:
     """All sections of a report, those that the caller adds first and last."""
     chosen = [make for make in SECTIONS if of_body or make not in SECTIONS_OF_BODY]
-    return [*added.first, *(make(content) for make in chosen), *added.last]
+    progress, made = Progress("report", len(chosen), "sections"), []
+    for make in chosen:
+        made.append(make(content))
+        progress.advance()
+    progress.finish()
+    return [*added.first, *made, *added.last]

@@ -36,6 +36,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import attribute, damage_reported, open_growing
 from dolfinx_joints.common.parameters import check_file, shown
+from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
@@ -59,7 +60,7 @@ _MOST_LISTED = 12  # names in a message
 Index = int | slice
 
 
-class Results:
+class Results(Summarised):
     """Reads a results file, also one that a run is still writing; arrays when asked for.
 
     Args:
@@ -84,6 +85,25 @@ class Results:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def _summary(self) -> Rows:
+        if not self._file:
+            yield "file", f"{self.path}, closed"
+            return
+        facts = self.metadata
+        yield "file", f"{self.path}, {self.status}"
+        yield "run", ", ".join(f"{facts[k]} {k}" for k in ("steps", "dofs") if k in facts)
+        yield "joints", names(self.joints)
+        for stream in self.streams:
+            rows = self.rows(stream)
+            if rows:
+                time = self.time(stream)[[0, -1]]
+                span = "" if stream == "statics" else f", {time[0]:g} to {time[1]:g} s"
+                series = dict.fromkeys(n.rpartition("/")[2] for n in self.streams[stream])
+                yield stream, f"{number(rows)} records{span}: {names(series)}"
+        has_points = "histories/points" in self.statics
+        yield "points", names(self.point_names) if has_points else ""
+        yield "arrays", names(n for n in self.statics if not n.startswith("joints/"))
 
     @property
     def metadata(self) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
 )
 from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.free_field import FreeField
@@ -100,6 +101,7 @@ class DynamicRun:
         self._started: list[Monitor] = []
         self._settings, self._warnings = dict(settings or {}), list(model.doubts)
         self._stages = stages
+        self._progress: Progress | None = None
 
     def start(self) -> None:
         """Start the monitors."""
@@ -145,6 +147,9 @@ class DynamicRun:
     def take(self, dt: float, end: float) -> StepReport:
         """Take a step of length dt to the time ``end`` [s] and account for every substep."""
         self._substeps = 0
+        if self._progress is None:
+            rank = self.model.jointed.mesh.comm.rank
+            self._progress = Progress("dynamic stage", self._steps, "steps", rank, self.step)
         for after, report, row in self._stepper.substeps(self.state, dt, end):
             self._ledger.record(row)
             self.state = after
@@ -156,6 +161,9 @@ class DynamicRun:
             self._work.waxpy(-1.0, self.origin, after.displacement)
             self._largest = max(self._largest, float(self._work.norm()))
         self.step += 1
+        self._progress.advance()
+        if self.step == self._steps:
+            self._progress.finish()
         return report
 
     def show(self, report: StepReport) -> None:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
+from dolfinx_joints.common.summary import Rows, Summarised, names, number
+from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import BACKWARD_EULER, Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.solvers.step_solver import SolveReport
@@ -17,8 +19,16 @@ from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepCounts
 
 
-@dataclass(frozen=True, kw_only=True)
-class StaticState:
+def shares(counts: StatusCounts) -> str:
+    """Shares of the joint points that are open, stick and slide."""
+    total = max(counts.total, 1)
+    parts = ((counts.open, "open"), (counts.stick, "sticking"), (counts.slip, "sliding"))
+    words = ", ".join(f"{100 * n / total:.1f} % {what}" for n, what in parts)
+    return f"{number(counts.total)}: {words}"
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class StaticState(Summarised):
     """Equilibrium at the end of a static stage.
 
     Attributes:
@@ -41,9 +51,18 @@ class StaticState:
     missing: tuple[str, ...] = ()
     cuts: int = 0
 
+    def _summary(self) -> Rows:
+        solve = self.reports[-1] if self.reports else None
+        yield "solves", f"{len(self.reports)}, {sum(r.iterations for r in self.reports)} iterations"
+        yield "solver", solve.solver if solve else ""
+        yield "joint points", "" if solve is None or solve.counts is None else shares(solve.counts)
+        yield "inactive joints", names(self.inactive)
+        yield "absent blocks", names(self.absent)
+        yield "loads cut in halves", f"{self.cuts} times" if self.cuts else ""
 
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Outcome(Summarised):
     """End of a dynamic stage.
 
     Attributes:
@@ -79,6 +98,17 @@ class Outcome:
     backward_euler_laws: tuple[str, ...]
     chatter: Mapping[str, float]
     laws_without_losses: tuple[str, ...]
+
+    def _summary(self) -> Rows:
+        counts, imbalance = self.counts, self.imbalance
+        yield "end", f"{self.state.time:g} s, {number(self.steps)} steps"
+        yield "substeps", f"{number(counts.accepted)}, {counts.rejected} attempts rejected"
+        yield "solver", f"{self.solver}, {number(self.iterations)} iterations"
+        yield "energy error", f"{100 * self.energy_error:.3g} % of the largest energy"
+        balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the same"
+        yield "balance of all lines", balance
+        yield "local error", f"{100 * self.local_error:.3g} % of the largest displacement"
+        yield "joints that chatter", names(self.chatter)
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:

@@ -30,6 +30,8 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.progress import LOGGER
+from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.study.case import Function, end_cases, packed, run_case
 from dolfinx_joints.study.case import reason_of as _reason
 from dolfinx_joints.study.table import (
@@ -70,7 +72,7 @@ class Tally:
         return "\n".join([text, *(f"  {name}: {why}" for name, why in more)])
 
 
-class Study:
+class Study(Summarised):
     """One function, many named cases, one row per case.
 
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
@@ -106,6 +108,14 @@ class Study:
         self.path = Path(path)
         self.cases = {n: _checked_case(function, n, given) for n, given in cases.items()}
         self._function = function
+
+    def _summary(self) -> Rows:
+        rows = self._rows()
+        known = [rows[name]["status"] for name in self.cases if name in rows]
+        yield "folder", self.path
+        yield "function", self._function.__name__
+        yield "cases", f"{len(self.cases)}: {names(self.cases)}"
+        yield "finished", f"{known.count('complete')}, {known.count('failed')} failed"
 
     @checked
     def run(
@@ -205,7 +215,7 @@ class Study:
         self, rows: dict[str, Row], waiting: list[str], executor: Executor, progress: bool
     ) -> None:
         """Run cases; put each row into the table when its case ends."""
-        from tqdm import tqdm
+        from tqdm.auto import tqdm
 
         work = packed(self._function)
         futures = {}
@@ -221,6 +231,7 @@ class Study:
                     ordered = [rows[name] for name in self.cases if name in rows]
                     replace(self.path / TABLE, json.dumps(ordered, indent=1))
                     bar.update()
+                    LOGGER.info("case %s: %s", name, rows[name]["status"])
             finally:
                 for future in futures:
                     future.cancel()

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.summary import Rows, Summarised, number
 from dolfinx_joints.laws.law import Response
 
 
-@dataclass(frozen=True, kw_only=True)
-class DynamicState:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DynamicState(Summarised):
     """State of a system at one time; never changed once made.
 
     Attributes:
@@ -50,6 +51,11 @@ class DynamicState:
     water: NDArray[np.int8] | None = None
     exact_modes: int = 0
     rate: float = 0.0
+
+    def _summary(self) -> Rows:
+        yield "time", f"{self.time:g} s"
+        yield "unknowns", number(self.displacement.getSize())
+        yield "joints", "none" if self.joints is None else ""
 
     @property
     def kinetic_energy(self) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.parameters import check_file
+from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.geometry.meshing.arguments import mesh_path
 from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, SolidMesh
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
@@ -128,6 +129,7 @@ def save(path: Path, gui: bool) -> None:
             gmsh.write(part)
         except Exception as error:  # Gmsh has no other kind
             raise ValueError(f"{str(path)!r} cannot be written: {error}.") from None
+    LOGGER.info("mesh written to %s", path)
     if gui:
         gmsh.fltk.run()
 

@@ -33,7 +33,7 @@ from dolfinx_joints import (
     split_mesh,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.model.model import _names
+from dolfinx_joints.loads.load import load_names
 
 pytestmark = pytest.mark.mpi
 
@@ -237,7 +237,7 @@ def test_quasi_statics_follow_the_factors_of_loads(bar):
 def test_every_load_has_a_name_of_its_own():
     # Numbered, two on "face" would be Traction_face_1 and 2; the third is called the first already.
     loads = [Traction(group=group, value=(0, 0, 1.0)) for group in ("face", "face", "face_1")]
-    assert _names(loads) == ["Traction_face_2", "Traction_face_3", "Traction_face_1"]
+    assert load_names(loads) == ["Traction_face_2", "Traction_face_3", "Traction_face_1"]
 
 
 def test_resultants(blocks_file, read):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.postprocessing.axes import decorate
+from dolfinx_joints.postprocessing.axes import decorate, new_figure
 from dolfinx_joints.postprocessing.joints.surface import (
     MAP_LABELS,
     STATES,
@@ -112,8 +112,6 @@ def _laid_out(
     surfaces: Mapping[str, JointSurface],
 ) -> tuple[Figure, dict[str, Axes], Axes]:
     """A figure, axes for each joint, and axes for the colour bar."""
-    from matplotlib.figure import Figure
-
     rows = list(_rows(surfaces))
     boxes = {name: _box(surface) for name, surface in surfaces.items()}
     heights = []
@@ -123,7 +121,7 @@ def _laid_out(
         room = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
         heights.append((low, high, min(room / width, _HIGHEST / (high - low))))
     total = 0.3 + _BAR + sum(_TITLE + (b - a) * scale + _BELOW for a, b, scale in heights)
-    figure = Figure(figsize=(_WIDTH, total))
+    figure = new_figure(figsize=(_WIDTH, total))
     panels, top = {}, total - 0.3
     for row, (low, high, scale) in zip(rows, heights, strict=True):
         height = (high - low) * scale

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats
@@ -100,6 +101,7 @@ def march(
     system.stiffness.mult(u, elastic_force)
     carried, fixed_before = _carried(internal_forces, before, elastic_force), u.getArray()[fixed]
     increments = LoadIncrements(path)
+    progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in increments:
         time, share = increment.time, increment.share
         if system.water is not None and joints is not None:
@@ -127,8 +129,10 @@ def march(
             joints = response.state
             watch.see(joints.gap)
         reports.append(report)
+        progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             reached(time or 0.0, state())
+    progress.finish()
     watch.warn("in a static stage")
     if stage is not None:
         products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers.direct import BLOCK
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
@@ -162,9 +163,12 @@ class Compliance:
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
         columns = np.empty((size, self._forces.local))
+        progress = Progress("compliance of the joints", size, "columns", self._comm.rank)
         for first in range(0, size, BLOCK):
             numbers = np.arange(first, min(first + BLOCK, size))
             columns[numbers] = self._forces.gaps(numbers).T
+            progress.advance(len(numbers))
+        progress.finish()
         return columns
 
     def _compressed(

@@ -1,0 +1,55 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Objects that show themselves as a short table, in text and in notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from typing import Any
+
+_MOST_NAMES = 12
+Rows = Iterable[tuple[str, object]]
+
+
+class Summarised:
+    """An object whose representation is its name and a row per fact.
+
+    Nothing is computed for it that several ranks would have to compute together: any rank may show
+    an object by itself.
+    """
+
+    def _summary(self) -> Rows:
+        """Facts by name; rows without a value are left out."""
+        raise NotImplementedError
+
+    def _shown(self) -> list[tuple[str, str]]:
+        return [(name, str(value)) for name, value in self._summary() if value not in ("", None)]
+
+    def __repr__(self) -> str:
+        """The facts as lines of text."""
+        rows = self._shown()
+        width = max((len(name) for name, _ in rows), default=0)
+        lines = [f"  {name:<{width}}  {value}" for name, value in rows]
+        return "\n".join([type(self).__name__, *lines])
+
+    def _repr_html_(self) -> str:
+        """The facts as a table."""
+        cells = "".join(
+            f'<tr><th style="text-align: left">{html.escape(name)}</th>'
+            f'<td style="text-align: left">{html.escape(value)}</td></tr>'
+            for name, value in self._shown()
+        )
+        return f"<b>{html.escape(type(self).__name__)}</b><table>{cells}</table>"
+
+
+def names(every: Iterable[Any]) -> str:
+    """Names in a line, of many the first."""
+    known = [str(name) for name in every]
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return ", ".join(known[:_MOST_NAMES]) + more
+
+
+def number(count: int) -> str:
+    """A whole number with narrow spaces between thousands."""
+    return f"{count:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")

@@ -41,8 +41,9 @@ BUILD_TOOL := build-1.6
 BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
 COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
 COVERAGE_NEEDS := 'coverage==7.*'
-SITE_TOOL := site-1
-SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2'
+SITE_TOOL := site-2
+SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2' \
+	'jupytext==1.19.*' 'nbclient==0.11.*' 'ipykernel==7.*'
 STUDIES_TOOL := studies-1
 STUDIES_NEEDS := 'dask[distributed]==2026.*' 'submitit==1.5.*'
 MUTANTS_TOOL := mutants-2
@@ -84,6 +85,7 @@ demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the da
 	$(PYTHON) demos/05_joint_law_in_ufl.py
 	$(PYTHON) demos/06_dam_by_forms.py
 	$(PYTHON) demos/07_arch_dam_study.py
+	$(PYTHON) demos/08_results.py
 
 paper: ## The 1992 paper's runs, figures and report; PAPER_ARGS="--record DIRECTORY"
 	$(PYTHON) -m studies.paper $(PAPER_ARGS)

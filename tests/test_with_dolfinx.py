@@ -354,4 +354,5 @@ def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
     assert "--no-deps" in pip
     assert pip[pip.index("--target") + 1] == str(tmp_path / "new")
     names = " ".join(line.partition("==")[0] for line in pip[pip.index("--target") + 2 :])
-    assert names == "numba llvmlite vtk pyvista scooby plotly narwhals"
+    needed = "numba llvmlite vtk pyvista scooby plotly narwhals pandas xarray python-dateutil six"
+    assert names == f"{needed} shtab"

@@ -25,6 +25,7 @@ MENU = {
     "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
     "Development": ["docs/design.md", "CONTRIBUTING.md", "docs/release.md", "CHANGELOG.md"],
 }
+NOTEBOOKS = ("00_first_steps", "08_results")  # demos whose cells show what they give
 # Files beside the pages that pages link to.
 FILES = ("CITATION.cff", "CODE_OF_CONDUCT.md", "COPYING", "COPYING.LESSER", "SECURITY.md")
 # Modules that users import by name, as the guide does; each is on the page of its wing.
@@ -101,10 +102,15 @@ def gather(target: Path, runs: Path) -> None:
         _write(target / name, with_page_links(source.read_text("utf-8"), source))
     for name in FILES:
         shutil.copy(PROJECT / name, target / name)
-    pages = {
-        script.stem: demo_page(script, runs / script.stem, target / "demos" / script.stem)
-        for script in demos()
-    }
+    from notebooks import notebook_page  # its packages are there where the site is built
+
+    pages = {}
+    for script in demos():
+        beside = target / "demos" / script.stem
+        if script.stem in NOTEBOOKS:
+            pages[script.stem] = with_page_links(notebook_page(script, beside), script)
+        else:
+            pages[script.stem] = demo_page(script, runs / script.stem, beside)
     pages["index"] = gallery(pages, runs) + _toctree("", list(pages))
     for name, text in pages.items():
         _write(target / "demos" / f"{name}.md", text)

@@ -5,17 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dolfinx_joints.common.summary import Rows, names, number
 from dolfinx_joints.loads.load import load_names
 
-if TYPE_CHECKING:
-    from dolfinx_joints.model.model import Model
 
-
-def model_rows(model: Model) -> Rows:
-    """Unknowns, joints and laws, supports, loads and damping."""
+def model_rows(model: Any) -> Rows:
+    """Unknowns, joints and laws, supports, loads and damping of a `Model`."""
     joints = model.jointed.joint_names
     degree = model.V.ufl_element().degree
     yield "unknowns", f"{number(model.num_dofs)} displacements, degree {degree}"

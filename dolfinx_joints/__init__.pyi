@@ -85,6 +85,7 @@ from .postprocessing import measures as measures
 from .postprocessing import motion_plots as motion_plots
 from .postprocessing import plots as plots
 from .postprocessing import views as views
+from .postprocessing.animation import animate as animate
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
 from .simulation.monitor import Monitor as Monitor

@@ -17,10 +17,10 @@ Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 def set_log_level(level: Level) -> None:
     """Show what runs do on standard error, from a level on.
 
-    ``INFO`` tells how far meshing, static stages, compliances, time steps, reports and studies are
-    and how long they will still take; ``WARNING``, with which a program begins, tells nothing of
-    that. A program that has set up `logging` itself gets the lines of the logger
-    ``dolfinx_joints`` without this.
+    ``INFO`` tells how far static stages, compliances, time steps, reports and films are and how
+    long they will still take, which meshes were written and which cases of a study have ended;
+    ``WARNING``, with which a program begins, tells nothing of that. A program that has set up
+    `logging` itself gets the lines of the logger ``dolfinx_joints`` without this.
 
     Args:
         level: The lowest level that is shown.
@@ -47,6 +47,7 @@ class Progress:
 
     def __init__(self, what: str, total: int, unit: str, rank: int = 0, done: int = 0) -> None:
         """Note the time."""
+        self._before = done
         self._what, self._total, self._unit, self._shows = what, total, unit, rank == 0
         self._done, self._began = done, perf_counter()
         self._first: tuple[int, float] | None = None
@@ -60,9 +61,9 @@ class Progress:
         now = perf_counter()
         if self._first is None:
             self._first = self._done, now
-        elif now - self._told >= INTERVAL and self._done < self._total:
+        done, since = self._first
+        if now - self._told >= INTERVAL and done < self._done < self._total:
             self._told = now
-            done, since = self._first
             left = (self._total - self._done) * (now - since) / (self._done - done)
             text = "%s: %d of %d %s, %s left"
             LOGGER.info(text, self._what, self._done, self._total, self._unit, duration(left))
@@ -71,7 +72,8 @@ class Progress:
         """Tell how long it took."""
         if self._shows:
             seconds = duration(perf_counter() - self._began)
-            LOGGER.info("%s: %d %s in %s", self._what, self._done, self._unit, seconds)
+            done = self._done - self._before
+            LOGGER.info("%s: %d %s in %s", self._what, done, self._unit, seconds)
 
 
 def duration(seconds: float) -> str:

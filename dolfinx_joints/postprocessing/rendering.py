@@ -69,13 +69,17 @@ class Camera:
 class Scene:
     """Layers of surfaces and lines, rendered together.
 
+    Args:
+        room: Points, shape (n, 3), [m], that pictures have room for although nothing may be there.
+
     Attributes:
         layers: the layers in the order in which they were added, pairs of a ``pyvista.PolyData``
             and the options it is drawn with.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, room: Floats | None = None) -> None:
         """Start with nothing."""
+        self._room = np.empty((0, 3)) if room is None else room
         self.layers: list[tuple[Any, dict[str, Any]]] = []
 
     def surface(
@@ -134,7 +138,8 @@ class Scene:
 
     def extent(self, camera: Camera) -> tuple[float, float, float, float]:
         """Left, right, bottom and top of everything in the picture, with a margin [m]."""
-        corners = np.concatenate([camera.project(data.points) for data, _ in self.layers])
+        every = [self._room, *(data.points for data, _ in self.layers)]
+        corners = np.concatenate([camera.project(points) for points in every])
         low, high = corners.min(axis=0), corners.max(axis=0)
         margin = _MARGIN * (float((high - low).max()) or 1.0)
         return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)

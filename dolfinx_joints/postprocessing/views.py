@@ -62,14 +62,14 @@ Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
 _OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
-_UPSTREAM, _DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
+UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
 
 @checked
 def mesh(
     results: Results,
     *,
-    azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
+    azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Finite-element mesh with the outlines of its joints, named by their distinct parts."""
@@ -109,7 +109,7 @@ def deformed(
     stage: int | str | None = None,
     scale: float | None = None,
     relative_to: str | None = None,
-    azimuths_deg: Azimuths = (_DOWNSTREAM,),
+    azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Deformed surface coloured by the size of its displacement, faces and names of joints red.
@@ -121,31 +121,69 @@ def deformed(
     """
     results, number, moment = chosen_state(results, time, index, stage)
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
-    nodes, surface = _boundary(results)
+    nodes, _ = _boundary(results)
     displacement, frame = nodal_displacement(results, number, relative_to)
-    size = 1e3 * np.linalg.norm(displacement, axis=1)
-    factor = round_scale(nodes, 1e-3 * float(size.max(initial=0.0))) if scale is None else scale
-    moved = nodes + factor * displacement
-    outer, sides = _outer(results, surface), _sides(results)
-    limits = _data_limits(size[outer])
-    scene = Scene()
-    scene.surface(
-        moved, outer, nodal=size, cmap=colours(), clim=limits, show_edges=True, edge_color=_LINE
-    )
-    if sides.size:
-        scene.surface(moved, surface[sides], color=RED, lighting=False)
-    scene.edges(nodes, outer, **_OUTLINE)
-    figure, axes = draw(scene, cameras)
-    corners = {
-        name: moved[surface[JointSurface(results, joint).sides()]].reshape(-1, 3)
-        for joint, name in _short_names(results.joints).items()
-    }
-    for ax, camera in zip(axes, cameras, strict=True):
-        write_names(ax, {name: _top(places, camera) for name, places in corners.items()}, RED)
-    colour_bar(figure, axes, colours(), limits, f"displacement [mm], {frame}")
-    title = f"deformed shape {moment}, displacements x {factor:g}"
-    figure.suptitle(title + _widest(results, number), fontsize="medium")
-    return figure
+    largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
+    factor = round_scale(nodes, largest) if scale is None else scale
+    shape = Deformed(results, displacement, factor)
+    title = f"deformed shape {moment}, displacements x {factor:g}" + _widest(results, number)
+    return shape.draw(cameras, f"displacement [mm], {frame}", title)
+
+
+class Deformed:
+    """A body whose nodes have moved, its displacements enlarged.
+
+    Args:
+        results: The run.
+        displacement: Of the nodes, shape (nodes, 3), [m].
+        factor: Displacements are multiplied by it.
+    """
+
+    def __init__(self, results: Results, displacement: Floats, factor: float) -> None:
+        """Read the boundary and the joints."""
+        self._results = results
+        self._nodes, self._surface = _boundary(results)
+        self._moved = self._nodes + factor * displacement
+        self._size = 1e3 * np.linalg.norm(displacement, axis=1)
+        self._outer_faces, self._joint_faces = _outer(results, self._surface), _sides(results)
+
+    def draw(
+        self,
+        cameras: Sequence[Camera],
+        label: str,
+        title: str,
+        *,
+        limits: tuple[float, float] | None = None,
+        room: Floats | None = None,
+    ) -> Figure:
+        """A picture from each camera.
+
+        Args:
+            cameras: Where the eye is.
+            label: Of the colour bar.
+            title: Of the figure.
+            limits: Range of the colours [mm], that of the state unless given.
+            room: Points, shape (n, 3), [m], that the pictures have room for besides the body.
+        """
+        outer, moved = self._outer_faces, self._moved
+        limits = limits or _data_limits(self._size[outer])
+        scene = Scene(room)
+        colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
+        edges: dict[str, Any] = {"show_edges": True, "edge_color": _LINE}
+        scene.surface(moved, outer, nodal=self._size, **colour, **edges)
+        if self._joint_faces.size:
+            scene.surface(moved, self._surface[self._joint_faces], color=RED, lighting=False)
+        scene.edges(self._nodes, outer, **_OUTLINE)
+        figure, axes = draw(scene, cameras)
+        corners = {
+            name: moved[self._surface[JointSurface(self._results, joint).sides()]].reshape(-1, 3)
+            for joint, name in _short_names(self._results.joints).items()
+        }
+        for ax, camera in zip(axes, cameras, strict=True):
+            write_names(ax, {name: _top(places, camera) for name, places in corners.items()}, RED)
+        colour_bar(figure, axes, colours(), limits, label)
+        figure.suptitle(title, fontsize="medium")
+        return figure
 
 
 @checked
@@ -210,7 +248,7 @@ def envelope(
     results: Results,
     name: EnvelopeName = "principal_max",
     *,
-    azimuths_deg: Azimuths = (_UPSTREAM, _DOWNSTREAM),
+    azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
     """Envelope of a stress over the run on the boundary, seen from upstream and downstream.

@@ -28,6 +28,17 @@ def test_the_time_left_does_not_count_the_first_part(monkeypatch, caplog):
     assert caplog.messages[-1] == "statics: 3 steps in 1 min 57 s"
 
 
+def test_a_part_that_was_cut_is_none(monkeypatch, caplog):
+    clock = iter([0.0, 1.0, 8.0, 9.0])
+    monkeypatch.setattr(progress, "perf_counter", lambda: next(clock))
+    caplog.set_level(logging.INFO, "dolfinx_joints")
+    work = Progress("statics", 3, "steps", done=1)
+    work.advance()
+    work.advance(0)  # 7 s later, without another step
+    work.finish()
+    assert caplog.messages == ["statics: 1 steps in 9.0 s"]
+
+
 def test_other_ranks_are_silent(caplog):
     caplog.set_level(logging.INFO, "dolfinx_joints")
     work = Progress("statics", 1, "steps", rank=1)

@@ -1,0 +1,123 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The deformed body through an earthquake as a film."""
+
+from __future__ import annotations
+
+import shutil
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any
+
+import annotated_types as at
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.progress import Progress
+from dolfinx_joints.postprocessing.axes import new_figure
+from dolfinx_joints.postprocessing.frames import nodal_displacement
+from dolfinx_joints.postprocessing.rendering import Camera, round_scale
+from dolfinx_joints.postprocessing.views import DOWNSTREAM, Deformed, Elevation
+from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.reader import Results
+
+Pixels = NDArray[np.uint8]
+_DPI = 100
+
+
+@checked
+def animate(
+    results: Results,
+    path: str | PathLike[str],
+    *,
+    start: Annotated[float, at.Unit("s")] = 0.0,
+    end: Annotated[float, at.Unit("s")] = np.inf,
+    frames: Annotated[int, at.Ge(2)] = 60,
+    per_second: Annotated[float, at.Gt(0)] = 12.0,
+    scale: float | None = None,
+    relative_to: str | None = None,
+    azimuth_deg: float = DOWNSTREAM,
+    elevation_deg: Elevation = 24.0,
+) -> Path:
+    """Write the deformed body at recorded states as a GIF, or as MP4 where ffmpeg is there.
+
+    All pictures have the same colours, scale and place.
+
+    Args:
+        results: The run.
+        path: File ending in ``.gif`` or ``.mp4``.
+        start: Time of the first state.
+        end: Time of the last state.
+        frames: Largest number of pictures; states are left out evenly if there are more.
+        per_second: Pictures in a second of the film.
+        scale: Displacements are multiplied by it, a round number that suits the largest of them
+            unless given.
+        relative_to: As in `views.deformed`.
+        azimuth_deg: Of the eye.
+        elevation_deg: Of the eye.
+
+    Raises:
+        JointsError: No state was recorded in that time, or there is nothing to write MP4 with.
+    """
+    check_results(results)
+    place = Path(path)
+    writer = _writer(place, per_second)
+    times = results.time("states")
+    known = np.flatnonzero((times >= start) & (times <= end))
+    if len(known) < 2:
+        raise JointsError(
+            f"{results.path} has {len(known)} states from {start:g} to {end:g} s; a film needs two."
+        )
+    chosen = known[np.unique(np.linspace(0, len(known) - 1, min(frames, len(known))).astype(int))]
+    moved = {k: nodal_displacement(results, int(k), relative_to) for k in chosen}
+    largest = max(float(np.linalg.norm(u, axis=1).max()) for u, _ in moved.values())
+    nodes = results.static("mesh/nodes")
+    factor = round_scale(nodes, largest) if scale is None else scale
+    room = np.concatenate([nodes + factor * u for u, _ in moved.values()])
+    camera, limits = Camera(azimuth_deg, elevation_deg), (0.0, 1e3 * largest or 1.0)
+    progress, pictures = Progress("film", len(chosen), "pictures"), []
+    for k, (u, frame) in moved.items():
+        title = f"t = {times[k]:.3f} s, displacements x {factor:g}"
+        figure = Deformed(results, u, factor).draw(
+            [camera], f"displacement [mm], {frame}", title, limits=limits, room=room
+        )
+        pictures.append(_pixels(figure))
+        progress.advance()
+    _write(pictures, writer, place)
+    progress.finish()
+    return place
+
+
+def _writer(place: Path, per_second: float) -> Any:
+    """Matplotlib's writer of a format."""
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    if place.suffix.lower() == ".gif":
+        return PillowWriter(fps=per_second)
+    if place.suffix.lower() != ".mp4":
+        raise JointsError(f"A film is written to a file ending in .gif or .mp4, got {place}.")
+    if shutil.which("ffmpeg") is None:
+        raise JointsError("MP4 needs the program ffmpeg; install it, or write a .gif.")
+    return FFMpegWriter(fps=per_second)
+
+
+def _pixels(figure: Any) -> Pixels:
+    """Red, green, blue of a figure, shape (height, width, 3)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _write(pictures: list[Pixels], writer: Any, place: Path) -> None:
+    height, width, _ = pictures[0].shape
+    film = new_figure(figsize=(width / _DPI, height / _DPI))
+    shown = film.figimage(pictures[0])
+    with writer.saving(film, str(place), dpi=_DPI):
+        for picture in pictures:
+            shown.set_data(picture)
+            writer.grab_frame()

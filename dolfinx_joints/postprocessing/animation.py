@@ -35,7 +35,7 @@ def animate(
     start: Annotated[float, at.Unit("s")] = 0.0,
     end: Annotated[float, at.Unit("s")] = np.inf,
     frames: Annotated[int, at.Ge(2)] = 60,
-    per_second: Annotated[float, at.Gt(0)] = 12.0,
+    per_second: Annotated[int, at.Ge(1)] = 12,
     scale: float | None = None,
     relative_to: str | None = None,
     azimuth_deg: float = DOWNSTREAM,
@@ -90,7 +90,7 @@ def animate(
     return place
 
 
-def _writer(place: Path, per_second: float) -> Any:
+def _writer(place: Path, per_second: int) -> Any:
     """Matplotlib's writer of a format."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
@@ -108,7 +108,7 @@ def _pixels(figure: Any) -> Pixels:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(_DPI)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 

@@ -42,7 +42,7 @@ def test_a_panel_for_each_joint_with_the_same_axes(tmp_path, quantity):
 def test_a_film_has_the_states_between_two_times(tmp_path):
     pytest.importorskip("pyvista")
     with Results(write_run(tmp_path / "r.h5")) as results:
-        path = animate(results, tmp_path / "film.gif", per_second=10.0)
+        path = animate(results, tmp_path / "film.gif", per_second=10)
         with Image.open(path) as film:
             assert film.n_frames == results.rows("states") == 3
             assert film.info["duration"] == 100  # ms

@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.postprocessing.joints.surface import JointSurface, Statics
-from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.arguments import rows_of_groups
+from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
-_GROUPS = "mesh/groups/"
 UNITS = {"gap": "m", "traction": "Pa", "status": "-", "pressure": "Pa", "broken": "-"}
 
 
@@ -59,7 +58,7 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
             "by an earlier version; run again."
         )
     cells = results.static("mesh/cells")
-    chosen = np.arange(len(cells)) if groups is None else _rows_of(results, groups)
+    chosen = np.arange(len(cells)) if groups is None else rows_of_groups(results, groups)
     return uniform_grid(
         results.static("mesh/nodes"), cells[chosen], int(results.static("mesh/cell_kind")[0])
     )
@@ -74,22 +73,6 @@ def uniform_grid(points: Floats, cells: NDArray[np.integer[Any]], kind: int) -> 
         offsets=nodes * np.arange(count + 1, dtype=np.int64),
         kinds=np.full(count, kind, dtype=np.uint8),
     )
-
-
-def cell_groups(results: Results) -> list[str]:
-    """Names of the cell groups that the file holds."""
-    return [name.removeprefix(_GROUPS) for name in results.statics if name.startswith(_GROUPS)]
-
-
-def _rows_of(results: Results, groups: Collection[str]) -> Ints:
-    known = cell_groups(results)
-    for name in groups:
-        if name not in known:
-            raise ResultsError(
-                f"No cell group {shown(name)} in {results.path}; it has {listing(known)}."
-            )
-    rows = [results.static(f"{_GROUPS}{name}") for name in groups]
-    return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)
 
 
 class StaticArrays(dict[str, NDArray[Any]]):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,6 +39,7 @@ def animate(
     per_second: Annotated[int, at.Ge(1)] = 12,
     scale: float | None = None,
     relative_to: str | None = None,
+    groups: Collection[str] | None = None,
     azimuth_deg: float = DOWNSTREAM,
     elevation_deg: Elevation = 24.0,
 ) -> Path:
@@ -55,6 +57,7 @@ def animate(
         scale: Displacements are multiplied by it, a round number that suits the largest of them
             unless given.
         relative_to: As in `views.deformed`.
+        groups: Likewise.
         azimuth_deg: Of the eye.
         elevation_deg: Of the eye.
 
@@ -75,12 +78,13 @@ def animate(
     largest = max(float(np.linalg.norm(u, axis=1).max()) for u, _ in moved.values())
     nodes = results.static("mesh/nodes")
     factor = round_scale(nodes, largest) if scale is None else scale
-    room = np.concatenate([nodes + factor * u for u, _ in moved.values()])
+    shapes = {k: Deformed(results, u, factor, groups) for k, (u, _) in moved.items()}
+    room = np.concatenate([shape.places for shape in shapes.values()])
     camera, limits = Camera(azimuth_deg, elevation_deg), (0.0, 1e3 * largest or 1.0)
     progress, pictures = Progress("film", len(chosen), "pictures"), []
-    for k, (u, frame) in moved.items():
+    for k, (_, frame) in moved.items():
         title = f"t = {times[k]:.3f} s, displacements x {factor:g}"
-        figure = Deformed(results, u, factor).draw(
+        figure = shapes[k].draw(
             [camera], f"displacement [mm], {frame}", title, limits=limits, room=room
         )
         pictures.append(_pixels(figure))

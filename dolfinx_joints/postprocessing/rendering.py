@@ -79,7 +79,7 @@ class Scene:
 
     def __init__(self, room: Floats | None = None) -> None:
         """Start with nothing."""
-        self._room = np.empty((0, 3)) if room is None else room
+        self._framed = [] if room is None else [room]
         self.layers: list[tuple[Any, dict[str, Any]]] = []
 
     def surface(
@@ -89,15 +89,20 @@ class Scene:
         *,
         nodal: ArrayLike | None = None,
         of_faces: ArrayLike | None = None,
+        framed: bool = True,
         **style: Any,
     ) -> None:
         """Add polygons: points (n, 3) [m], and their numbers in cyclic order.
 
         Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
+        What is not ``framed`` may reach beyond the edges of the picture.
         """
-        data = polygons(points, faces)
+        used, faces = _numbered_anew(faces)
+        data = polygons(np.asarray(points)[used], faces)
+        if framed:
+            self._framed.append(data.points)
         if nodal is not None:
-            data.point_data["value"] = np.asarray(nodal)
+            data.point_data["value"] = np.asarray(nodal)[used]
         if of_faces is not None:
             data.cell_data["value"] = np.asarray(of_faces)
         if nodal is not None or of_faces is not None:
@@ -135,11 +140,11 @@ class Scene:
             if radius is not None:
                 lines = lines.strip().tube(radius=radius)
             self.layers.append((lines, {"lighting": False} | style))
+            self._framed.append(lines.points)
 
     def extent(self, camera: Camera) -> tuple[float, float, float, float]:
         """Left, right, bottom and top of everything in the picture, with a margin [m]."""
-        every = [self._room, *(data.points for data, _ in self.layers)]
-        corners = np.concatenate([camera.project(points) for points in every])
+        corners = np.concatenate([camera.project(points) for points in self._framed])
         low, high = corners.min(axis=0), corners.max(axis=0)
         margin = _MARGIN * (float((high - low).max()) or 1.0)
         return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
@@ -174,6 +179,15 @@ class Scene:
         finally:
             plotter.close()
         return image
+
+
+def _numbered_anew(faces: Faces) -> tuple[Ints, list[Ints]]:
+    """Points that faces use, and the faces by their places among these."""
+    every = [np.asarray(face, dtype=np.int64) for face in faces]
+    if not every:
+        return np.empty(0, dtype=np.int64), []
+    used, places = np.unique(np.concatenate(every), return_inverse=True)
+    return used, np.split(places, np.cumsum([len(face) for face in every])[:-1])
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:

@@ -13,7 +13,7 @@ press.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
@@ -49,7 +49,7 @@ from dolfinx_joints.postprocessing.rendering import (
     round_scale,
     write_names,
 )
-from dolfinx_joints.results.arguments import check_results, chosen_state
+from dolfinx_joints.results.arguments import check_results, chosen_state, rows_of_groups
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def deformed(
     stage: int | str | None = None,
     scale: float | None = None,
     relative_to: str | None = None,
+    groups: Collection[str] | None = None,
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
@@ -118,6 +119,9 @@ def deformed(
     by a round number by which the largest becomes about 6 % of the model's size. They are those
     that the file holds, of absolute ones what is left without the mean of the lowest nodes, or
     ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour bar says which.
+
+    Cell ``groups`` such as ``["dam"]`` fill the picture, and the rest of the body, its rock, is
+    translucent.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
@@ -125,7 +129,7 @@ def deformed(
     displacement, frame = nodal_displacement(results, number, relative_to)
     largest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
     factor = round_scale(nodes, largest) if scale is None else scale
-    shape = Deformed(results, displacement, factor)
+    shape = Deformed(results, displacement, factor, groups)
     title = f"deformed shape {moment}, displacements x {factor:g}" + _widest(results, number)
     return shape.draw(cameras, f"displacement [mm], {frame}", title)
 
@@ -137,15 +141,31 @@ class Deformed:
         results: The run.
         displacement: Of the nodes, shape (nodes, 3), [m].
         factor: Displacements are multiplied by it.
+        groups: Cell groups that fill the picture, the rest being translucent; all unless given.
+
+    Attributes:
+        places: Where the nodes of the faces that fill the picture are, shape (n, 3), [m].
     """
 
-    def __init__(self, results: Results, displacement: Floats, factor: float) -> None:
+    def __init__(
+        self,
+        results: Results,
+        displacement: Floats,
+        factor: float,
+        groups: Collection[str] | None = None,
+    ) -> None:
         """Read the boundary and the joints."""
         self._results = results
         self._nodes, self._surface = _boundary(results)
         self._moved = self._nodes + factor * displacement
         self._size = 1e3 * np.linalg.norm(displacement, axis=1)
-        self._outer_faces, self._joint_faces = _outer(results, self._surface), _sides(results)
+        outer, self._joint_faces = _outer(results, self._surface), _sides(results)
+        shown = np.ones(len(outer), dtype=bool)
+        if groups is not None:
+            cells = results.static("mesh/cells")[rows_of_groups(results, groups)]
+            shown = np.isin(outer, cells).all(axis=1)
+        self._outer_faces, self._rest = outer[shown], outer[~shown]
+        self.places: Floats = self._moved[np.unique(self._outer_faces)]
 
     def draw(
         self,
@@ -174,6 +194,8 @@ class Deformed:
         if self._joint_faces.size:
             scene.surface(moved, self._surface[self._joint_faces], color=RED, lighting=False)
         scene.edges(self._nodes, outer, **_OUTLINE)
+        if len(self._rest):
+            scene.surface(moved, self._rest, color=CONCRETE, opacity=0.25, framed=False)
         figure, axes = draw(scene, cameras)
         corners = {
             name: moved[self._surface[JointSurface(self._results, joint).sides()]].reshape(-1, 3)

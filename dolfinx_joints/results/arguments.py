@@ -4,12 +4,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, Literal, get_args
 
+import numpy as np
 from h5py import Group
+from numpy.typing import NDArray
 
-from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.results.reader import Results, listing
 
 Component = Literal["x", "y", "z"]
 COMPONENTS: tuple[Component, ...] = get_args(Component)
@@ -84,3 +88,20 @@ def chosen_state(
         return StageStates(results), number, f"after {results.stage_names[number]}"
     number = record_number(results, time, index)
     return results, number, f"at t = {results.time('states')[number]:.3f} s"
+
+
+def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int64]:
+    """Rows of ``mesh/cells`` that make up cell groups.
+
+    Raises:
+        ResultsError: There is no such group.
+    """
+    start = "mesh/groups/"
+    known = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
+    for name in groups:
+        if name not in known:
+            raise ResultsError(
+                f"No cell group {shown(name)} in {results.path}; it has {listing(known)}."
+            )
+    rows = [results.static(f"{start}{name}") for name in groups]
+    return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)

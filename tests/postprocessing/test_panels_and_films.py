@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 from reading_back import UNITS
-from written_runs import write_run
+from written_runs import NODES, SURFACE, write_run
 
-from dolfinx_joints import animate, plots
-from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints import animate, plots, views
+from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing.measures import joint_extremes
+from dolfinx_joints.results.layout import Cells, declare_states
 from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.writer import ResultsWriter
 
 
 @pytest.mark.parametrize("quantity", ["opening", "slip", "pressure"])
@@ -57,3 +59,24 @@ def test_a_film_has_the_states_between_two_times(tmp_path):
             animate(results, tmp_path / "film.gif", start=0.9)
         with pytest.raises(JointsError, match=r"ending in .gif or .mp4, got .*film.avi"):
             animate(results, tmp_path / "film.avi")
+
+
+def test_chosen_cell_groups_fill_the_picture(tmp_path):
+    """Of two cubes of 2 m side by side, one: half as wide; the other is beyond the edge."""
+    pytest.importorskip("pyvista")
+    cells = Cells(12, [[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 12, 13, 15, 14]], {"one": [0]})
+    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
+        declare_states(writer, NODES, SURFACE, {}, cells)
+        writer.start()
+        writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
+        writer.finish("complete", {})
+    widths = []
+    with Results(tmp_path / "r.h5") as results:
+        for groups in (None, ["one"]):
+            figure = views.deformed(results, groups=groups, azimuths_deg=[0.0], elevation_deg=0.0)
+            left, right, _, _ = figure.axes[0].get_images()[0].get_extent()
+            widths.append(right - left)
+        with pytest.raises(ResultsError, match="No cell group 'two' in .*r.h5; it has one"):
+            views.deformed(results, groups=["two"])
+    # 4 m and 2 m of body, and a margin of 2 % of the larger side on both sides.
+    np.testing.assert_allclose(widths, [4.0 * 1.04, 2.0 * 1.04], rtol=1e-6)

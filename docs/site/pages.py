@@ -23,11 +23,18 @@ MENU = {
     ],
     "Background": ["docs/theory/index.md"],
     "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
-    "Development": ["docs/design.md", "CONTRIBUTING.md", "docs/release.md", "CHANGELOG.md"],
+    "Development": [
+        "docs/design.md",
+        "CONTRIBUTING.md",
+        "CODE_OF_CONDUCT.md",
+        "SECURITY.md",
+        "docs/release.md",
+        "CHANGELOG.md",
+    ],
 }
 NOTEBOOKS = ("00_first_steps", "08_results")  # demos whose cells show what they give
 # Files beside the pages that pages link to.
-FILES = ("CITATION.cff", "CODE_OF_CONDUCT.md", "COPYING", "COPYING.LESSER", "SECURITY.md")
+FILES = ("CITATION.cff", "COPYING", "COPYING.LESSER")
 # Modules that users import by name, as the guide does; each is on the page of its wing.
 MODULES = (
     "exact",

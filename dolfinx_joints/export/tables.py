@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
@@ -23,6 +22,7 @@ from dolfinx_joints.postprocessing.joints.resultants import (
 )
 from dolfinx_joints.postprocessing.measures import (
     JOINT_MEASURES,
+    common_band,
     joint_extremes,
     joint_measures,
 )
@@ -158,7 +158,7 @@ def _peaks(results: Results) -> Table:
     for point in results.point_names:
         found.append((f"displacement of {point}", "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
-            what = f"absolute acceleration of {point} up to {ACCELERATION_BAND:g} Hz"
+            what = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
             found.append((what, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
         units = {"opening": "m", "slip": "m", "safety": "-"}

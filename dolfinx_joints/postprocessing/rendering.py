@@ -97,12 +97,11 @@ class Scene:
         Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
         What is not ``framed`` may reach beyond the edges of the picture.
         """
-        used, faces = _numbered_anew(faces)
-        data = polygons(np.asarray(points)[used], faces)
-        if framed:
-            self._framed.append(data.points)
+        data = polygons(points, faces)
+        if framed and len(faces):
+            self._framed.append(data.points[np.unique(np.concatenate(faces))])
         if nodal is not None:
-            data.point_data["value"] = np.asarray(nodal)[used]
+            data.point_data["value"] = np.asarray(nodal)
         if of_faces is not None:
             data.cell_data["value"] = np.asarray(of_faces)
         if nodal is not None or of_faces is not None:
@@ -179,15 +178,6 @@ class Scene:
         finally:
             plotter.close()
         return image
-
-
-def _numbered_anew(faces: Faces) -> tuple[Ints, list[Ints]]:
-    """Points that faces use, and the faces by their places among these."""
-    every = [np.asarray(face, dtype=np.int64) for face in faces]
-    if not every:
-        return np.empty(0, dtype=np.int64), []
-    used, places = np.unique(np.concatenate(every), return_inverse=True)
-    return used, np.split(places, np.cumsum([len(face) for face in every])[:-1])
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:

@@ -280,7 +280,8 @@ def check_peaks(results: Results, table: dict[str, Any]) -> None:
         if kind == "displacement":
             known = measures.displacement_history(results, of, component)
         elif kind == "absolute acceleration":
-            point = of.removesuffix(" up to 25 Hz")
+            point, _, band = of.partition(" up to ")
+            assert band == f"{measures.common_band(results):.3g} Hz"
             known = measures.acceleration_history(results, point, component)
         else:
             extremes = measures.joint_extremes(results, of)

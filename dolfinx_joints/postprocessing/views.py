@@ -160,7 +160,7 @@ class Deformed:
         self._moved = self._nodes + factor * displacement
         self._size = 1e3 * np.linalg.norm(displacement, axis=1)
         outer, self._joint_faces = _outer(results, self._surface), _sides(results)
-        shown = np.ones(len(outer), dtype=bool)
+        shown: NDArray[Any] = np.ones(len(outer), dtype=bool)
         if groups is not None:
             cells = results.static("mesh/cells")[rows_of_groups(results, groups)]
             shown = np.isin(outer, cells).all(axis=1)

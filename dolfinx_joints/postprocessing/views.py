@@ -160,11 +160,11 @@ class Deformed:
         self._moved = self._nodes + factor * displacement
         self._size = 1e3 * np.linalg.norm(displacement, axis=1)
         outer, self._joint_faces = _outer(results, self._surface), _sides(results)
-        shown: NDArray[Any] = np.ones(len(outer), dtype=bool)
+        shown: Ints = np.arange(len(outer))
         if groups is not None:
             cells = results.static("mesh/cells")[rows_of_groups(results, groups)]
-            shown = np.isin(outer, cells).all(axis=1)
-        self._outer_faces, self._rest = outer[shown], outer[~shown]
+            shown = np.flatnonzero(np.isin(outer, cells).all(axis=1))
+        self._outer_faces, self._rest = outer[shown], np.delete(outer, shown, axis=0)
         self.places: Floats = self._moved[np.unique(self._outer_faces)]
 
     def draw(

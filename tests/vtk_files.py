@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,3 +32,15 @@ def read_vtk(path: Path) -> list[tuple[float, Any]]:
         reader.UpdateTimeStep(time)
         found.append((time, pyvista.wrap(reader.GetOutput()).copy()))
     return found
+
+
+def on_root(comm: Any, look: Callable[[], None]) -> None:
+    """Look at files on rank 0; every rank fails alike."""
+    failure = None
+    if comm.rank == 0:
+        try:
+            look()
+        except Exception as error:
+            failure = f"{type(error).__name__}: {error}"
+    failure = comm.bcast(failure)
+    assert failure is None, failure

@@ -23,6 +23,9 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 # Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
 
+# Components of a stress as VTK orders them.
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
 
 def strain(u: Any) -> Any:
     """Small strain tensor of a displacement (UFL)."""
@@ -46,6 +49,7 @@ class ElasticBody:
         density: rho [kg/m^3].
         first_lame: lambda [Pa], NaN in orthotropic cells.
         shear_modulus: mu [Pa], NaN in orthotropic cells.
+        strained_axes: Axes along which a clamped body blocks strains, 2 in plane stress, else 3.
     """
 
     def __init__(
@@ -55,7 +59,7 @@ class ElasticBody:
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"
-        self._strained_axes = 2 if plane == "stress" else 3
+        self.strained_axes = 2 if plane == "stress" else 3
         self._jointed, self._matrix = jointed, None
         by_group = material if isinstance(material, Mapping) else {"": material}
         self.materials = dict(by_group)
@@ -95,9 +99,9 @@ class ElasticBody:
             )
         self.first_lame, self.shear_modulus, self.density = fields
         if needed:
-            size = len(IN_PLANE) if gdim == 2 else 6
-            self._matrix = fem.Function(fem.functionspace(mesh, ("DG", 0, (size, size))))
-            blocks = self._matrix.x.array.reshape(-1, size, size)
+            shape = (4, 3) if gdim == 2 else (6, 6)
+            self._matrix = fem.Function(fem.functionspace(mesh, ("DG", 0, shape)))
+            blocks = self._matrix.x.array.reshape(-1, *shape)
             for group, given in elastic.items():
                 cells = self._matrix.function_space.dofmap.list[jointed.cells(group), 0]
                 blocks[cells] = _reduced(given, gdim, plane)
@@ -110,13 +114,26 @@ class ElasticBody:
         identity = ufl.Identity(len(u))
         return self.first_lame * ufl.tr(eps) * identity + 2.0 * self.shear_modulus * eps
 
+    def stress_vector(self, u: Any) -> Any:
+        """(xx, yy, zz, xy, yz, xz) of the stress of a displacement (UFL), [Pa].
+
+        That of a plane body has zz too, in plane strain.
+        """
+        stress, zero = self.stress(u), ufl.as_ufl(0.0)
+        if len(u) == 3:
+            return ufl.as_vector([stress[i, j] for i, j in COMPONENTS])
+        across = self.first_lame * ufl.tr(strain(u)) if self.strained_axes == 3 else zero
+        if self._matrix is not None:
+            across = (self._matrix * strain_vector(u))[3]
+        return ufl.as_vector([stress[0, 0], stress[1, 1], across, stress[0, 1], zero, zero])
+
     def blocked_stress(self, strain: Any) -> Any:
         """Pressure that an isotropic strain such as a thermal one makes where it is clamped (UFL).
 
         (3 lambda + 2 mu) times the strain, 2 lambda + 2 mu in plane stress, [Pa]. NaN in
         orthotropic cells, where it is no pressure.
         """
-        return (self._strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
+        return (self.strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
         """The bilinear form of K, plastic cells integrated at the points of their law."""
@@ -172,7 +189,7 @@ def _parameters(given: Elastic | Orthotropic, plane: str) -> tuple[float, float,
 
 
 def _reduced(given: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
-    """Stiffness in the order of `strain_vector`, that of a plane body in 2-D."""
+    """Stiffness in the order of `strain_vector`; of a plane body with the row of zz at the end."""
     matrix = given.stiffness_matrix()
     if dimension == 3:
         return matrix
@@ -184,5 +201,5 @@ def _reduced(given: Elastic | Orthotropic, dimension: int, plane: str) -> NDArra
         )
     rows = np.ix_(IN_PLANE, IN_PLANE)
     if plane == "strain":
-        return matrix[rows]
-    return np.linalg.inv(np.linalg.inv(matrix)[rows])
+        return np.vstack([matrix[rows], matrix[2, IN_PLANE]])
+    return np.vstack([np.linalg.inv(np.linalg.inv(matrix)[rows]), np.zeros(3)])

@@ -24,7 +24,7 @@ from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
-from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
@@ -213,6 +213,15 @@ class PlasticBulk:
         """Facts of a solve that did not converge, for its message (collective)."""
         facts = {} if self._joints is None else self._joints.failure(response, state)
         return facts | {"yielding": self.yielding(response)}
+
+    def cell_stress(self, state: PlasticState) -> tuple[Ints, Floats]:
+        """The plastic cells of this rank, (n,), and their mean stresses, (n, 6), [Pa]."""
+        stress = self._stress(state.bulk.strain - state.bulk.plastic_strain)
+        cells, place = np.unique(self.operator.cells, return_inverse=True)
+        shares = self.operator.volumes / np.bincount(place, self.operator.volumes)[place]
+        means = np.zeros((len(cells), SIZE))
+        np.add.at(means, place, shares[:, None] * stress)
+        return cells, means
 
     def accumulated(self, state: PlasticState) -> Any:
         """Mean accumulated plastic strain of each cell, a DOLFINx function on the cells."""

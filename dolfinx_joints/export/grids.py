@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.surface import JointSurface, Statics
+from dolfinx_joints.postprocessing.joints.surface import JointSurface, Statics, facets_of_joint
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.reader import Results
 
@@ -33,6 +34,8 @@ class Grid:
         offsets: Where each cell begins in ``connectivity``, and its length, (num_cells + 1,).
         kinds: VTK's number of each cell's shape, (num_cells,).
         cell_data: Values of cells that do not change, by name with unit.
+        motion: Gives the displacements of the points from those of the nodes of the body, shape
+            (num_points, num_nodes); None for a body, whose points are the nodes.
     """
 
     points: Floats
@@ -40,6 +43,7 @@ class Grid:
     offsets: Ints
     kinds: NDArray[np.uint8]
     cell_data: Mapping[str, ArrayLike] = field(default_factory=dict)
+    motion: csr_matrix | None = None
 
 
 def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
@@ -89,15 +93,20 @@ class StaticArrays(dict[str, NDArray[Any]]):
 def joint_grid(results: Statics, joint: str) -> Grid:
     """Grid of a joint: a polygon for each joint point, the part of its facet nearest to it.
 
-    In a plane model each point is a vertex.
+    In a plane model each point is a vertex. The joint moves as the mean of its faces.
     """
     static = {
         name: results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "frames")
     }
     if results.static("mesh/surface").shape[1] == 2:
         polygons = [point[None] for point in static["points"]]
+        motion = _motion_of_points(results, joint, static["points"])
     else:
-        polygons = JointSurface(results, joint).patches_in_space()
+        surface = JointSurface(results, joint)
+        polygons = surface.patches_in_space()
+        weights, lengths = np.concatenate(surface.patch_weights()), list(map(len, polygons))
+        numbers = surface.nodes()[np.repeat(surface.facet_of_point, lengths)]
+        motion = _mean_of_faces(results, weights, numbers)
     offsets = np.cumsum([0, *map(len, polygons)])
     axes = {name: static["frames"][:, i] for i, name in enumerate(("n", "s1", "s2"))}
     return Grid(
@@ -106,7 +115,27 @@ def joint_grid(results: Statics, joint: str) -> Grid:
         offsets=offsets,
         kinds=np.array([POLYGON if len(p) > 2 else VERTEX for p in polygons], dtype=np.uint8),
         cell_data={"area [m^2]": static["areas"], **{f"axis {k} [-]": v for k, v in axes.items()}},
+        motion=motion,
     )
+
+
+def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matrix:
+    """`Grid.motion` of points on the joint of a plane body."""
+    nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
+    facet_of_point, both = facets_of_joint(results, joint)
+    ends = surface[both[facet_of_point]]  # (points, sides, ends)
+    along = nodes[ends[:, :, 1]] - nodes[ends[:, :, 0]]
+    share = np.einsum("psi,psi->ps", points[:, None] - nodes[ends[:, :, 0]], along)
+    share /= np.einsum("psi,psi->ps", along, along)
+    return _mean_of_faces(results, np.stack([1.0 - share, share], axis=1), ends.swapaxes(1, 2))
+
+
+def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any]) -> csr_matrix:
+    """`Grid.motion` from shares of corners, (points, corners[, sides]), and nodes with sides."""
+    weights = np.broadcast_to(weights.reshape(*weights.shape[:2], -1) / 2.0, numbers.shape)
+    rows = np.repeat(np.arange(len(weights)), weights[0].size)
+    shape = (len(weights), len(results.static("mesh/nodes")))
+    return csr_matrix((weights.ravel(), (rows, numbers.ravel())), shape)
 
 
 def joined(grids: Mapping[str, Grid]) -> Grid:
@@ -127,6 +156,7 @@ def joined(grids: Mapping[str, Grid]) -> Grid:
         ).astype(np.int64),
         kinds=np.concatenate([grid.kinds for grid in every]),
         cell_data={"joint [-]": number, **data},
+        motion=vstack([grid.motion for grid in every], format="csr"),
     )
 
 

@@ -36,10 +36,12 @@ def to_pyvista(
     those of `paraview.write_vtk`.
 
         blocks = export.to_pyvista(dj.Results("dam.h5"), time=0.5)
-        body = blocks["body"].warp_by_vector("displacement [m]", factor=200)
+        body, joints = blocks["body"], blocks["joints"].combine()
         plotter = pyvista.Plotter()
-        plotter.add_mesh(body, color="white", opacity=0.4)
-        plotter.add_mesh(blocks["joints"], scalars="opening [m]")
+        plotter.add_mesh(body.warp_by_vector("displacement [m]", factor=200), opacity=0.4)
+        plotter.add_mesh(
+            joints.warp_by_vector("displacement [m]", factor=200), scalars="opening [m]"
+        )
 
     Args:
         results: The run.
@@ -55,12 +57,15 @@ def to_pyvista(
     pyvista = imported("pyvista")
     results, number, _ = chosen_state(results, time, index, stage)
     body = _grid(pyvista, body_grid(results, groups))
-    body.point_data["displacement [m]"] = results.series("states", "displacement", number)
+    moved = results.series("states", "displacement", number)
+    body.point_data["displacement [m]"] = moved
     if groups is not None:
         body = body.clean() if not body.n_cells else body.extract_cells(np.arange(body.n_cells))
     joints = pyvista.MultiBlock()
     for joint in results.joints:
-        joints[joint] = _grid(pyvista, joint_grid(results, joint))
+        grid = joint_grid(results, joint)
+        joints[joint] = _grid(pyvista, grid)
+        joints[joint].point_data["displacement [m]"] = grid.motion @ moved
         joints[joint].cell_data.update(values_of(results, joint, number))
     blocks = pyvista.MultiBlock()
     blocks["body"], blocks["joints"] = body, joints

@@ -27,9 +27,9 @@ def write_vtk(
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
     ``displacement [m]``; ``NAME_joints.vtkhdf`` the joints, a polygon for each joint point, with
-    ``gap [m]`` and
-    ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap [m]``,
-    ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all times.
+    ``displacement [m]``, the mean of both faces, ``gap [m]`` and ``traction [Pa]`` in local axes
+    (n, s1, s2), ``opening [m]``, ``tangential gap [m]``, ``status [-]`` (0 open, 1 sticking, 2
+    sliding) and what else was recorded. Both have all times.
 
     Args:
         results: The run.
@@ -57,11 +57,13 @@ def write_vtk(
         moved = results.series("states", "displacement", number)
         body.append(time, {"displacement [m]": moved}, {})
     if results.joints:
-        file = VtkFile(paths[1], joined({j: joint_grid(results, j) for j in results.joints}))
+        grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
+        file = VtkFile(paths[1], grid)
+        names = ["displacement", *(n for n in results.streams["states"] if "/" in n)]
         for number, time in enumerate(times):
-            names = [name for name in results.streams["states"] if "/" in name]
             record = {name: results.series("states", name, number) for name in names}
-            file.append(time, {}, values_of_all(record, results.joints))
+            u = {"displacement [m]": grid.motion @ record["displacement"]}
+            file.append(time, u, values_of_all(record, results.joints))
     return paths
 
 

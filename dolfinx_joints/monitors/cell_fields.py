@@ -9,22 +9,23 @@ from typing import Any
 
 import basix
 import numpy as np
-import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.plastic_cells import PlasticResponse
+from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellGather
 
 Floats = NDArray[np.floating[Any]]
 
-_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # VTK's order
+_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order from that of strains
 
 
 class CellFields:
-    """Stress and change of temperature in the middle of each cell.
+    """Stress, change of temperature and plastic strain of each cell.
 
     Args:
         model: The model.
@@ -37,12 +38,9 @@ class CellFields:
         self._all = np.arange(gather.owned, dtype=np.int32)
         loads = [(i, one) for i, one in enumerate(model.loads) if isinstance(one, Temperature)]
         self._change = [(i, one.factor, self._of_cells(one, "change")) for i, one in loads]
-        self._stress = None
-        if model.gdim == 3 and model.bulk is None:
-            self._u = fem.Function(model.V)
-            stress = model.body.stress(self._u)
-            self._stress = self._compiled(ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
-            self._blocked = [self._of_cells(one, "blocked_stress") for _, one in loads]
+        self._u = fem.Function(model.V)
+        self._stress = self._compiled(model.body.stress_vector(self._u))
+        self._blocked = [self._of_cells(one, "blocked_stress") for _, one in loads]
 
     def _compiled(self, expression: Any) -> fem.Expression:
         mesh = self._model.jointed.mesh
@@ -59,30 +57,45 @@ class CellFields:
         values[cells] = np.asarray(compiled.eval(jointed.mesh, cells)).reshape(len(cells))
         return values
 
-    def __call__(self, u: PETSc.Vec, time: float, loads: Sequence[int] | None) -> dict[str, Any]:
+    def __call__(
+        self,
+        u: PETSc.Vec,
+        joints: Response | None,
+        time: float,
+        loads: Sequence[int] | None = None,
+    ) -> dict[str, Any]:
         """Values by name with unit on rank 0, nothing elsewhere (collective).
 
         Args:
             u: Displacement [m].
+            joints: Response of the joints, and of the plastic cells with it.
             time: Time of the temperatures [s].
-            loads: Places in ``Model.loads`` of those that act; all unless None.
+            loads: Places in ``Model.loads`` of those that act; all unless given.
         """
-        found: dict[str, Any] = {}
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
-        if self._stress is not None:
-            self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
-            self._u.x.scatter_forward()
-            values = self._stress.eval(self._model.jointed.mesh, self._all)
-            stress = np.asarray(values).reshape(len(self._all), 6).copy()
-            for factor, blocked in zip(factors, self._blocked, strict=True):
-                stress[:, :3] -= factor * blocked[:, None]
-            found["stress [Pa]"] = self._gather(stress)
+        found: dict[str, Any] = {"stress [Pa]": self._gather(self._stresses(u, joints, factors))}
         if self._change:
             changes = (f * each for f, (_, _, each) in zip(factors, self._change, strict=True))
             found["temperature change [K]"] = self._gather(np.sum(list(changes), axis=0))
+        if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
+            strains = self._model.bulk.accumulated(joints.state).x.array
+            found["accumulated plastic strain [-]"] = self._gather(strains[: self._gather.owned])
         found = {name: values for name, values in found.items() if values is not None}
-        return found | (principal(found["stress [Pa]"]) if "stress [Pa]" in found else {})
+        return found | (principal(found["stress [Pa]"]) if found else {})
+
+    def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
+        """(xx, yy, zz, xy, yz, xz) in the owned cells: in the middle, the mean in plastic ones."""
+        self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
+        self._u.x.scatter_forward()
+        values = self._stress.eval(self._model.jointed.mesh, self._all)
+        stress = np.asarray(values).reshape(len(self._all), 6).copy()
+        for factor, blocked in zip(factors, self._blocked, strict=True):
+            stress[:, : self._model.body.strained_axes] -= factor * blocked[:, None]
+        if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
+            cells, plastic = self._model.bulk.cell_stress(joints.state)
+            stress[cells] = plastic[:, _FROM_PLASTIC]
+        return stress
 
 
 def principal(stress: Floats) -> dict[str, Floats]:

@@ -37,11 +37,12 @@ class FieldMonitor(Monitor):
     """Writes body and joints for ParaView (VTKHDF), whole after each time.
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
-    ``displacement [m]``, and of the middle of each cell ``stress [Pa]`` (xx, yy, zz, xy, yz, xz;
-    elastic bodies in space only) with its largest and smallest principal values, and ``temperature
-    change [K]`` where there is one. ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk`
-    writes them. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with
-    the stage's number as time. A continued run goes on with its files.
+    ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
+    principal values, those in the middle of elastic cells and the means of plastic ones; also
+    ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
+    ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
+    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
+    continued run goes on with its files.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``; what an earlier run left there is replaced.
@@ -73,8 +74,9 @@ class FieldMonitor(Monitor):
                 stage.state.joints,
                 None if pressure is None else lambda: pressure,
             )
-            loads = stage.loads
-            self._append(number, values, self._cells(stage.state.displacement, stage.time, loads))
+            state, loads = stage.state, stage.loads
+            cells = self._cells(state.displacement, state.joints, stage.time, loads)
+            self._append(number, values, cells)
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the files and write the first time (collective)."""
@@ -136,7 +138,7 @@ class FieldMonitor(Monitor):
         if record.step % self.every:
             return
         values = self._fields.values(record.displacement, record.joints, record.pressure)
-        cells = self._cells(record.displacement, record.time, None)
+        cells = self._cells(record.displacement, record.joints, record.time)
         self._append(record.time, values, cells)
 
     def _append(self, time: float, values: dict[str, Any], cells: dict[str, Any]) -> None:
@@ -144,9 +146,11 @@ class FieldMonitor(Monitor):
         with raised_together(self._comm):
             if self._files:
                 body, *joints = self._files
-                body.append(time, {"displacement [m]": values["displacement"]}, cells)
+                u = values["displacement"]
+                body.append(time, {"displacement [m]": u}, cells)
                 for file in joints:
-                    file.append(time, {}, values_of_all(values, self._names))
+                    moved = {"displacement [m]": self._grids[1].motion @ u}
+                    file.append(time, moved, values_of_all(values, self._names))
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Let others write the files (collective)."""

@@ -27,7 +27,6 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 
 _CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
-_COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
 class SurfaceStress:
@@ -161,8 +160,7 @@ class SurfaceStress:
 
 def _evaluator(model: Model) -> Any:
     """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
-    stress = model.body.stress(ufl.TrialFunction(model.V))
-    evaluate = _at_vertices(model, ufl.as_vector([stress[i, j] for i, j in _COMPONENTS]))
+    evaluate = _at_vertices(model, model.body.stress_vector(ufl.TrialFunction(model.V)))
     vertices = len(basix.geometry(model.jointed.shape.type))
     return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
 

@@ -17,6 +17,7 @@ from vtk_files import read_vtk
 import dolfinx_joints as dj
 from dolfinx_joints import export
 from dolfinx_joints.cli import main
+from dolfinx_joints.export.grids import joint_grid
 from dolfinx_joints.geometry.jointed_wall import jointed_wall
 
 STEPS, DT = 4, 4e-3
@@ -89,17 +90,55 @@ def test_xarray(runs):
     np.testing.assert_array_equal(states["displacement"], results.series("states", "displacement"))
 
 
+def check_order_of_nodes(body, order):
+    """VTK interpolates a polynomial of the cells' degree exactly wherever it is asked.
+
+    The cells are straight: with nodes in another order places or values would come out wrong.
+    """
+    from vtkmodules.vtkCommonCore import mutable
+
+    def polynomial(x):
+        first = 2.0 + x @ [0.3, -0.7, 0.2]
+        return first if order == 1 else first + (x @ [0.5, 0.1, -0.4]) ** 2
+
+    random = np.random.default_rng(5)
+    for cell in map(body.GetCell, range(body.n_cells)):
+        nodes = body.points[[cell.GetPointId(i) for i in range(cell.GetNumberOfPoints())]]
+        place, weights = np.zeros(3), np.zeros(len(nodes))
+        cell.EvaluateLocation(mutable(0), random.uniform(0.0, 0.33, 3), place, weights)
+        low, high = nodes.min(axis=0), nodes.max(axis=0)
+        assert np.all((low < place) & (place < high))
+        assert weights @ polynomial(nodes) == pytest.approx(polynomial(place), rel=1e-12)
+
+
+def check_that_joints_move_with_the_body(results, blocks):
+    """As the mean of what their nodes on both faces do, linearly between them."""
+    nodes, u = results.static("mesh/nodes"), blocks["body"].point_data["displacement [m]"]
+    for name in results.joints:
+        moved = blocks["joints"][name].point_data["displacement [m]"]
+        points, met = blocks["joints"][name].points, 0
+        for point, own in zip(points, moved, strict=True):
+            (same,) = np.nonzero(np.linalg.norm(nodes - point, axis=1) < 1e-9)
+            if len(same):
+                met += 1
+                np.testing.assert_allclose(own, u[same].mean(axis=0), atol=1e-12)
+        assert met >= 4
+        grid, slope = joint_grid(results, name), np.array([[1, 2, 3], [4, 5, 6], [7, 8, 1.0]])
+        linear = grid.motion @ (nodes @ slope + [1.0, 2.0, 3.0])
+        np.testing.assert_allclose(linear, points @ slope + [1.0, 2.0, 3.0], rtol=1e-12)
+
+
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("shape", ["tet", "hex"])
 def test_vtk_and_pyvista(runs, shape, order, tmp_path):
     pytest.importorskip("pyvista")
     results = runs(shape, order)
-    # 20 m x 4 m x 20 m whatever the cells; a wrong order of their nodes gives another volume.
     blocks = export.to_pyvista(results, index=-1)
     body = blocks["body"]
-    volume = body.triangulate(inplace=False) if order == 1 else body.linear_copy()
     np.testing.assert_allclose(np.ptp(body.points, axis=0), [20.0, 4.0, 20.0])
-    assert abs(volume.volume - 1600.0) < 1e-9 * 1600.0
+    assert abs(body.linear_copy().volume - 1600.0) < 1e-9 * 1600.0
+    check_order_of_nodes(body, order)
+    check_that_joints_move_with_the_body(results, blocks)
     area = sum(joint.compute_cell_sizes()["Area"].sum() for joint in blocks["joints"])
     shares = [results.static(f"joints/{joint}/areas").sum() for joint in results.joints]
     assert area == pytest.approx(sum(shares), rel=1e-12)
@@ -112,6 +151,10 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
             u = results.series("states", "displacement", number)
             np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
             np.testing.assert_array_equal(grid.points, results.static("mesh/nodes"))
+            if number == len(body) - 1:
+                moved = of_joints.point_data["displacement [m]"]
+                shown = [joint.point_data["displacement [m]"] for joint in blocks["joints"]]
+                np.testing.assert_array_equal(moved, np.concatenate(shown))
             for name in ("gap [m]", "traction [Pa]", "status [-]"):
                 series, unit = name.removesuffix("]").split(" [")
                 of_all = [f"joints/{joint}/{series}" for joint in results.joints]

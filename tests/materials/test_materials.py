@@ -24,6 +24,8 @@ from dolfinx_joints import (
     split_mesh,
 )
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.monitors.body_cells import CellGather
+from dolfinx_joints.monitors.cell_fields import CellFields
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
 pytestmark = pytest.mark.mpi
@@ -209,6 +211,26 @@ def test_recovered_stresses_are_orthotropic(comm):
     found = SurfaceStress(model, NodeNumbering(model.V))(displacement(model, gradient), 0.0)
     six = wanted[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     np.testing.assert_allclose(found, np.tile(six, (len(found), 1)), rtol=1e-10)
+
+
+@pytest.mark.parametrize("by_group", [False, True])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_stresses_of_cells_of_a_plane_body(comm, plane, by_group):
+    lift = lifts(axes=IN_PLANE)
+    material = {"low": lift, "high": lift} if by_group else lift
+    model = body(comm, "quadrilateral", material, plane=plane)
+    gradient = 1e-4 * np.array([[1.0, 2.0], [0.5, -2.0]])
+    tensor, strain = turned_tensor(IN_PLANE), np.zeros((3, 3))
+    strain[:2, :2] = 0.5 * (gradient + gradient.T)
+    if plane == "stress":
+        strain[2, 2] = -np.tensordot(tensor[2, 2], strain) / tensor[2, 2, 2, 2]
+    xx, yy, zz, xy = np.tensordot(tensor, strain)[[0, 1, 2, 0], [0, 1, 2, 1]]
+    assert (abs(zz) > 0.05 * abs(yy)) == (plane == "strain")
+    found = CellFields(model, CellGather(model))(displacement(model, gradient), None, 0.0)
+    if comm.rank == 0:
+        cells = found["stress [Pa]"]
+        wanted = np.tile([xx, yy, zz, xy, 0.0, 0.0], (len(cells), 1))
+        np.testing.assert_allclose(cells, wanted, rtol=1e-10, atol=1e-9 * abs(yy))
 
 
 def test_temperatures_act_on_isotropic_cells_only(comm):

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
-from vtk_files import read_vtk
+from vtk_files import on_root, read_vtk
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
@@ -18,18 +18,6 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 pytestmark = pytest.mark.mpi
 
 WARMER, FACTOR = 20.0, 0.5  # [K], [-]
-
-
-def on_root(comm, look):
-    """Look at files on rank 0; every rank fails alike."""
-    failure = None
-    if comm.rank == 0:
-        try:
-            look()
-        except Exception as error:
-            failure = f"{type(error).__name__}: {error}"
-    failure = comm.bcast(failure)
-    assert failure is None, failure
 
 
 def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
@@ -97,5 +85,47 @@ def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, r
             tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
             value = grid.cell_data[f"{name} principal stress [Pa]"][0]
             assert value == pytest.approx(pick(np.linalg.eigvalsh(tensor)), rel=1e-12)
+
+    on_root(comm, look)
+
+
+@pytest.mark.parametrize(
+    ("plane", "cell", "order"), [("strain", "quad", 1), ("strain", "tri", 2), ("stress", "quad", 2)]
+)
+def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, order):
+    """A column between a pressure q and its base, warm and free to widen, by hand.
+
+    yy = -q, xx = 0, and where it cannot widen across its plane zz = -nu q - E alpha dT. The joint,
+    1 m above the base, sinks with the lower block and by half of its own compression q/k_n.
+    """
+    q, path, warmth = 2e6, new_path("plane.vtkhdf"), 1e-5 * WARMER
+    model = dj.Model(
+        read(two_rectangles_file(cell=cell, order=order, angle=0.0)),
+        material=CONCRETE,
+        joints=LAW,
+        plane=plane,
+        supports=[
+            dj.Fixed(group="base", components="y"),
+            dj.Spring(group="sides", normal_stiffness=1.0),
+        ],
+        loads=[
+            dj.Pressure(group="top", value=q),
+            dj.Temperature(value=10.0 + WARMER, reference=10.0, expansion=1e-5),
+        ],
+    )
+    simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path)])
+    simulation.statics()
+    E, nu = CONCRETE.young, CONCRETE.poisson
+    zz = -nu * q - E * warmth if plane == "strain" else 0.0
+    sinks = (-q - nu * zz) / E + warmth - 0.5 * q / LAW.normal_stiffness
+
+    def look():
+        ((_, body),) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
+        stress = body.cell_data["stress [Pa]"]
+        wanted = np.tile([0.0, -q, zz, 0.0, 0.0, 0.0], (len(stress), 1))
+        np.testing.assert_allclose(stress, wanted, rtol=1e-6, atol=1e-6 * q)
+        ((_, joint),) = read_vtk(path.with_name(f"{path.stem}_stages_joints.vtkhdf"))
+        np.testing.assert_allclose(joint.points[:, 1], 1.0)
+        np.testing.assert_allclose(joint.point_data["displacement [m]"][:, 1], sinks, rtol=1e-6)
 
     on_root(comm, look)

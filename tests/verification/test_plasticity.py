@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from dolfinx import mesh as dmesh
+from vtk_files import on_root, read_vtk
 
 from dolfinx_joints import (
     CheckpointError,
@@ -29,6 +30,7 @@ from dolfinx_joints import (
     DruckerPrager,
     Elastic,
     EnergyConsistent,
+    FieldMonitor,
     Fixed,
     FrictionNoTension,
     GeneralizedAlpha,
@@ -47,6 +49,8 @@ from dolfinx_joints import (
     split_mesh,
 )
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.monitors.body_cells import CellGather
+from dolfinx_joints.monitors.cell_fields import CellFields
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
 pytestmark = pytest.mark.mpi
@@ -122,11 +126,13 @@ def standing(jointed, material, *, pressure=2.9e6, **options):
 
 @pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("dilatancy", [None, 10.0])
-def test_triaxial_compression(comm, kind, dilatancy):
+def test_triaxial_compression(comm, kind, dilatancy, new_path):
     # Whatever the dilatancy: both side pressures are given. The block shortens by 2 %, the limit
     # is met at some 0.5 %.
     model = pressed(block(comm, kind), rock(dilatancy_angle_deg=dilatancy))
-    state = Simulation(model).quasi_statics(np.linspace(0.0, 0.02, 6))
+    path = new_path("pressed.vtkhdf")
+    simulation = Simulation(model, monitors=[FieldMonitor(path)])
+    state = simulation.quasi_statics(np.linspace(0.0, 0.02, 6))
     assert -model.resultant(state.reaction, "z+")[2] == pytest.approx(LIMIT, rel=1e-10)
     assert model.bulk.yielding(state.joints) == model.bulk.operator.num_points
     # All stresses alike, and the plastic strain the same everywhere.
@@ -136,6 +142,15 @@ def test_triaxial_compression(comm, kind, dilatancy):
     cells = model.bulk.accumulated(state.joints.state).x.array
     np.testing.assert_allclose(cells, cells[0], rtol=1e-8)
     assert cells[0] > 0.01
+
+    def look():
+        *_, (_, grid) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
+        found = grid.cell_data["stress [Pa]"]
+        np.testing.assert_allclose(found, np.tile(wanted, (len(found), 1)), atol=1e-9 * LIMIT)
+        strains = grid.cell_data["accumulated plastic strain [-]"]
+        np.testing.assert_allclose(strains, cells[0], rtol=1e-8)
+
+    on_root(comm, look)
 
 
 @pytest.mark.parametrize(("kind", "degree"), [("quadrilateral", 1), ("triangle", 2)])
@@ -201,6 +216,23 @@ def test_below_the_limit_it_is_elastic(comm, kind):
     runs = [Simulation(m).dynamics(dt=2e-4, steps=5).state.displacement for m in (plain, strong)]
     runs[1].axpy(-1.0, runs[0])
     assert runs[1].norm() < 1e-11 * runs[0].norm()
+
+
+@pytest.mark.parametrize("kind", ["tetrahedron", "triangle"])
+def test_cells_show_the_elastic_stress_below_the_limit(comm, kind):
+    # The mean of a plastic cell is the value in its middle where the stress is constant in it.
+    jointed = block(comm, kind)
+    base, stresses = f"{'xyz'[jointed.mesh.geometry.dim - 1]}-", []
+    for material in (rock(cohesion=1e9), ELASTIC):
+        loads = [Gravity(), Pressure(group="x+", value=1e5)]
+        model = Model(jointed, material=material, supports=[Fixed(group=base)], loads=loads)
+        state = Simulation(model).statics()
+        fields = CellFields(model, CellGather(model))
+        stresses.append(fields(state.displacement, state.joints, 0.0).get("stress [Pa]"))
+    if comm.rank == 0:
+        size = np.abs(stresses[1]).max()
+        assert np.abs(stresses[1][:, 3:]).max() > 0.1 * size
+        np.testing.assert_allclose(stresses[0], stresses[1], rtol=0.0, atol=1e-10 * size)
 
 
 @pytest.mark.parametrize("joint", [False, True])

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Quantity = Literal["normal", "tangential", "ratio"]
 MapQuantity = Literal["normal", "tangential", "ratio", "opening", "slip", "state"]
 Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
 
 LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
@@ -61,6 +62,7 @@ class JointSurface:
         points: joint points in the plane, shape (n, 2), [m].
         facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
         corners: the same in space, shape (facets, 3 or 4, 3), [m].
+        facet_of_point: number of each point's facet, shape (n,).
         axes: unit vectors across and up the mean plane, rows, shape (2, 3).
         labels: what to write on the two axes.
         ends: what lies to the left, the right, the bottom and the top; empty where it needs none.
@@ -72,20 +74,16 @@ class JointSurface:
         results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         frames = results.static(f"joints/{joint}/frames")
-        facet = results.static(f"joints/{joint}/facet")
         areas = results.static(f"joints/{joint}/areas")
-        _, self._facet_of_point = np.unique(facet, return_inverse=True)
-        weight = np.bincount(self._facet_of_point, areas)
-        self._centres, normals = (
-            np.stack([np.bincount(self._facet_of_point, areas * x) / weight for x in of.T], axis=1)
-            for of in (points, frames[:, 0])
-        )
-        self._corners = results.static("mesh/nodes")[results.static("mesh/surface")]
-        self.corners: Floats = self._corners[self._nearest(1)]
+        self.facet_of_point, self._both = facets_of_joint(results, joint)
+        normals = _means(frames[:, 0], areas, self.facet_of_point)
+        self._positions = results.static("mesh/nodes")
+        self._surface = results.static("mesh/surface")
+        self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
         axes = tangent_axes(self.corners)
         shape = _Bilinear(np.einsum("fci,fki->fck", self.corners, axes))
-        own = np.einsum("pi,pki->pk", points, axes[self._facet_of_point])
-        self._local = shape.inverse(own, self._facet_of_point)
+        own = np.einsum("pi,pki->pk", points, axes[self.facet_of_point])
+        self._local = shape.inverse(own, self.facet_of_point)
         mean = areas @ frames[:, 0] / areas.sum()
         self._lay(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
 
@@ -107,11 +105,19 @@ class JointSurface:
             self.upright = False
             self.labels = ("developed length [m]", "developed width [m]")
             self.ends = (*across, "", "") if laid.upright else (*banks, *across[::-1])
-        self.points: Floats = _Bilinear(self.facets)(self._local, self._facet_of_point)
+        self.points: Floats = _Bilinear(self.facets)(self._local, self.facet_of_point)
 
-    def sides(self) -> NDArray[np.integer[Any]]:
+    def nodes(self) -> Ints:
+        """Numbers of the nodes on both sides of each corner, shape (facets, 3 or 4, 2)."""
+        numbers = self._surface[self._both]  # (facets, sides, corners)
+        places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
+        nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
+        both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
+        return both.swapaxes(1, 2)
+
+    def sides(self) -> Ints:
         """Numbers of the boundary facets of both sides, shape (2 facets,)."""
-        return self._nearest(2).ravel()
+        return self._both.ravel()
 
     def patches(self) -> list[Floats]:
         """Polygon of each point: the part of its facet nearer to it than to the others.
@@ -125,11 +131,16 @@ class JointSurface:
         """The same polygons in space, of shape (corners, 3), [m]."""
         return self._patches(_Bilinear(self.corners))
 
+    def patch_weights(self) -> list[Floats]:
+        """Shares of the corners of its facet in each corner of the polygons, (corners, 3 or 4)."""
+        identity = np.eye(self.corners.shape[1])[None]
+        return self._patches(_Bilinear(np.repeat(identity, len(self.corners), axis=0)))
+
     def _patches(self, target: _Bilinear) -> list[Floats]:
         patches: list[Floats] = []
-        for i, facet in enumerate(self._facet_of_point):
+        for i, facet in enumerate(self.facet_of_point):
             polygon = target.reference
-            for other in np.flatnonzero(self._facet_of_point == facet):
+            for other in np.flatnonzero(self.facet_of_point == facet):
                 if other != i:
                     polygon = _nearer_part(polygon, self._local[i], self._local[other])
             patches.append(target(polygon, np.full(len(polygon), facet)))
@@ -139,20 +150,36 @@ class JointSurface:
         """Closed outlines of the facets, shape (facets, corners + 1, 2)."""
         return np.concatenate([self.facets, self.facets[:, :1]], axis=1)
 
-    def _nearest(self, count: int) -> NDArray[np.integer[Any]]:
-        """Numbers of the boundary facets whose centres are nearest to the joint's facets."""
-        from scipy.spatial import cKDTree
 
-        _, found = cKDTree(self._corners.mean(axis=1)).query(self._centres, k=count)
-        numbers: NDArray[np.integer[Any]] = np.asarray(found)
-        return numbers
+def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
+    """Which facet each joint point lies on, (n,), and its boundary facets, one a side, (facets, 2).
+
+    These are the two whose centres are nearest to that of the points.
+    """
+    from scipy.spatial import cKDTree
+
+    points, areas, facet = (
+        results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "facet")
+    )
+    _, facet_of_point = np.unique(facet, return_inverse=True)
+    corners = results.static("mesh/nodes")[results.static("mesh/surface")]
+    centres = _means(points, areas, facet_of_point)
+    _, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    return facet_of_point, np.asarray(both)
+
+
+def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
+    """Mean of values of points, (n, 3), over each facet, (facets, 3)."""
+    weight = np.bincount(facet_of_point, areas)
+    sums = [np.bincount(facet_of_point, areas * each) for each in values.T]
+    return np.stack(sums, axis=1) / weight[:, None]
 
 
 class _Bilinear:
     """Maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
 
     Args:
-        corners: of the facets, in cyclic order, shape (facets, 3 or 4, 2 or 3).
+        corners: of the facets, in cyclic order, shape (facets, 3 or 4, any).
     """
 
     def __init__(self, corners: Floats) -> None:
@@ -166,14 +193,14 @@ class _Bilinear:
         else:
             self._d = corners[:, 2] - corners[:, 1] - self._c
 
-    def __call__(self, local: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
+    def __call__(self, local: Floats, facet: Ints) -> Floats:
         """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
         mapped: Floats = linear + u * v * self._d[facet]
         return mapped
 
-    def inverse(self, points: Floats, facet: NDArray[np.integer[Any]]) -> Floats:
+    def inverse(self, points: Floats, facet: Ints) -> Floats:
         """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
         local: Floats = np.full(points.shape, 0.5)
         for _ in range(8):  # converges quadratically; exact at once on parallelograms

@@ -26,6 +26,9 @@ Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
+_DARK = "#262626"
+_CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
+_RAISED = 4e-3  # of the larger side of a picture: lines towards the eye, out of their surface
 _LONGEST_LINE = 26  # of the text beside a colour bar [characters]
 
 
@@ -109,6 +112,17 @@ class Scene:
             style = {"scalars": "value", "lighting": False, "nan_color": "black"} | style
         self.layers.append((data, style))
 
+    def contours(
+        self, points: ArrayLike, faces: Ints, nodal: ArrayLike, levels: Sequence[float]
+    ) -> None:
+        """Add lines of equal value at levels, from values of points; none where one is NaN."""
+        values = np.asarray(nodal)
+        data = polygons(points, faces[np.isfinite(values[faces]).all(axis=1)]).triangulate()
+        data.point_data["value"] = values
+        lines = data.contour(list(levels), scalars="value") if levels and data.n_cells else data
+        if levels and lines.n_cells:
+            self.layers.append((lines, dict(_CONTOUR)))
+
     def edges(
         self,
         points: ArrayLike,
@@ -162,8 +176,10 @@ class Scene:
         try:
             plotter.set_background("white")
             plotter.enable_anti_aliasing("ssaa")
+            raised = _RAISED * max(right - left, top - bottom) * camera.towards
             for data, style in self.layers:
-                plotter.add_mesh(data, show_scalar_bar=False, **style)
+                shown = data.translate(raised) if data.n_lines else data
+                plotter.add_mesh(shown, show_scalar_bar=False, **style)
             depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
             place = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
             focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards
@@ -289,16 +305,32 @@ def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
 
 
 def colour_bar(
-    figure: Figure, axes: Sequence[Axes], cmap: Colormap, limits: tuple[float, float], label: str
+    figure: Figure,
+    axes: Sequence[Axes],
+    cmap: Colormap,
+    limits: tuple[float, float],
+    label: str,
+    levels: Sequence[float] = (),
 ) -> None:
-    """Explain colours by a bar to the right of the pictures."""
+    """Explain colours by a bar to the right of the pictures, contour lines with them."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     shown = ScalarMappable(Normalize(*limits), cmap)
     bar = figure.colorbar(shown, ax=list(axes), shrink=0.9, aspect=25, pad=0.02)
+    if levels:
+        bar.set_ticks(list(levels))
+        bar.ax.hlines(levels, 0.0, 1.0, transform=bar.ax.get_yaxis_transform(), color=_DARK)
     lines = [line for part in label.split(", ") for line in wrap(part, _LONGEST_LINE)]
     bar.set_label("\n".join(lines))
+
+
+def contour_levels(limits: tuple[float, float]) -> list[float]:
+    """Some round values between limits."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = limits
+    return [float(v) for v in MaxNLocator(8).tick_values(low, high) if low < v < high]
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:

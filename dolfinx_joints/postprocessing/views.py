@@ -44,6 +44,7 @@ from dolfinx_joints.postprocessing.rendering import (
     Camera,
     Scene,
     colour_bar,
+    contour_levels,
     draw,
     legend,
     round_scale,
@@ -61,6 +62,7 @@ Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a pic
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
+_MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 _OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
@@ -189,8 +191,9 @@ class Deformed:
         limits = limits or _data_limits(self._size[outer])
         scene = Scene(room)
         colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
-        edges: dict[str, Any] = {"show_edges": True, "edge_color": _LINE}
-        scene.surface(moved, outer, nodal=self._size, **colour, **edges)
+        levels = contour_levels(limits)
+        scene.surface(moved, outer, nodal=self._size, **colour, **_MESH)
+        scene.contours(moved, outer, self._size, levels)
         if self._joint_faces.size:
             scene.surface(moved, self._surface[self._joint_faces], color=RED, lighting=False)
         scene.edges(self._nodes, outer, **_OUTLINE)
@@ -203,7 +206,7 @@ class Deformed:
         }
         for ax, camera in zip(axes, cameras, strict=True):
             write_names(ax, {name: _top(places, camera) for name, places in corners.items()}, RED)
-        colour_bar(figure, axes, colours(), limits, label)
+        colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure
 
@@ -286,15 +289,12 @@ def envelope(
     limits = colour_limits(values)
     cmap = signed_colours(limits)
     scene = Scene()
-    style: dict[str, Any] = {
-        "cmap": cmap,
-        "clim": limits,
-        "nan_color": CONCRETE,
-        "edge_color": _LINE,
-    }
-    scene.surface(nodes, surface, nodal=values, show_edges=True, **style)
+    style: dict[str, Any] = {"cmap": cmap, "clim": limits, "nan_color": CONCRETE}
+    scene.surface(nodes, surface, nodal=values, **style, **_MESH)
+    levels = contour_levels(limits)
+    scene.contours(nodes, surface, values, levels)
     figure, axes = draw(scene, cameras)
-    colour_bar(figure, axes, cmap, limits, "stress [MPa], tension > 0")
+    colour_bar(figure, axes, cmap, limits, "stress [MPa], tension > 0", levels)
     stress, end = name.split("_")
     what = f"{'largest' if end == 'max' else 'smallest'} {stress} stress"
     figure.suptitle(f"{what}: {low:.2f} to {high:.2f} MPa", fontsize="medium")

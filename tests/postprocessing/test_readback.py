@@ -209,12 +209,14 @@ def test_pictures_of_the_body(
     nodes = own.static("mesh/nodes")
     for record in (1, 3):
         figure = views.deformed(own, index=record, scale=50.0)
-        body, sides = (data for data, _ in seen[-1].layers[:2])
+        body, contours, sides = (data for data, _ in seen[-1].layers[:3])
         u = own.series("states", "displacement", record)
         for part in (body, sides):
             np.testing.assert_allclose(part.points, nodes + 50.0 * u, rtol=1e-6)
         size = si(figure.axes[-1].get_ylabel(), body.point_data["value"])
         same(size, np.linalg.norm(u, axis=1))
+        ticks = figure.axes[-1].get_yticks()
+        assert set(contours.point_data["value"].round(9)) <= set(ticks.round(9))
         title = figure.get_suptitle()
         assert f"t = {own.time('states')[record]:.3f} s, displacements x 50" in title
         widest = {

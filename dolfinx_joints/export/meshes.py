@@ -38,10 +38,9 @@ def to_pyvista(
         blocks = export.to_pyvista(dj.Results("dam.h5"), time=0.5)
         body, joints = blocks["body"], blocks["joints"].combine()
         plotter = pyvista.Plotter()
-        plotter.add_mesh(body.warp_by_vector("displacement [m]", factor=200), opacity=0.4)
-        plotter.add_mesh(
-            joints.warp_by_vector("displacement [m]", factor=200), scalars="opening [m]"
-        )
+        plotter.add_mesh(body.warp_by_vector("displacement [m]", factor=200.0), opacity=0.4)
+        joints = joints.warp_by_vector("displacement [m]", factor=200.0)
+        plotter.add_mesh(joints, scalars="opening [m]")
 
     Args:
         results: The run.

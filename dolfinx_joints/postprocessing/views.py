@@ -293,6 +293,7 @@ def envelope(
     scene.surface(nodes, surface, nodal=values, **style, **_MESH)
     levels = contour_levels(limits)
     scene.contours(nodes, surface, values, levels)
+    scene.edges(nodes, _outer(results, surface), **_OUTLINE)
     figure, axes = draw(scene, cameras)
     colour_bar(figure, axes, cmap, limits, "stress [MPa], tension > 0", levels)
     stress, end = name.split("_")

@@ -222,7 +222,8 @@ class Study(Summarised):
         for name in waiting:
             folder = str(self.folder(name).resolve())
             futures[executor.submit(run_case, name, work, folder, self.cases[name])] = name
-        bar = tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=not progress)
+        hidden = None if progress else True  # None: where there is no terminal
+        bar = tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=hidden)
         with bar:
             try:
                 for future in as_completed(futures):

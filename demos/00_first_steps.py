@@ -3,10 +3,10 @@
 # %% [markdown]
 # # First steps: an arch dam whose joints open
 #
-# The example of the README. A coarse dam with 11 vertical joints that reach the crest carries its
-# own weight and is then shaken for two seconds by a synthetic motion. The script writes the mesh
-# `dam.msh`, the results `dam.h5` and the picture `first_steps.png` to the current folder. It is
-# written for one rank.
+# A coarse dam with 11 vertical joints that reach the crest carries its own weight and is then
+# shaken for two seconds by a synthetic motion. It is the example of the README, written for one
+# rank. The script writes the mesh `dam.msh`, the results `dam.h5` and the picture
+# `first_steps.png` to the current folder.
 #
 #     ./with-dolfinx python3 demos/00_first_steps.py
 

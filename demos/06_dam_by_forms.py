@@ -4,13 +4,13 @@
 # %% [markdown]
 # # The paper's dam by interior-facet integrals
 #
-# The [arch dam](03_ambiesta.py) run as the paper ran it: joints that open and slide, their nodal
-# forces and their stiffness
+# The [arch dam](03_ambiesta.py) run as the paper ran it, by integrals over joints that open and
+# slide. Their nodal forces and their stiffness
 #
 # $$\mathbf r = \int_A \mathbf B^T\mathbf t\,dA, \qquad
 # \mathbf K = \int_A \mathbf B^T\mathbf D\,\mathbf B\,dA$$
 #
-# as interior-facet integrals, `inner(t, jump(v)) * dS` and `inner(D * jump(u), jump(v)) * dS`, with
+# are interior-facet integrals, `inner(t, jump(v)) * dS` and `inner(D * jump(u), jump(v)) * dS`, with
 # traction and tangent of the friction no-tension law from return mapping at the quadrature points;
 # average acceleration (Newmark) at the paper's constant step of 0.00488 s. Then the same by the
 # operator B, and the paper's statements.

@@ -63,17 +63,17 @@ plots.response_spectra(results, "crest", "x")
 # ## Pictures
 #
 # At the time of the widest opening, displacements enlarged, and the joints with their openings.
-# `plots.save` writes a figure to a file, here `widest.png`.
+# `plots.save` writes a figure to a file, here `openings.png`.
 # %%
 widest = max(results.joints, key=lambda name: measures.joint_measures(results)[name]["opening_max"])
 extremes = measures.joint_extremes(results, widest)
 moment = float(extremes.time[extremes.opening.argmax()])
 print(f"{widest} opens by {1e3 * extremes.opening.max():.2f} mm at {moment:.3f} s")
-figure = views.deformed(results, time=moment)
-plots.save(figure, "widest.png")
-figure
+views.deformed(results, time=moment)
 # %%
-views.joint_map(results, "opening", time=moment)
+figure = views.joint_map(results, "opening", time=moment)
+plots.save(figure, "openings.png")
+figure
 # %% [markdown]
 # ## Other programs
 #

@@ -84,8 +84,8 @@ def test_a_card_shows_the_picture_title_and_first_sentence_of_a_demo(pages, tmp_
     assert "<b>A law</b><span>The joints get a law of UFL.</span>" in made
     data = re.search(r"data:image/jpeg;base64,([^\"]+)", made)[1]
     with Image.open(io.BytesIO(base64.b64decode(data))) as small:
-        assert small.size == (640, 320)
-        np.testing.assert_allclose(small.getpixel((320, 160)), [200, 30, 30], atol=3)
+        assert small.size == (640, 400)
+        np.testing.assert_allclose(small.getpixel((320, 200)), [200, 30, 30], atol=3)
 
 
 def test_a_demo_becomes_a_page(pages, tmp_path):

@@ -46,7 +46,7 @@ def first_sentence(page: str) -> str:
     paragraphs = [p for p in page.split("\n\n")[1:] if p[:1].isalnum()]
     words = " ".join(paragraphs[0].split()) if paragraphs else ""
     plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", words).replace("`", "").replace("*", "")
-    return re.split(r"(?<=[.:])\s+(?=[A-Z])", plain)[0]
+    return re.split(r"(?<=[.:])\s+(?=[A-Z])", plain)[0].removesuffix(":")
 
 
 def small(figure: Path) -> str:
@@ -55,6 +55,8 @@ def small(figure: Path) -> str:
         picture = whole.convert("RGB")
     height = round(picture.height * WIDTH / picture.width)
     picture = picture.resize((WIDTH, height), Image.Resampling.LANCZOS)
+    card = Image.new("RGB", (WIDTH, HEIGHT), "white")
+    card.paste(picture, (0, max(0, (HEIGHT - height) // 2)))
     file = io.BytesIO()
-    picture.crop((0, 0, WIDTH, min(height, HEIGHT))).save(file, "JPEG", quality=85)
+    card.save(file, "JPEG", quality=85)
     return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"

@@ -10,10 +10,10 @@
 # $$\mathbf r = \int_A \mathbf B^T\mathbf t\,dA, \qquad
 # \mathbf K = \int_A \mathbf B^T\mathbf D\,\mathbf B\,dA$$
 #
-# are interior-facet integrals, `inner(t, jump(v)) * dS` and `inner(D * jump(u), jump(v)) * dS`, with
-# traction and tangent of the friction no-tension law from return mapping at the quadrature points;
-# average acceleration (Newmark) at the paper's constant step of 0.00488 s. Then the same by the
-# operator B, and the paper's statements.
+# are interior-facet integrals, `inner(t, jump(v)) * dS` and `inner(D * jump(u), jump(v)) * dS`,
+# with traction and tangent of the friction no-tension law from return mapping at the quadrature
+# points; average acceleration (Newmark) at the paper's constant step of 0.00488 s. Then the same
+# by the operator B, and the paper's statements.
 #
 # A coarse mesh and the first two seconds of a synthetic motion, unless more is asked for:
 #

@@ -18,9 +18,10 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.postprocessing.axes import new_figure
+from dolfinx_joints.postprocessing.body import Body, Deformed
 from dolfinx_joints.postprocessing.frames import nodal_displacement
 from dolfinx_joints.postprocessing.rendering import Camera, round_scale
-from dolfinx_joints.postprocessing.views import DOWNSTREAM, Deformed, Elevation
+from dolfinx_joints.postprocessing.views import DOWNSTREAM, Elevation
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
 
@@ -75,10 +76,10 @@ def animate(
         )
     chosen = known[np.unique(np.linspace(0, len(known) - 1, min(frames, len(known))).astype(int))]
     moved = {k: nodal_displacement(results, int(k), relative_to) for k in chosen}
-    largest = max(float(np.linalg.norm(u, axis=1).max()) for u, _ in moved.values())
-    nodes = results.static("mesh/nodes")
-    factor = round_scale(nodes, largest) if scale is None else scale
-    shapes = {k: Deformed(results, u, factor, groups) for k, (u, _) in moved.items()}
+    body = Body(results, groups)
+    largest = max(float(np.linalg.norm(u[body.seen], axis=1).max()) for u, _ in moved.values())
+    factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
+    shapes = {k: Deformed(body, u, factor) for k, (u, _) in moved.items()}
     room = np.concatenate([shape.places for shape in shapes.values()])
     camera, limits = Camera(azimuth_deg, elevation_deg), (0.0, 1e3 * largest or 1.0)
     progress, pictures = Progress("film", len(chosen), "pictures"), []

@@ -51,9 +51,9 @@ from dolfinx_joints.postprocessing.frames import (
     has_ground_motion,
     reference_displacement,
 )
-from dolfinx_joints.postprocessing.joint_panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.maps import draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
+from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
     Hertz,

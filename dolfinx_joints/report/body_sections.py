@@ -106,7 +106,8 @@ def _envelope(content: Content, run: Run, name: str) -> Html:
     quantity, end = name.split("_")
     what = {"max": "Largest", "min": "Smallest"}[end]
     caption = f"{what} {quantity} stress over the run at each point of the boundary, {run.label}."
-    path = content.save(name, views.envelope(run.results, cast(EnvelopeName, name)), dpi=130)
+    drawn = views.envelope(run.results, cast(EnvelopeName, name), groups=run.groups)
+    path = content.save(name, drawn, dpi=130)
     return figure([content.drawings.picture(path, caption)], caption, wide=True)
 
 

@@ -155,7 +155,8 @@ def _dam(content: Content) -> list[Html]:
     if not needed or run.plane or not run.has("states", "displacement"):
         return []
     time, moment = largest_moment(run)
-    drawn = views.deformed(run.results, time=time, azimuths_deg=(UPSTREAM, DOWNSTREAM))
+    both = (UPSTREAM, DOWNSTREAM)
+    drawn = views.deformed(run.results, time=time, groups=run.groups, azimuths_deg=both)
     caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red.{gaps_note(run)}"
     path = content.save("dam", drawn, dpi=140)
     return [figure([content.drawings.picture(path, caption)], caption, wide=True)]

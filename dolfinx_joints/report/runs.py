@@ -14,6 +14,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.arguments import Component
@@ -60,6 +61,11 @@ class Run:
     def moves(self) -> bool:
         """Whether a history has two records or more."""
         return self.has("histories", "displacement") and self.results.rows("histories") > 1
+
+    @property
+    def groups(self) -> list[str] | None:
+        """Cell groups that fill the pictures, those that joints cut; None for all of the body."""
+        return jointed_groups(self.results) if "mesh/cells" in self.results.statics else None
 
     @property
     def plane(self) -> bool:

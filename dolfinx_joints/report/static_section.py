@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, views
+from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
 from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
 from dolfinx_joints.postprocessing.rendering import round_scale
@@ -51,12 +52,13 @@ def _pictures(content: Content) -> list[Html]:
     surface = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
     if run.plane or not (surface and names and run.has("statics", "displacement")):
         return []
-    moved = [run.results.series("statics", "displacement", i) for i in range(len(names))]
-    nodes = run.results.static("mesh/nodes")
-    scale = round_scale(nodes, max(float(np.linalg.norm(u, axis=1).max()) for u in moved))
+    body = Body(run.results, run.groups)
+    moved = [run.results.series("statics", "displacement", i)[body.seen] for i in range(len(names))]
+    largest = max(float(np.linalg.norm(u, axis=1).max()) for u in moved)
+    scale = round_scale(body.nodes[body.seen], largest)
     pictures = []
     for number, name in enumerate(names):
-        drawn = views.deformed(run.results, stage=number, scale=scale)
+        drawn = views.deformed(run.results, stage=number, scale=scale, groups=run.groups)
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from reading_back import UNITS
-from written_runs import NODES, SURFACE, write_run
+from written_runs import JOINT, NODES, SURFACE, write_run
 
 from dolfinx_joints import animate, plots, views
 from dolfinx_joints.common.errors import JointsError, ResultsError
+from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.measures import joint_extremes
 from dolfinx_joints.results.layout import Cells, declare_states
 from dolfinx_joints.results.reader import Results
@@ -80,3 +81,24 @@ def test_chosen_cell_groups_fill_the_picture(tmp_path):
             views.deformed(results, groups=["two"])
     # 4 m and 2 m of body, and a margin of 2 % of the larger side on both sides.
     np.testing.assert_allclose(widths, [4.0 * 1.04, 2.0 * 1.04], rtol=1e-6)
+
+
+def test_a_report_shows_the_groups_that_joints_cut(tmp_path):
+    """A joint between two groups cuts none of them, but one to which both of its faces belong."""
+    pytest.importorskip("pyvista")
+    hexahedra = [[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 12, 13, 15, 14]]
+    found = []
+    for number, more in enumerate(({}, {"both": [0, 1]})):
+        cells = Cells(12, hexahedra, {"one": [0], "two": [1], **more})
+        with ResultsWriter(tmp_path / f"{number}.h5", {}) as writer:
+            declare_states(writer, NODES, SURFACE, {"joint_1": JOINT}, cells)
+            writer.static("envelopes/nodes", np.arange(16), "-", "nodes")
+            writer.series("envelopes", "principal_max", (16,), "Pa", "largest")
+            writer.start()
+            writer.append("envelopes", 1.0, {"principal_max": 1e6 * np.arange(16)})
+            writer.finish("complete", {})
+        with Results(tmp_path / f"{number}.h5") as results:
+            found.append(jointed_groups(results))
+            title = views.envelope(results, "principal_max", groups=["two"]).get_suptitle()
+    assert found == [None, ["both"]]
+    assert title == "largest principal stress of two: 8.00 to 15.00 MPa"  # of its nodes alone

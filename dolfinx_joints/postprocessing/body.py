@@ -1,0 +1,187 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The boundary of a body as pictures in space show it, at rest and deformed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.postprocessing.joints.surface import JointSurface
+from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
+from dolfinx_joints.postprocessing.rendering import (
+    Camera,
+    Scene,
+    colour_bar,
+    contour_levels,
+    draw,
+    write_names,
+)
+from dolfinx_joints.results.arguments import check_results, rows_of_groups
+from dolfinx_joints.results.reader import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.integer[Any]]
+
+MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
+OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
+
+
+class Body:
+    """The boundary of a body: what fills a picture, and the rest of it, which is translucent.
+
+    Args:
+        results: The run, of a body in space.
+        groups: Cell groups that fill the picture; all of the body unless given.
+
+    Attributes:
+        nodes: Places of all nodes, shape (n, 3), [m].
+        shown: Vertices of the facets that fill the picture, without joints.
+        rest: Vertices of the other facets of no joint.
+        joints: Vertices of the facets on both sides of all joints.
+        seen: Numbers of the nodes of the cells that fill the picture.
+    """
+
+    def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
+        """Read the boundary, part it and find the joints."""
+        check_results(results)
+        self.nodes: Floats = results.static("mesh/nodes")
+        surface = results.static("mesh/surface")
+        if surface.shape[1] < 3:
+            raise ValueError(
+                f"Pictures in space need a body in space; that of {results.path} is plane."
+            )
+        sides = [JointSurface(results, joint).sides() for joint in results.joints]
+        every = np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
+        outer: Ints = np.delete(surface, every, axis=0)
+        self.joints: Ints = surface[every]
+        self.seen: Ints = np.arange(len(self.nodes))
+        inside: NDArray[np.bool_] = np.ones(len(outer), dtype=bool)
+        if groups is not None:
+            self.seen = np.unique(results.static("mesh/cells")[rows_of_groups(results, groups)])
+            inside = np.isin(outer, self.seen).all(axis=1)
+        self.shown: Ints = outer[inside]
+        self.rest: Ints = outer[~inside]
+        self._corners = {
+            name: surface[own].reshape(-1)
+            for name, own in zip(short_names(results.joints).values(), sides, strict=True)
+        }
+
+    def draw_rest(self, scene: Scene, nodes: Floats) -> None:
+        """Add what does not fill the picture, with its nodes at (n, 3) [m]."""
+        if len(self.rest):
+            scene.surface(nodes, self.rest, color=CONCRETE, opacity=0.25, framed=False)
+
+    def tops(self, nodes: Floats, camera: Camera) -> dict[str, Floats]:
+        """Where the names of the joints go in a picture, nodes at (n, 3) [m]."""
+        return {name: top(nodes[corners], camera) for name, corners in self._corners.items()}
+
+
+class Deformed:
+    """A body whose nodes have moved, its displacements enlarged.
+
+    Args:
+        body: The body.
+        displacement: Of the nodes, shape (nodes, 3), [m].
+        factor: Displacements are multiplied by it.
+
+    Attributes:
+        places: Where the nodes of the faces that fill the picture are, shape (n, 3), [m].
+    """
+
+    def __init__(self, body: Body, displacement: Floats, factor: float) -> None:
+        """Move the nodes."""
+        self._body = body
+        self._moved = self._body.nodes + factor * displacement
+        self._size = 1e3 * np.linalg.norm(displacement, axis=1)
+        self.places: Floats = self._moved[np.unique(self._body.shown)]
+
+    def draw(
+        self,
+        cameras: Sequence[Camera],
+        label: str,
+        title: str,
+        *,
+        limits: tuple[float, float] | None = None,
+        room: Floats | None = None,
+    ) -> Figure:
+        """A picture from each camera.
+
+        Args:
+            cameras: Where the eye is.
+            label: Of the colour bar.
+            title: Of the figure.
+            limits: Range of the colours [mm], that of the state unless given.
+            room: Points, shape (n, 3), [m], that the pictures have room for besides the body.
+        """
+        body, moved = self._body, self._moved
+        limits = limits or data_limits(self._size[body.shown])
+        scene, levels = Scene(room), contour_levels(limits)
+        colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
+        scene.surface(moved, body.shown, nodal=self._size, **colour, **MESH)
+        scene.contours(moved, body.shown, self._size, levels)
+        if body.joints.size:
+            scene.surface(moved, body.joints, color=RED, lighting=False)
+        scene.edges(body.nodes, body.shown, **OUTLINE)
+        body.draw_rest(scene, moved)
+        figure, axes = draw(scene, cameras)
+        for ax, camera in zip(axes, cameras, strict=True):
+            write_names(ax, body.tops(moved, camera), RED)
+        colour_bar(figure, axes, colours(), limits, label, levels)
+        figure.suptitle(title, fontsize="medium")
+        return figure
+
+
+def jointed_groups(results: Results) -> list[str] | None:
+    """Cell groups that a joint cuts, both of its faces in the group; None where there are none.
+
+    Those of a dam on its rock are the dam, unless the rock has joints of its own.
+    """
+    start = "mesh/groups/"
+    names = [n.removeprefix(start) for n in results.statics if n.startswith(start)]
+    surface = results.static("mesh/surface")
+    faces = [surface[JointSurface(results, joint).sides()] for joint in results.joints]
+    found = []
+    for name in names:
+        seen = np.unique(results.static("mesh/cells")[results.static(start + name)])
+        if any(np.isin(face, seen).all() for face in faces):
+            found.append(name)
+    return found or None
+
+
+def top(points: Floats, camera: Camera) -> Floats:
+    """The rightmost of the highest points, in the picture."""
+    size = size_of(points)
+    highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
+    top: Floats = highest[np.argmax(highest[:, 0])]
+    return top
+
+
+def size_of(nodes: Floats) -> float:
+    """Diagonal of the box around the body [m]."""
+    return float(np.linalg.norm(np.ptp(nodes, axis=0)))
+
+
+def data_limits(values: Floats) -> tuple[float, float]:
+    """Range of the values that are not NaN, widened where it is a point."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        raise ValueError("There is nothing to draw: all values are missing.")
+    low, high = float(known.min()), float(known.max())
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def short_names(joints: Sequence[str]) -> dict[str, str]:
+    """Names without what all of them begin with."""
+    if len(joints) < 2:
+        return {joint: joint for joint in joints}
+    start = 0
+    while len({joint[: start + 1] for joint in joints}) == 1:
+        start += 1
+    return {joint: joint[start:] or joint for joint in joints}

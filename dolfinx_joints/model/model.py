@@ -130,6 +130,7 @@ class Model(Summarised):
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
         if jointed.joint_names and joints is None:
             check_tied(jointed, self._extra("extra_stiffness", extra_stiffness))
+        self._nodes: dict[str, NDArray[np.int64]] = {}
         self.body = ElasticBody(jointed, material, plane=plane)
         self.constraints = Constraints(jointed, self.V, self.supports)
         self.absorbing = absorbing_groups(jointed, self.body, self.supports)
@@ -353,7 +354,9 @@ class Model(Summarised):
         """Owned nodes of a facet group or a support at a point, local numbers (collective)."""
         if group in self.constraints.points:
             return self.constraints.points[group]
-        return nodes_of_facets(self.jointed, self.V, group)
+        if group not in self._nodes:
+            self._nodes[group] = nodes_of_facets(self.jointed, self.V, group)
+        return self._nodes[group]
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
         """A vector of the space as a DOLFINx function (collective)."""

@@ -14,20 +14,26 @@ from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
-_BUFFER_ROWS = 64
+_BUFFER_ROWS = 256
 _BUFFER_BYTES = 1 << 24
 
 
 class Stream:
-    """Datasets of one stream and the rows that wait to be written."""
+    """Datasets of one stream and the rows that wait to be written.
+
+    Attributes:
+        name: Name of the stream.
+        waiting: Number of rows that wait to be written.
+    """
 
     def __init__(self, parent: h5py.Group, name: str) -> None:
-        self.name = name
-        self.rows: list[tuple[float, dict[str, NDArray[Any]]]] = []
+        self.name, self.waiting = name, 0
         self._last = -np.inf
-        self._bytes = 0
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
+        self._rows: dict[str, NDArray[Any]] = {}  # waiting ones, shape (room, ...) each
+        self._times: list[float] = []
+        self._room = 0
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
         unit, text = (
             ("-", "number of the stage, from 1")
@@ -38,8 +44,8 @@ class Stream:
 
     @property
     def full(self) -> bool:
-        """Whether enough rows wait to be written."""
-        return len(self.rows) >= _BUFFER_ROWS or self._bytes >= _BUFFER_BYTES
+        """Whether no further row can wait."""
+        return self.waiting == self._room
 
     def declare(
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
@@ -60,17 +66,25 @@ class Stream:
             raise ResultsError(
                 f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
             )
-        row = {}
-        for name, dataset in self._datasets.items():
-            row[name] = np.array(values[name], dtype=dataset.dtype)
-            if row[name].shape != dataset.shape[1:]:
+        if not self._rows:
+            self._make_room()
+        for name, rows in self._rows.items():
+            value = values[name]
+            if np.shape(value) != rows.shape[1:]:
                 raise ResultsError(
-                    f"{self.name}/{name} was declared with shape {dataset.shape[1:]}, "
-                    f"got {row[name].shape}."
+                    f"{self.name}/{name} was declared with shape {rows.shape[1:]}, "
+                    f"got {np.shape(value)}."
                 )
+            rows[self.waiting] = value
         self._last = time
-        self._bytes += sum(array.nbytes for array in row.values())
-        self.rows.append((time, row))
+        self._times.append(time)
+        self.waiting += 1
+
+    def _make_room(self) -> None:
+        """Arrays for the rows that wait; memory is taken as they come."""
+        self._room = min(_BUFFER_ROWS, max(1, _BUFFER_BYTES // self.row_bytes))
+        for name, dataset in self._datasets.items():
+            self._rows[name] = np.empty((self._room, *dataset.shape[1:]), dataset.dtype)
 
     @property
     def row_bytes(self) -> int:
@@ -87,17 +101,17 @@ class Stream:
     @property
     def growth(self) -> int:
         """Bytes that the file may need for the rows that wait, in whole chunks."""
-        return len(self.rows) * self.row_bytes + self.chunks
+        return self.waiting * self.row_bytes + self.chunks
 
     def drop(self) -> None:
         """Forget the rows that wait."""
-        self.rows.clear()
-        self._bytes = 0
+        self._times = []
+        self.waiting = 0
 
     @property
     def records(self) -> int:
         """Rows in the file and waiting."""
-        return len(self._time) + len(self.rows)
+        return len(self._time) + self.waiting
 
     def copy(self, times: NDArray[np.float64], values: Mapping[str, NDArray[Any]]) -> None:
         """Write whole rows at once, shape (rows, ...) each."""
@@ -108,9 +122,9 @@ class Stream:
 
     def write_values(self) -> list[float]:
         """Write the waiting values and return their times, still to be written."""
-        times = [time for time, _ in self.rows]
+        times = self._times
         for name, dataset in self._datasets.items():
-            add_rows(dataset, np.stack([row[name] for _, row in self.rows]))
+            add_rows(dataset, self._rows[name][: self.waiting])
         self.drop()
         return times
 

@@ -52,7 +52,7 @@ class ResultsWriter:
         *,
         overwrite: bool = False,
         aside: Path | None = None,
-        flush_interval: float = 2.0,
+        flush_interval: float = 1.0,
     ) -> None:
         """Create the file and write the metadata."""
         self.path = Path(path)
@@ -263,7 +263,7 @@ class ResultsWriter:
                 self.finish("stopped", {})
 
     def _flush_streams(self, streams: Iterable[Stream]) -> None:
-        waiting = [stream for stream in streams if stream.rows]
+        waiting = [stream for stream in streams if stream.waiting]
         if not waiting:
             return
         try:

@@ -62,10 +62,10 @@ class Body:
         outer: Ints = np.delete(surface, every, axis=0)
         self.joints: Ints = surface[every]
         self.seen: Ints = np.arange(len(self.nodes))
-        inside: NDArray[np.bool_] = np.ones(len(outer), dtype=bool)
+        inside = np.ones(len(outer), dtype=bool)
         if groups is not None:
             self.seen = np.unique(results.static("mesh/cells")[rows_of_groups(results, groups)])
-            inside = np.isin(outer, self.seen).all(axis=1)
+            inside = np.asarray(np.isin(outer, self.seen).all(axis=1))
         self.shown: Ints = outer[inside]
         self.rest: Ints = outer[~inside]
         self._corners = {

@@ -1,12 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Errors that every rank raises alike, so that no rank waits for one that stopped."""
+"""Errors that every rank raises alike, so that no rank waits for one that stopped; small sums."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
 
@@ -55,6 +58,16 @@ def lasting(comm: Any) -> Any:
             return kept
     _LASTING.append(comm.Dup())
     return _LASTING[-1]
+
+
+def of_ranks(comm: Any, values: NDArray[Any]) -> NDArray[Any]:
+    """Arrays of all ranks, alike in shape and type, as one of shape (ranks, ...) (collective)."""
+    mine = np.ascontiguousarray(values)
+    if comm.size == 1:
+        return mine[None]
+    found = np.empty((comm.size, *mine.shape), mine.dtype)
+    comm.Allgather(mine, found)
+    return found
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T:

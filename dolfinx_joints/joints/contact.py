@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
-from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.mpi import of_ranks, raised_together
 from dolfinx_joints.common.parameters import (
     check_each,
     check_kind_of,
@@ -281,7 +281,7 @@ class Contact:
         operator = self.operator
         values = np.atleast_2d(operator.areas * density)
         sums = [np.bincount(operator.joint, each, len(operator.names)) for each in values]
-        total = np.sum(operator.comm.allgather(np.array(sums)), axis=0)
+        total = of_ranks(operator.comm, np.array(sums)).sum(axis=0)
         return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:
@@ -319,7 +319,7 @@ class Contact:
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:
         """Open, sticking and sliding points on all ranks (collective)."""
         local = np.bincount(status, minlength=len(Status))
-        total = np.sum(self.operator.comm.allgather(local), axis=0)
+        total = of_ranks(self.operator.comm, local).sum(axis=0)
         return StatusCounts(
             open=int(total[Status.OPEN]),
             stick=int(total[Status.STICK]),

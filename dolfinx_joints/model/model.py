@@ -23,7 +23,7 @@ from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.common.mpi import lasting, of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
 from dolfinx_joints.joints.contact import Contact, InitialGap
@@ -348,7 +348,7 @@ class Model(Summarised):
         """
         nodes = self.nodes(group)
         local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
-        return np.sum(self.jointed.mesh.comm.allgather(local), axis=0)
+        return np.asarray(of_ranks(self.jointed.mesh.comm, local).sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Owned nodes of a facet group or a support at a point, local numbers (collective)."""

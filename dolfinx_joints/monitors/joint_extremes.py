@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, broken_joints
@@ -71,7 +72,7 @@ class JointExtremesStream:
         own = np.zeros((2, len(operator.names), 3))
         np.maximum.at(own[0], operator.joint, here)
         np.add.at(own[1], operator.joint, self._forces.sliding(joints))
-        every = np.array(operator.comm.allgather(own))
+        every = of_ranks(operator.comm, own)
         largest, sums = every[:, 0].max(axis=0), every[:, 1].sum(axis=0)
         places = self._places(here[:, :2], largest[:, :2])
         found: dict[str, Any] = {}
@@ -91,7 +92,7 @@ class JointExtremesStream:
         reached = (here > self._least) & (here >= ALIKE * largest[operator.joint])
         point, column = np.nonzero(reached)
         np.minimum.at(first, (operator.joint[point], column), self._first + point)
-        number = np.min(operator.comm.allgather(first), axis=0)
+        number = of_ranks(operator.comm, first).min(axis=0)
         nowhere = np.full((1, 3), np.nan)
         return np.asarray(np.concatenate([operator.layout.points, nowhere])[number])
 

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -170,7 +171,7 @@ class PointProbe:
         blocks = u.getArray(readonly=True).reshape(-1, self._gdim)
         for row, node in self._mine:
             values[row, : self._gdim] = blocks[node]
-        return np.asarray(self._comm.allreduce(values))
+        return np.asarray(of_ranks(self._comm, values).sum(axis=0))
 
 
 def joint_facet_points(operator: Any) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:

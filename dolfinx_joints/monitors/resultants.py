@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response, variables_of
 from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
@@ -160,7 +161,7 @@ class JointForces:
         operator = self._operator
         sums = np.zeros((len(operator.names), values.shape[1]))
         np.add.at(sums, operator.joint, values)
-        return np.asarray(np.sum(operator.comm.allgather(sums), axis=0))
+        return np.asarray(of_ranks(operator.comm, sums).sum(axis=0))
 
 
 class Blocks:
@@ -205,7 +206,7 @@ class Blocks:
             number = self.sides[:, side]
             arms = self._operator.points - self.centre[number]
             np.add.at(sums, number, sign * np.hstack([force, np.cross(arms, force)]))
-        return np.asarray(np.sum(self._operator.comm.allgather(sums), axis=0))
+        return np.asarray(of_ranks(self._operator.comm, sums).sum(axis=0))
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:

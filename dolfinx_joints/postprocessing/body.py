@@ -62,12 +62,12 @@ class Body:
         outer: Ints = np.delete(surface, every, axis=0)
         self.joints: Ints = surface[every]
         self.seen: Ints = np.arange(len(self.nodes))
-        inside = np.ones(len(outer), dtype=bool)
+        inside: Ints = np.arange(len(outer))
         if groups is not None:
             self.seen = np.unique(results.static("mesh/cells")[rows_of_groups(results, groups)])
-            inside = np.asarray(np.isin(outer, self.seen).all(axis=1))
+            inside = np.flatnonzero(np.isin(outer, self.seen).all(axis=1))
         self.shown: Ints = outer[inside]
-        self.rest: Ints = outer[~inside]
+        self.rest: Ints = np.delete(outer, inside, axis=0)
         self._corners = {
             name: surface[own].reshape(-1)
             for name, own in zip(short_names(results.joints).values(), sides, strict=True)

@@ -26,9 +26,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.law import Floats, JointState
 from dolfinx_joints.laws.return_mapping import (
     Answer,

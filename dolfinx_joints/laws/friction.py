@@ -14,10 +14,10 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
 from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Losses, Response

@@ -7,8 +7,6 @@ the lines; loops over points, compiled by numba, take them as they stand. `frict
 for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
 `trial_traction`.
 
-numba keeps compiled loops until the file of the loop changes: touch both after a change here.
-
 A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
 itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a
 case like any other.

@@ -22,10 +22,10 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers.interface.compliance import Part, Split
 from dolfinx_joints.solvers.interface.gmres import gmres
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix

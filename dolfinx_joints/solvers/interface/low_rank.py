@@ -16,8 +16,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from dolfinx_joints.common.kernels import njit
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.law import JointState, Response, Rule

@@ -7,8 +7,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from dolfinx_joints.common.kernels import njit
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -1,0 +1,73 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compiled loops whose machine code is kept by content: every copy of a version shares it.
+
+numba keeps machine code beside the source of a loop, where a new clone or installation has none,
+and makes it anew when that file changes, but not when a function that it takes in from another file
+does. Here it is kept in the user's cache folder, by the content of all files that have loops.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any, Self
+
+from numba import config
+from numba import njit as njit
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_OTHERS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator")
+
+
+@cache
+def _folder() -> Path:
+    """Where the machine code of these sources is kept."""
+    content = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        text = path.read_bytes()
+        if b"jit" in text:
+            content.update(path.relative_to(_PACKAGE).as_posix().encode() + text)
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return root / "dolfinx_joints" / "loops" / content.hexdigest()[:16]
+
+
+class Locator:
+    """Tells numba where the loops of this package are kept (``NUMBA_CACHE_LOCATOR_CLASSES``)."""
+
+    def __init__(self, line: int) -> None:
+        """Note the line on which a loop begins."""
+        self._line = line
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> Self | None:
+        """A locator for a loop of this package, None for others or where nothing can be kept."""
+        if _PACKAGE not in Path(file).resolve().parents:
+            return None
+        try:
+            _folder().mkdir(parents=True, exist_ok=True)
+        except (OSError, RuntimeError):  # no home, or a full disk
+            return None
+        return cls(function.__code__.co_firstlineno) if os.access(_folder(), os.W_OK) else None
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder."""
+        _folder().mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(_folder())
+
+    def get_source_stamp(self) -> str:
+        """Return what code must agree in; the folder is named by it."""
+        return _folder().name
+
+    def get_disambiguator(self) -> str:
+        """Return what tells loops of one name apart."""
+        return str(self._line)
+
+
+if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):  # not set by the user; none before numba 0.62
+    config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *_OTHERS])

@@ -63,19 +63,33 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
         )
     cells = results.static("mesh/cells")
     chosen = np.arange(len(cells)) if groups is None else rows_of_groups(results, groups)
-    return uniform_grid(
-        results.static("mesh/nodes"), cells[chosen], int(results.static("mesh/cell_kind")[0])
-    )
+    start = "mesh/groups/"
+    rows = {n.removeprefix(start): results.static(n) for n in results.statics if start in n}
+    inside = {name: np.flatnonzero(np.isin(chosen, own)) for name, own in rows.items()}
+    kind = int(results.static("mesh/cell_kind")[0])
+    return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)
 
 
-def uniform_grid(points: Floats, cells: NDArray[np.integer[Any]], kind: int) -> Grid:
-    """Grid of cells of one kind, shape (num_cells, nodes per cell)."""
+def uniform_grid(
+    points: Floats,
+    cells: NDArray[np.integer[Any]],
+    kind: int,
+    groups: Mapping[str, NDArray[np.integer[Any]]],
+) -> Grid:
+    """Grid of cells of one kind, shape (num_cells, nodes per cell), with the rows of each group.
+
+    ``in NAME [-]`` is 1 in the cells of a group, 0 in others.
+    """
     count, nodes = cells.shape
+    marks = {f"in {name} [-]": np.zeros(count, dtype=np.int8) for name in groups}
+    for mark, rows in zip(marks.values(), groups.values(), strict=True):
+        mark[rows] = 1
     return Grid(
         points=points,
         connectivity=cells.ravel().astype(np.int64),
         offsets=nodes * np.arange(count + 1, dtype=np.int64),
         kinds=np.full(count, kind, dtype=np.uint8),
+        cell_data=marks,
     )
 
 

@@ -26,10 +26,11 @@ def write_vtk(
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
-    ``displacement [m]``; ``NAME_joints.vtkhdf`` the joints, a polygon for each joint point, with
-    ``displacement [m]``, the mean of both faces, ``gap [m]`` and ``traction [Pa]`` in local axes
-    (n, s1, s2), ``opening [m]``, ``tangential gap [m]``, ``status [-]`` (0 open, 1 sticking, 2
-    sliding) and what else was recorded. Both have all times.
+    ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group; ``NAME_joints.vtkhdf`` the
+    joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
+    ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
+    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all
+    times.
 
     Args:
         results: The run.

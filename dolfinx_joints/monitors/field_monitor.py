@@ -110,7 +110,8 @@ class FieldMonitor(Monitor):
         self._comm, self._found = model.jointed.mesh.comm, model
         if cells is not None:  # on the rank that writes
             nodes = np.asarray(cells.nodes)
-            self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind))
+            groups = {name: np.asarray(rows) for name, rows in cells.groups.items()}
+            self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind, groups))
             if joints:
                 self._grids.append(joined({name: joint_grid(arrays, name) for name in joints}))
 

@@ -151,6 +151,8 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
             u = results.series("states", "displacement", number)
             np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
             np.testing.assert_array_equal(grid.points, results.static("mesh/nodes"))
+            rows = results.static("mesh/groups/concrete")
+            np.testing.assert_array_equal(np.flatnonzero(grid.cell_data["in concrete [-]"]), rows)
             if number == len(body) - 1:
                 moved = of_joints.point_data["displacement [m]"]
                 shown = [joint.point_data["displacement [m]"] for joint in blocks["joints"]]

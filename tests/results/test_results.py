@@ -119,7 +119,7 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         "import os, signal, sys; sys.path.insert(0, sys.argv[2]); import test_results as t\n"
         "from pathlib import Path\n"
         "writer = t.writer_of(Path(sys.argv[1]), flush_interval=1e9)\n"
-        "t.append_rows(writer, 0, 150)\n"
+        "t.append_rows(writer, 0, 600)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "r.h5"), os.path.dirname(__file__)]
@@ -127,8 +127,8 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     with Results(tmp_path / "r.h5") as results:
         assert results.status == "running"
         assert not results.complete
-        assert results.rows("run") == 128  # two buffers of 64; the third was in memory
-        np.testing.assert_array_equal(results.series("run", "count"), np.arange(128))
+        assert results.rows("run") == 512  # two buffers of 256; the third was in memory
+        np.testing.assert_array_equal(results.series("run", "count"), np.arange(512))
 
 
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_a_wrong_record_is_an_error(tmp_path: Path, values: dict[str, Any], mess
     with writer_of(tmp_path / "r.h5") as writer:
         with pytest.raises(ResultsError, match=message):
             writer.append("run", 1.0, values)
-        assert not writer._streams["run"].rows
+        assert not writer._streams["run"].waiting
 
 
 def test_names_times_and_summaries_are_checked(tmp_path: Path) -> None:

@@ -214,21 +214,24 @@ class PlasticBulk:
         facts = {} if self._joints is None else self._joints.failure(response, state)
         return facts | {"yielding": self.yielding(response)}
 
-    def cell_stress(self, state: PlasticState) -> tuple[Ints, Floats]:
-        """The plastic cells of this rank, (n,), and their mean stresses, (n, 6), [Pa]."""
-        stress = self._stress(state.bulk.strain - state.bulk.plastic_strain)
+    def stress(self, state: PlasticState) -> Floats:
+        """Stress of the local points, shape (n, 6), [Pa]."""
+        return self._stress(state.bulk.strain - state.bulk.plastic_strain)
+
+    def cell_means(self, values: Floats) -> tuple[Ints, Floats]:
+        """The plastic cells of this rank, (cells,), and means of values (n, m), (cells, m)."""
         cells, place = np.unique(self.operator.cells, return_inverse=True)
-        shares = self.operator.volumes / np.bincount(place, self.operator.volumes)[place]
-        means = np.zeros((len(cells), SIZE))
-        np.add.at(means, place, shares[:, None] * stress)
+        volumes = self.operator.volumes
+        shares = volumes / np.bincount(place, volumes)[place]
+        means = np.zeros((len(cells), values.shape[1]))
+        np.add.at(means, place, shares[:, None] * values)
         return cells, means
 
     def accumulated(self, state: PlasticState) -> Any:
         """Mean accumulated plastic strain of each cell, a DOLFINx function on the cells."""
         field = fem.Function(fem.functionspace(self._mesh, ("DG", 0)), name="plastic strain")
-        cells, counts = np.unique(self.operator.cells, return_counts=True)
-        sums = np.bincount(self.operator.cells, state.bulk.accumulated, minlength=0)
-        field.x.array[field.function_space.dofmap.list[cells, 0]] = sums[cells] / counts
+        cells, means = self.cell_means(state.bulk.accumulated[:, None])
+        field.x.array[field.function_space.dofmap.list[cells, 0]] = means[:, 0]
         field.x.scatter_forward()
         return field
 

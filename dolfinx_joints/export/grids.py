@@ -64,7 +64,8 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
     cells = results.static("mesh/cells")
     chosen = np.arange(len(cells)) if groups is None else rows_of_groups(results, groups)
     start = "mesh/groups/"
-    rows = {n.removeprefix(start): results.static(n) for n in results.statics if start in n}
+    known = [name for name in results.statics if name.startswith(start)]
+    rows = {name.removeprefix(start): results.static(name) for name in known}
     inside = {name: np.flatnonzero(np.isin(chosen, own)) for name, own in rows.items()}
     kind = int(results.static("mesh/cell_kind")[0])
     return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)

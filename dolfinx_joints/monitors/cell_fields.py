@@ -79,8 +79,10 @@ class CellFields:
             changes = (f * each for f, (_, _, each) in zip(factors, self._change, strict=True))
             found["temperature change [K]"] = self._gather(np.sum(list(changes), axis=0))
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
-            strains = self._model.bulk.accumulated(joints.state).x.array
-            found["accumulated plastic strain [-]"] = self._gather(strains[: self._gather.owned])
+            strains = np.zeros(self._gather.owned)
+            cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])
+            strains[cells] = means[:, 0]
+            found["accumulated plastic strain [-]"] = self._gather(strains)
         found = {name: values for name, values in found.items() if values is not None}
         return found | (principal(found["stress [Pa]"]) if found else {})
 
@@ -93,8 +95,9 @@ class CellFields:
         for factor, blocked in zip(factors, self._blocked, strict=True):
             stress[:, : self._model.body.strained_axes] -= factor * blocked[:, None]
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
-            cells, plastic = self._model.bulk.cell_stress(joints.state)
-            stress[cells] = plastic[:, _FROM_PLASTIC]
+            bulk = self._model.bulk
+            cells, means = bulk.cell_means(bulk.stress(joints.state))
+            stress[cells] = means[:, _FROM_PLASTIC]
         return stress
 
 

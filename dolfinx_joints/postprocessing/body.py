@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.postprocessing.joints.surface import JointSurface
+from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
 from dolfinx_joints.postprocessing.rendering import (
     Camera,
@@ -57,7 +57,7 @@ class Body:
             raise ValueError(
                 f"Pictures in space need a body in space; that of {results.path} is plane."
             )
-        sides = [JointSurface(results, joint).sides() for joint in results.joints]
+        sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
         every = np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
         outer: Ints = np.delete(surface, every, axis=0)
         self.joints: Ints = surface[every]
@@ -146,7 +146,7 @@ def jointed_groups(results: Results) -> list[str] | None:
     start = "mesh/groups/"
     names = [n.removeprefix(start) for n in results.statics if n.startswith(start)]
     surface = results.static("mesh/surface")
-    faces = [surface[JointSurface(results, joint).sides()] for joint in results.joints]
+    faces = [surface[facets_of_joint(results, joint)[1]] for joint in results.joints]
     found = []
     for name in names:
         seen = np.unique(results.static("mesh/cells")[results.static(start + name)])

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ class Run:
         """Whether a history has two records or more."""
         return self.has("histories", "displacement") and self.results.rows("histories") > 1
 
-    @property
+    @cached_property
     def groups(self) -> list[str] | None:
         """Cell groups that fill the pictures, those that joints cut; None for all of the body."""
         return jointed_groups(self.results) if "mesh/cells" in self.results.statics else None

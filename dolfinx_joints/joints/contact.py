@@ -281,7 +281,8 @@ class Contact:
         operator = self.operator
         values = np.atleast_2d(operator.areas * density)
         sums = [np.bincount(operator.joint, each, len(operator.names)) for each in values]
-        total = of_ranks(operator.comm, np.array(sums)).sum(axis=0)
+        # As floats: bincount gives integers where a rank has no points.
+        total = of_ranks(operator.comm, np.array(sums, dtype=np.float64)).sum(axis=0)
         return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:

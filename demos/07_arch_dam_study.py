@@ -178,7 +178,7 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
             resultants=model.contact is not None,
             envelopes=True,
         ),
-        dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20),
+        dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20, overwrite=True),
     ]
     simulation = dj.Simulation(model, monitors=monitors)
     build_up(simulation)

@@ -126,7 +126,7 @@ def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
     from dolfinx_joints.results.reader import Results
 
     with Results(file) as results:
-        for path in write_vtk(results, out or file, overwrite=force):
+        for path in write_vtk(results, out or file.with_suffix(""), overwrite=force):
             print(path)
 
 

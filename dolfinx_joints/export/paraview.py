@@ -15,7 +15,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
-from dolfinx_joints.export.vtk_files import SUFFIX, VtkFile
+from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
 from dolfinx_joints.results.reader import Results
 
 
@@ -45,13 +45,13 @@ def write_vtk(
     """
     check_path("path", path)
     if "states" not in results.streams or not results.rows("states"):
-        raise ResultsError(f"{results.path} holds no states to write for ParaView.")
-    first = Path(path).with_suffix(SUFFIX)
+        raise ResultsError(
+            f"{results.path} holds no states of a dynamic stage to write for ParaView; static "
+            "stages are written by a FieldMonitor, or taken by to_pyvista(results, stage=...)."
+        )
+    first = vtk_path(path)
     paths = [first, joints_path(first)][: 2 if results.joints else 1]
-    there = [str(each) for each in paths if each.exists()]
-    if there and not overwrite:
-        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
-    first.parent.mkdir(parents=True, exist_ok=True)
+    check_free(paths, overwrite=overwrite)
     times = results.time("states")
     body = VtkFile(first, body_grid(results))
     for number, time in enumerate(times):

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from dolfinx_joints.export.grids import Grid
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
 _CHUNK = 1 << 16  # numbers of a chunk of values
+_METADATA_BYTES = 1 << 20  # what HDF5 adds to the values of one time, and more
 # Where the part of each time begins; the grid, written once, is that of every time.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
@@ -29,8 +32,7 @@ class VtkFile:
 
     Args:
         path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
-        grid: The grid; its ``cell_data`` are written with every time as the format has no
-            values that stay.
+        grid: The grid; its ``cell_data`` are stored once, with the first time.
 
     Raises:
         ResultsError: The file cannot be written.
@@ -40,6 +42,7 @@ class VtkFile:
         """Write the grid."""
         self.path, self._fixed = path, dict(grid.cell_data)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             with h5py.File(path, "w") as file:
                 _write_grid(file, grid)
         except OSError as error:
@@ -47,35 +50,90 @@ class VtkFile:
 
     @classmethod
     def resume(cls, path: Path, grid: Grid, last: float) -> VtkFile:
-        """Go on with a file after the time ``last`` [s]; what was later is cut off."""
+        """Go on with a file after the time ``last`` [s]; what was later is cut off.
+
+        Raises:
+            DamagedFileError: The file cannot be read.
+            ResultsError: It is of another grid.
+        """
         file = cls.__new__(cls)
         file.path, file._fixed = path, dict(grid.cell_data)
         try:
             with h5py.File(path, "r+") as opened:
-                _cut(opened["VTKHDF"], last)
-        except (OSError, KeyError) as error:
-            raise ResultsError(f"{path} cannot be continued: {error}.") from None
+                same = _is_of(opened["VTKHDF"], grid)
+                if same:
+                    _cut(opened["VTKHDF"], last)
+        except (OSError, KeyError, RuntimeError) as error:
+            raise DamagedFileError(f"{path} cannot be continued: {error}.") from None
+        if not same:
+            raise ResultsError(f"{path} cannot be continued: it is of another mesh.")
         return file
 
     def append(self, time: float, point_data: Values, cell_data: Values) -> None:
         """Add a time [s] with values by name, shape (points or cells, ...).
 
         Every time has the same names.
+
+        Raises:
+            ResultsError: The file cannot be written, or has no room to grow.
         """
-        with h5py.File(self.path, "r+") as file:
-            root = file["VTKHDF"]
-            steps = root["Steps"]
-            for kind, data in (
-                ("PointData", point_data),
-                ("CellData", {**self._fixed, **cell_data}),
-            ):
-                for name, values in data.items():
-                    _append_values(root, kind, name, np.asarray(values))
-            for name in _FIXED_OFFSETS:
-                _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
-            _extend(steps, "NumberOfParts", [1])
-            _extend(steps, "Values", [time])
-            steps.attrs["NSteps"] = len(steps["Values"])
+        points, cells = ({k: np.asarray(v) for k, v in d.items()} for d in (point_data, cell_data))
+        growth = sum(values.nbytes for values in (*points.values(), *cells.values()))
+        try:
+            if shutil.disk_usage(self.path.parent).free < 2 * growth + _METADATA_BYTES:
+                raise OSError(f"the disk is full, {growth / 1e6:.3g} MB are to come")
+            with h5py.File(self.path, "r+") as file:
+                root = file["VTKHDF"]
+                for name, fixed in self._fixed.items():
+                    _append_values(root, "CellData", name, np.asarray(fixed), once=True)
+                for kind, data in (("PointData", points), ("CellData", cells)):
+                    for name, values in data.items():
+                        _append_values(root, kind, name, values)
+                file.flush()
+                _append_time(root["Steps"], time)
+        except (OSError, KeyError, RuntimeError) as error:
+            raise ResultsError(f"{self.path} cannot grow: {error}.") from None
+
+
+class DamagedFileError(ResultsError):
+    """A file that was being written when its run was killed and cannot be read any more."""
+
+
+def vtk_path(path: str | PathLike[str]) -> Path:
+    """``NAME.vtkhdf`` of that or of ``NAME``, which may hold dots.
+
+    Raises:
+        ResultsError: It is a folder.
+    """
+    given = Path(path)
+    if given.is_dir():
+        raise ResultsError(f"{path} is a folder; give the name of a file, such as run{SUFFIX}.")
+    return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
+
+
+def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
+    """Check that no file would be lost.
+
+    Raises:
+        ResultsError: There is one.
+    """
+    there = [str(path) for path in paths if path.exists()]
+    if there and not overwrite:
+        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
+
+
+def _is_of(root: h5py.Group, grid: Grid) -> bool:
+    """Whether a file has this grid."""
+    size = np.abs(grid.points).max(initial=0.0)
+    return all(
+        root[name].shape == np.shape(wanted)
+        and np.allclose(root[name], wanted, rtol=0.0, atol=1e-9 * size)
+        for name, wanted in (
+            ("Points", grid.points),
+            ("Connectivity", grid.connectivity),
+            ("Offsets", grid.offsets),
+        )
+    )
 
 
 def _write_grid(file: h5py.File, grid: Grid) -> None:
@@ -101,17 +159,29 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
         steps.create_group(f"{name}Offsets")
 
 
-def _append_values(root: h5py.Group, kind: str, name: str, values: NDArray[Any]) -> None:
-    """Append values of all points or cells, and where they begin."""
+def _append_values(
+    root: h5py.Group, kind: str, name: str, values: NDArray[Any], *, once: bool = False
+) -> None:
+    """Append values of all points or cells, and where they begin; ``once`` for all times."""
     data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
     key = name.replace("/", " per ")  # HDF5 takes it for a group
     if key not in data:
         rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
         _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
         _growing(offsets, key, (), np.int64)
-    begin = len(data[key])
-    _extend(data, key, values)
+    begin = 0 if once else len(data[key])
+    if not (once and len(data[key])):
+        _extend(data, key, values)
     _extend(offsets, key, [begin])
+
+
+def _append_time(steps: h5py.Group, time: float) -> None:
+    """Count one more time; readers see it last of all."""
+    for name in _FIXED_OFFSETS:
+        _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
+    _extend(steps, "NumberOfParts", [1])
+    _extend(steps, "Values", [time])
+    steps.attrs["NSteps"] = len(steps["Values"])
 
 
 def _growing(
@@ -134,7 +204,8 @@ def _cut(root: h5py.Group, last: float) -> None:
     kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
     for kind in ("PointData", "CellData"):
         for name, offsets in steps[f"{kind}Offsets"].items():
-            if kept < len(offsets):
+            once = len(offsets) > 1 and offsets[1] == 0  # stored for all times
+            if kept < len(offsets) and not once:
                 root[kind][name].resize(int(offsets[kept]), axis=0)
             offsets.resize(kept, axis=0)
     for name in ("Values", "NumberOfParts", *_FIXED_OFFSETS):

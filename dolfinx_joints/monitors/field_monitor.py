@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
@@ -19,7 +20,7 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
 from dolfinx_joints.export.paraview import joints_path, values_of_all
-from dolfinx_joints.export.vtk_files import SUFFIX, VtkFile
+from dolfinx_joints.export.vtk_files import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -34,7 +35,7 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
-    """Writes body and joints for ParaView (VTKHDF), whole after each time.
+    """Writes body and joints for ParaView (VTKHDF); other programs may read them between times.
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
     ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
@@ -42,20 +43,24 @@ class FieldMonitor(Monitor):
     ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
     ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
     ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
-    continued run goes on with its files.
+    continued run goes on with its files. A run that is killed in the very moment of writing, some
+    ms of each time, may leave a file that cannot be read: a continued run puts it aside as
+    ``NAME.damaged``, says so, and begins a new one.
 
     Args:
-        path: ``NAME.vtkhdf``, or ``NAME``; what an earlier run left there is replaced.
+        path: ``NAME.vtkhdf``, or ``NAME``.
         every: Steps between two times.
+        overwrite: Replace existing files.
     """
 
     path: str | PathLike[str]
     _: KW_ONLY
     every: Annotated[int, at.Ge(1)] = 10
+    overwrite: bool = False
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
-        self._path = Path(self.path).with_suffix(SUFFIX)
+        self._path = vtk_path(self.path)
         self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
         self._found: Model | None = None
@@ -124,13 +129,12 @@ class FieldMonitor(Monitor):
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
+            places = [path, joints_path(path)][: len(self._grids)]
             with released(self._lock, at_end=False):
-                self._files = [
-                    VtkFile(place, grid)
-                    if last is None or not place.exists()
-                    else VtkFile.resume(place, grid, last)
-                    for place, grid in zip((path, joints_path(path)), self._grids, strict=False)
-                ]
+                if last is None:
+                    check_free(places, overwrite=self.overwrite)
+                pairs = zip(places, self._grids, strict=True)
+                self._files = [_opened(place, grid, last) for place, grid in pairs]
 
         on_root(self._comm, take)
 
@@ -157,3 +161,16 @@ class FieldMonitor(Monitor):
         """Let others write the files (collective)."""
         with released(self._lock, at_end=True):
             pass
+
+
+def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
+    """A new file, or what there is up to a time."""
+    if last is None or not path.exists():
+        return VtkFile(path, grid)
+    try:
+        return VtkFile.resume(path, grid, last)
+    except DamagedFileError as error:
+        aside = path.with_name(f"{path.name}.damaged")
+        warnings.warn(f"{error} It is now {aside}; a new file begins here.", stacklevel=2)
+        path.replace(aside)
+        return VtkFile(path, grid)

@@ -129,3 +129,13 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
         np.testing.assert_allclose(joint.point_data["displacement [m]"][:, 1], sinks, rtol=1e-6)
 
     on_root(comm, look)
+
+
+def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, new_path):
+    path = new_path("dt0.005")
+    simulation = dj.Simulation(wall(read(wall_file())), monitors=[dj.FieldMonitor(path)])
+    simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    with pytest.raises(dj.ResultsError, match=r"dt0\.005\.vtkhdf, .*dt0\.005_joints\.vtkhdf: there"):
+        simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    with pytest.raises(dj.ResultsError, match="is a folder; give the name of a file"):
+        dj.FieldMonitor(path.parent)

@@ -28,6 +28,9 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
+# In reference coordinates: a corner so near to the line between two points lies on it, on whatever
+# side rounding has put it.
+ON_BISECTOR = 1e-9
 _BENT = 0.8  # square of the mean normal's length: below it a joint bends by more than 27 degrees
 
 MAP_LABELS = LABELS | {
@@ -165,7 +168,7 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
     _, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
-    return facet_of_point, np.asarray(both)
+    return facet_of_point, np.sort(both, axis=1)  # which is the nearer is rounding
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
@@ -231,8 +234,9 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     """Part of a convex polygon that is nearer to one point than to another."""
     beyond = (polygon - 0.5 * (point + other)) @ (other - point)
+    beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
     inside, following = beyond <= 0.0, np.roll(beyond, -1)
-    cut = inside != (following <= 0.0)
+    cut = beyond * following < 0.0
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
     crossing = polygon + share[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)

@@ -167,8 +167,9 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     _, facet_of_point = np.unique(facet, return_inverse=True)
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
-    _, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
-    return facet_of_point, np.sort(both, axis=1)  # which is the nearer is rounding
+    distance, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    alike = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)  # which is the nearer is rounding
+    return facet_of_point, np.where(alike[:, None], np.sort(both, axis=1), both)
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:

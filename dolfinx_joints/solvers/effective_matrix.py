@@ -154,7 +154,8 @@ class EffectiveMatrix:
         """Solve A x = b with zero at constrained dofs; whether A was factored (collective)."""
         if self.rounds is None or options:
             return bool(self._complete.solve(b, x, **options))
-        x.setArray(self.rounds.ask(self, self._solve_all, b.getArray(readonly=True).copy()))
+        right = b.getArray(readonly=True).copy()
+        x.setArray(self.rounds.ask(self, self._solve_all, right, dear=True))
         factored, self._answered = not self._answered, True
         return factored
 

@@ -14,8 +14,9 @@ class Rounds:
     """Runs functions in turns.
 
     Each has a thread of its own, but only one of them runs at any time: until it asks or ends. When
-    all wait, what most of them ask is answered for all who ask it, in one call. The order follows
-    from the questions alone, so that it is the same on all ranks.
+    all wait, what most of them ask is answered for all who ask it, in one call; what is dear to
+    answer only when nobody asks anything else. The order follows from the questions alone, so that
+    it is the same on all ranks.
     """
 
     def __init__(self) -> None:
@@ -47,7 +48,9 @@ class Rounds:
                     elif begin:
                         ready.append(begin.popleft())
                 if asked:
-                    together = asked.pop(max(asked, key=lambda key: len(asked[key])))
+                    together = asked.pop(
+                        max(asked, key=lambda key: (not asked[key][0].dear, len(asked[key])))
+                    )
                     _answer(together)
                     ready.extend(together)
         finally:
@@ -59,6 +62,8 @@ class Rounds:
         key: Hashable,
         answer: Callable[[list[Any]], Sequence[Any]],
         question: Any,
+        *,
+        dear: bool = False,
     ) -> Any:
         """The answer to a question, from within a function that runs; alone it is answered at once.
 
@@ -66,11 +71,12 @@ class Rounds:
             key: What questions have in common that are answered together.
             answer: Answers such questions.
             question: The question.
+            dear: Whether it can wait for others that may come to ask the same.
         """
         turn = self._current
         if turn is None:
             return answer([question])[0]
-        turn.key, turn.answer, turn.question = key, answer, question
+        turn.key, turn.answer, turn.question, turn.dear = key, answer, question, dear
         self._back.release()
         turn.go.acquire()
         if self._abandoned:
@@ -107,6 +113,7 @@ class _Turn:
         self.go = threading.Semaphore(0)
         self.ended = False
         self.key: Hashable = None
+        self.dear = False
         self.answer: Callable[[list[Any]], Sequence[Any]]
         self.question: Any = None  # then the answer
         self.failure: Exception | None = None

@@ -112,7 +112,7 @@ def print_tables(rows: dict[str, Row]) -> None:
         "1 is the limit of a linear step, 2 of a jointed one.\n"
     )
     print(
-        f"{'':{width}}                        linear ms              jointed ms             ratios\n"
+        f"{'':{width}}                      linear ms              jointed ms             ratios\n"
         f"{'scene':{width}}    dofs points steps     wall    cpu  solves     wall    cpu  solves"
         "   wall (range)         cpu  means  solver"
     )

@@ -161,7 +161,7 @@ class EffectiveMatrix:
 
     def _solve_all(self, rights: list[Floats]) -> Sequence[Floats]:
         """Solutions of several runs (collective)."""
-        return np.ascontiguousarray(self.solve_block(np.column_stack(rights)).T)
+        return list(np.ascontiguousarray(self.solve_block(np.column_stack(rights)).T))
 
     def solve_block(self, right: Floats) -> Floats:
         """Solve A X = B for the owned rows of many right-hand sides (collective)."""

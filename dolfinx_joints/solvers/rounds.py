@@ -28,7 +28,7 @@ class Rounds:
     def run(
         self, functions: Mapping[str, Callable[[], Any]], most: int
     ) -> dict[str, Any | Exception]:
-        """What each function returns or raises.
+        """What each function returns or raises; what is no `Exception` ends all of them.
 
         Args:
             functions: By name, begun in this order.
@@ -43,6 +43,8 @@ class Rounds:
                 while ready:
                     turn = ready.popleft()
                     self._let(turn)
+                    if turn.interruption is not None:
+                        raise turn.interruption
                     if not turn.ended:
                         asked.setdefault(turn.key, []).append(turn)
                     elif begin:
@@ -118,6 +120,7 @@ class _Turn:
         self.question: Any = None  # then the answer
         self.failure: Exception | None = None
         self.result: Any = None
+        self.interruption: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def let(self) -> None:
@@ -138,6 +141,8 @@ class _Turn:
             self.result = failure
         except _Abandoned:
             pass
+        except BaseException as interruption:
+            self.interruption = interruption
         self.ended = True
         self._back.release()
 

@@ -103,8 +103,8 @@ class Study(Summarised):
             pickle.dumps(function)
         except (pickle.PicklingError, AttributeError):
             raise ValueError(
-                f"Study: {shown(function)} is not at the top level of a module; other processes import "
-                "it from there."
+                f"Study: {shown(function)} is not at the top level of a module; other processes "
+                "import it from there."
             ) from None
         check_named("Study: cases", cases, "parameters by name of the case")
         for name, given in cases.items():
@@ -251,13 +251,21 @@ class Study(Summarised):
             return {"case": name, "parameters": self.cases[name], **lost, **empty}
 
 
-def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a case as a file gives them back."""
+def check_name(what: str, name: str) -> None:
+    """Check that a name is one of files as well.
+
+    Raises:
+        ValueError: It is not.
+    """
     if not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
         raise ValueError(
-            f"The case {name!r} must have a name of letters, digits and any of _ . = + -, 100 at "
-            "most."
+            f"{what} must have a name of letters, digits and any of _ . = + -, 100 at most."
         )
+
+
+def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a case as a file gives them back."""
+    check_name(f"The case {name!r}", name)
     if taken := parameters.keys() & set(OWN_COLUMNS):
         raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the study.")
     try:

@@ -86,7 +86,9 @@ class Condensed:
         shared = self._system.shared
         if shared is None or self.springs is not None:
             return self._made()
-        made: Compliance = shared.compliance((self._effective, self._options.compliance), self._made)
+        made: Compliance = shared.compliance(
+            (self._effective, self._options.compliance), self._made
+        )
         return made
 
     def _made(self) -> Compliance:

@@ -213,7 +213,7 @@ class _Tied:
     ) -> Correction:
         """See `Corrections.solve`; ``changed`` are the points where T is not T0."""
         known = self._matrix.product(residual, np.flatnonzero(residual))
-        coupled, turned, products = known, residual, 0
+        coupled, rest, products = known, residual, 0
         if len(changed):
             rows = _rows_of(changed)
             block = self._matrix.block(rows)
@@ -222,9 +222,9 @@ class _Tied:
             y, products = _solved(block, change, known[rows], tolerance, after=True)
             taken = np.zeros_like(residual)
             taken[rows] = turned(change, y)
-            turned = residual - taken
+            rest = residual - taken
             coupled = known - self._matrix.product(taken, rows)
-        return Correction(step=turned - self._stuck * coupled, coupled=coupled, products=products)
+        return Correction(step=rest - self._stuck * coupled, coupled=coupled, products=products)
 
 
 def _solved(
@@ -235,7 +235,9 @@ def _solved(
         return gmres_with_block(block.whole, tangent, right, tolerance, MOST_PRODUCTS, after)
 
     def apply(v: Floats) -> Floats:
-        return v + (block.product(turned(tangent, v)) if after else turned(tangent, block.product(v)))
+        return v + (
+            block.product(turned(tangent, v)) if after else turned(tangent, block.product(v))
+        )
 
     return gmres(apply, right, tolerance=tolerance, most=MOST_PRODUCTS)
 

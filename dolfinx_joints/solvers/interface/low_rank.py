@@ -259,7 +259,7 @@ class LowRankMatrix:
         _multiply_all(self._blocks, self._data, x, y)
         out = np.empty((len(vectors), self.shape[0]))
         out[:, self._down] = (self._scales[0][:, None] * y).T
-        return out
+        return list(out)
 
     def rows(self, numbers: Ints) -> Floats:
         """Some of the rows, shape (k, 3 n), for their numbers among those kept, shape (k,)."""

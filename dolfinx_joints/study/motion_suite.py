@@ -14,7 +14,7 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.errors import ConvergenceError, JointsError, StudyError
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from dolfinx_joints.simulation.outcome import Outcome
 
 State = Literal["there", "begun", "new"]
+
+# Failures of a step: of one motion, whatever becomes of others.
+OF_STEPS = (ConvergenceError, JointsError)
 
 # Key of a results file's metadata.
 DIGEST = "motion of the suite"
@@ -109,6 +112,7 @@ class MotionSuite(Summarised):
 
         Raises:
             StudyError: The motion of a run has changed.
+            ResultsError: A results file cannot be written; other runs have come to their end.
         """
         states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
         waiting = [name for name, state in states.items() if state != "there"]
@@ -120,7 +124,10 @@ class MotionSuite(Summarised):
             )
         finally:
             shared.destroy()
-        failed = {n: str(end) for n, end in found.items() if isinstance(end, Exception)}
+        failed = {n: str(end) for n, end in found.items() if type(end) in OF_STEPS}
+        for end in found.values():
+            if isinstance(end, Exception) and type(end) not in OF_STEPS:
+                raise end  # a wrong point, a full disk: of no use to go on with
         done = [name for name in waiting if name not in failed]
         skipped = [name for name in states if name not in waiting]
         return Tally(done=done, failed=failed, skipped=skipped, remarks={})

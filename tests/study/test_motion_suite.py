@@ -134,3 +134,26 @@ def test_what_has_changed_is_not_taken_for_done(comm, simulation, new_path):
     assert other.run(dt=DT, rerun_changed=True).done == ["a"]
     with pytest.raises(ValueError, match="The motion 'a' is .*; it must be a Motion"):
         MotionSuite(folder, given, {"a": shaking}, points=POINTS)
+
+
+def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
+    comm, simulation, new_path, monkeypatch
+):
+    given, chosen = simulation(), motions(0.3, 1.0)
+    record = ResultsMonitor.record
+
+    def failing(monitor, each):
+        record(monitor, each)
+        if each.step == 5 and monitor._path.stem == "x1":
+            raise dj.ConvergenceError(iteration=30, residual=1.0)
+
+    monkeypatch.setattr(ResultsMonitor, "record", failing)
+    suite = MotionSuite(new_path("suite"), given, chosen, points=POINTS)
+    tally = suite.run(dt=DT)
+    assert tally.done == ["x0.3"]
+    assert "did not converge" in tally.failed["x1"]
+    comm.barrier()
+    on_root(comm, lambda: np.testing.assert_array_equal(suite.table()["case"], ["x0.3"]))
+    wrong = MotionSuite(new_path("far"), given, chosen, points={"far": (900.0, 0.0, 0.0)})
+    with pytest.raises(dj.JointsError, match="lies .* m from the nearest node"):
+        wrong.run(dt=DT)

@@ -28,6 +28,7 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
+_TIE = 1e-9  # of a facet's size: what is nearer by less is as near
 _BENT = 0.8  # square of the mean normal's length: below it a joint bends by more than 27 degrees
 
 MAP_LABELS = LABELS | {
@@ -154,7 +155,8 @@ class JointSurface:
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     """Which facet each joint point lies on, (n,), and its boundary facets, one a side, (facets, 2).
 
-    These are the two whose centres are nearest to that of the points.
+    These are the two whose centres are nearest to that of the points; of equally near ones, which
+    rounding would order, the smaller number comes first.
     """
     from scipy.spatial import cKDTree
 
@@ -164,7 +166,9 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     _, facet_of_point = np.unique(facet, return_inverse=True)
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
-    _, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    distances, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    as_near = np.ptp(distances, axis=1) < _TIE * np.sqrt(np.bincount(facet_of_point, areas))
+    both[as_near] = np.sort(both[as_near], axis=1)
     return facet_of_point, np.asarray(both)
 
 
@@ -229,14 +233,19 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
 
 
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
-    """Part of a convex polygon that is nearer to one point than to another."""
+    """Part of a convex polygon that is nearer to one point than to another.
+
+    A corner as near to both stays a corner: whether it lies beyond is a matter of rounding, which
+    is not the same on every number of ranks.
+    """
     beyond = (polygon - 0.5 * (point + other)) @ (other - point)
-    inside, following = beyond <= 0.0, np.roll(beyond, -1)
-    cut = inside != (following <= 0.0)
+    beyond[np.abs(beyond) < _TIE * np.linalg.norm(other - point)] = 0.0
+    following = np.roll(beyond, -1)
+    cut = beyond * following < 0.0
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
     crossing = polygon + share[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
+    part: Floats = both[np.stack([beyond <= 0.0, cut], axis=1).ravel()]
     return part
 
 

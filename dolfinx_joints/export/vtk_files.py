@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import io
+import warnings
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Grid
+from dolfinx_joints.export.whole_files import changed, finished, forgotten, write_new
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
-_CHUNK = 1 << 16  # numbers of a chunk of values
+_ROUNDING = 1e-9  # of the size of a grid
 # Where the part of each time begins; the grid, written once, is that of every time.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
@@ -27,10 +30,14 @@ Values = Mapping[str, ArrayLike]
 class VtkFile:
     """A file that grows by one time after the other and is whole between them.
 
+    A kill loses no more than the time that is being written. Only if it comes while the last few
+    kilobytes are written, some microseconds of each time, the file may be unreadable until it is
+    continued, which repairs it from ``NAME.vtkhdf.redo`` beside it. Against a loss of power there
+    is no guarantee.
+
     Args:
         path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
-        grid: The grid; its ``cell_data`` are written with every time as the format has no
-            values that stay.
+        grid: The grid; its ``cell_data`` are written once.
 
     Raises:
         ResultsError: The file cannot be written.
@@ -38,44 +45,92 @@ class VtkFile:
 
     def __init__(self, path: Path, grid: Grid) -> None:
         """Write the grid."""
-        self.path, self._fixed = path, dict(grid.cell_data)
+        self.path, self._fixed = path, tuple(map(_key, grid.cell_data))
+        content = io.BytesIO()
+        with h5py.File(content, "w") as file:
+            _write_grid(file, grid)
         try:
-            with h5py.File(path, "w") as file:
-                _write_grid(file, grid)
+            forgotten(path)
+            write_new(path, content.getvalue())
         except OSError as error:
-            raise ResultsError(f"{path} cannot be written: {error}.") from None
+            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
 
     @classmethod
     def resume(cls, path: Path, grid: Grid, last: float) -> VtkFile:
-        """Go on with a file after the time ``last`` [s]; what was later is cut off."""
+        """Go on with a file after the time ``last`` [s]; what was later is cut off.
+
+        A file that cannot be read becomes ``NAME.damaged.vtkhdf``, with a warning, and another one
+        begins.
+
+        Raises:
+            ResultsError: The file holds another grid, or it cannot be written.
+        """
         file = cls.__new__(cls)
-        file.path, file._fixed = path, dict(grid.cell_data)
+        file.path, file._fixed = path, tuple(map(_key, grid.cell_data))
         try:
-            with h5py.File(path, "r+") as opened:
-                _cut(opened["VTKHDF"], last)
-        except (OSError, KeyError) as error:
-            raise ResultsError(f"{path} cannot be continued: {error}.") from None
+            finished(path)
+            with changed(path) as opened:
+                root = opened["VTKHDF"]
+                same = _holds(root, grid)
+                if same:
+                    _cut(root, last, file._fixed)
+        except PermissionError as error:
+            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
+        except (OSError, KeyError, ValueError, RuntimeError) as error:
+            return cls._anew(path, grid, str(error))
+        if not same:
+            raise ResultsError(
+                f"{path} cannot be continued: its grid is not that of this model; take another "
+                "path, or remove the file."
+            )
         return file
+
+    @classmethod
+    def _anew(cls, path: Path, grid: Grid, reason: str) -> VtkFile:
+        """Another file in the place of a damaged one."""
+        aside = path.with_name(f"{path.stem}.damaged{path.suffix}")
+        try:
+            path.replace(aside)
+        except OSError as error:
+            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
+        warnings.warn(
+            f"{path} cannot be read ({reason}): it is {aside.name} now, and a new file begins.",
+            stacklevel=2,
+        )
+        return cls(path, grid)
 
     def append(self, time: float, point_data: Values, cell_data: Values) -> None:
         """Add a time [s] with values by name, shape (points or cells, ...).
 
         Every time has the same names.
+
+        Raises:
+            ResultsError: The disk is full; the file is as it was.
         """
-        with h5py.File(self.path, "r+") as file:
-            root = file["VTKHDF"]
-            steps = root["Steps"]
-            for kind, data in (
-                ("PointData", point_data),
-                ("CellData", {**self._fixed, **cell_data}),
-            ):
-                for name, values in data.items():
-                    _append_values(root, kind, name, np.asarray(values))
-            for name in _FIXED_OFFSETS:
-                _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
-            _extend(steps, "NumberOfParts", [1])
-            _extend(steps, "Values", [time])
-            steps.attrs["NSteps"] = len(steps["Values"])
+        try:
+            with changed(self.path) as file:
+                root = file["VTKHDF"]
+                steps = root["Steps"]
+                for kind, data in (("PointData", point_data), ("CellData", cell_data)):
+                    for name, values in data.items():
+                        _append_values(root, kind, _key(name), np.asarray(values))
+                for key in self._fixed:
+                    _extend(steps["CellDataOffsets"], key, [0])
+                for name in _FIXED_OFFSETS:
+                    _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
+                _extend(steps, "NumberOfParts", [1])
+                file.flush()  # values before what counts them
+                _extend(steps, "Values", [time])
+                steps.attrs["NSteps"] = len(steps["Values"])
+        except OSError as error:
+            raise ResultsError(
+                f"{self.path} cannot grow: {error.strerror or error}; what it holds so far is whole."
+            ) from None
+
+
+def _key(name: str) -> str:
+    """Name of values in the file; HDF5 takes a slash for a group."""
+    return name.replace("/", " per ")
 
 
 def _write_grid(file: h5py.File, grid: Grid) -> None:
@@ -99,15 +154,16 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
     for name in ("PointData", "CellData"):
         root.create_group(name)
         steps.create_group(f"{name}Offsets")
+    for name, values in grid.cell_data.items():  # of every time, as all begin at 0
+        root["CellData"][_key(name)] = np.asarray(values)
+        _growing(steps["CellDataOffsets"], _key(name), (), np.int64)
 
 
-def _append_values(root: h5py.Group, kind: str, name: str, values: NDArray[Any]) -> None:
-    """Append values of all points or cells, and where they begin."""
+def _append_values(root: h5py.Group, kind: str, key: str, values: NDArray[Any]) -> None:
+    """Append values of all points or cells, a chunk of their own, and where they begin."""
     data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
-    key = name.replace("/", " per ")  # HDF5 takes it for a group
     if key not in data:
-        rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
-        _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
+        _growing(data, key, values.shape[1:], values.dtype, max(1, len(values)))
         _growing(offsets, key, (), np.int64)
     begin = len(data[key])
     _extend(data, key, values)
@@ -128,13 +184,22 @@ def _extend(group: h5py.Group, name: str, rows: Any) -> None:
         dataset[-len(rows) :] = rows
 
 
-def _cut(root: h5py.Group, last: float) -> None:
+def _holds(root: h5py.Group, grid: Grid) -> bool:
+    """Whether a file has this grid, its points but for rounding."""
+    given = {"Offsets": grid.offsets, "Connectivity": grid.connectivity, "Types": grid.kinds}
+    if not all(np.array_equal(root[name][:], values) for name, values in given.items()):
+        return False
+    points, size = root["Points"][:], np.ptp(grid.points, axis=0).max()
+    return bool(np.allclose(points, grid.points, rtol=0.0, atol=_ROUNDING * size))
+
+
+def _cut(root: h5py.Group, last: float, fixed: Collection[str]) -> None:
     """Keep the times up to one."""
     steps = root["Steps"]
     kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
     for kind in ("PointData", "CellData"):
         for name, offsets in steps[f"{kind}Offsets"].items():
-            if kept < len(offsets):
+            if kept < len(offsets) and not (kind == "CellData" and name in fixed):
                 root[kind][name].resize(int(offsets[kept]), axis=0)
             offsets.resize(kept, axis=0)
     for name in ("Values", "NumberOfParts", *_FIXED_OFFSETS):

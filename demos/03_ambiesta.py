@@ -133,13 +133,15 @@ def models(case: Case, out: Path) -> tuple[dict[str, dj.Model], dict[str, np.nda
 # ## The two runs
 #
 # Self weight in four load steps with the joints active, then the earthquake. Histories, energies
-# and joint states go to an HDF5 file as the run goes, the displacement to a folder for ParaView.
+# and joint states go to an HDF5 file as the run goes, body and joints to files for ParaView.
 
 
 # %%
 def run(which: str, model: dj.Model, case: Case, options: argparse.Namespace) -> Finished:
     """Self weight, then the earthquake."""
-    fields = dj.FieldMonitor(options.out / f"{which}.vtkhdf", every=10 * ambiesta.STATE_INTERVAL)
+    fields = dj.FieldMonitor(
+        options.out / f"{which}.vtkhdf", every=10 * ambiesta.STATE_INTERVAL, overwrite=True
+    )
     watching = [fields, dj.ProgressMonitor(which)]
     finished = ambiesta.simulate(
         case, which, model, options.out, solver=options.solver, monitors=watching

@@ -168,7 +168,7 @@ def shake(simulation: dj.Simulation, motion: dj.Motion, steps: int) -> dj.Outcom
 
 
 def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Outcome:
-    """All stages, with a results file, and a folder for ParaView beside it."""
+    """All stages, with a results file, and files for ParaView beside it."""
     monitors = [
         dj.ResultsMonitor(
             results,
@@ -178,7 +178,7 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
             resultants=model.contact is not None,
             envelopes=True,
         ),
-        dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20),
+        dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20, overwrite=True),
     ]
     simulation = dj.Simulation(model, monitors=monitors)
     build_up(simulation)

@@ -90,7 +90,7 @@ def _parser() -> Parser:
     fields = commands.add_parser(
         "vtk",
         help="write files for ParaView",
-        description="Write body and joints in all recorded states as VTKHDF.",
+        description="Write body and joints in all recorded states and static stages as VTKHDF.",
     )
     fields.add_argument("file", type=Path, metavar="FILE", help="results file")
     fields.add_argument(
@@ -125,8 +125,9 @@ def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
     from dolfinx_joints.export.paraview import write_vtk
     from dolfinx_joints.results.reader import Results
 
+    out = out or file.with_name(f"{file.name.removesuffix('.h5')}.vtkhdf")
     with Results(file) as results:
-        for path in write_vtk(results, out or file, overwrite=force):
+        for path in write_vtk(results, out, overwrite=force):
             print(path)
 
 

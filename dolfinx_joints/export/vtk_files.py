@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Collection, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,25 @@ _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdO
 Values = Mapping[str, ArrayLike]
 
 
+def vtk_path(path: str | PathLike[str], ending: str = "") -> Path:
+    """``NAME.vtkhdf`` from itself or from ``NAME``, dots and all, with ``ending`` after NAME.
+
+    Raises:
+        ResultsError: The path is a folder.
+    """
+    if Path(path).is_dir():
+        raise ResultsError(
+            f"{path} is a folder; give the name of a file, such as {Path(path, 'run')}."
+        )
+    name = Path(path).name.removesuffix(SUFFIX)
+    return Path(path).with_name(f"{name}{ending}{SUFFIX}")
+
+
 class VtkFile:
     """A file that grows by one time after the other and is whole between them.
 
     A kill loses no more than the time that is being written. Only if it comes while the last few
-    kilobytes are written, some microseconds of each time, the file may be unreadable until it is
+    kilobytes are written, less than a millisecond, the file may be unreadable until it is
     continued, which repairs it from ``NAME.vtkhdf.redo`` beside it. Against a loss of power there
     is no guarantee.
 
@@ -123,8 +138,9 @@ class VtkFile:
                 _extend(steps, "Values", [time])
                 steps.attrs["NSteps"] = len(steps["Values"])
         except OSError as error:
+            reason = error.strerror or error
             raise ResultsError(
-                f"{self.path} cannot grow: {error.strerror or error}; what it holds so far is whole."
+                f"{self.path} cannot grow: {reason}; what it holds so far is whole."
             ) from None
 
 
@@ -186,7 +202,11 @@ def _extend(group: h5py.Group, name: str, rows: Any) -> None:
 
 def _holds(root: h5py.Group, grid: Grid) -> bool:
     """Whether a file has this grid, its points but for rounding."""
-    given = {"Offsets": grid.offsets, "Connectivity": grid.connectivity, "Types": grid.kinds}
+    given: Values = {
+        "Offsets": grid.offsets,
+        "Connectivity": grid.connectivity,
+        "Types": grid.kinds,
+    }
     if not all(np.array_equal(root[name][:], values) for name, values in given.items()):
         return False
     points, size = root["Points"][:], np.ptp(grid.points, axis=0).max()

@@ -19,7 +19,7 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
 from dolfinx_joints.export.paraview import joints_path, values_of_all
-from dolfinx_joints.export.vtk_files import SUFFIX, VtkFile
+from dolfinx_joints.export.vtk_files import VtkFile, vtk_path
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -34,29 +34,32 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
-    """Writes body and joints for ParaView (VTKHDF), whole after each time.
+    """Writes body and joints for ParaView (VTKHDF).
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
     ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
     principal values, those in the middle of elastic cells and the means of plastic ones; also
     ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
     ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
-    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
-    continued run goes on with its files.
+    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time.
+
+    A kill loses no more than the time that is being written, as `export.vtk_files.VtkFile` says in
+    full; a continued run goes on with its files.
 
     Args:
-        path: ``NAME.vtkhdf``, or ``NAME``; what an earlier run left there is replaced.
+        path: ``NAME.vtkhdf``, or ``NAME``.
         every: Steps between two times.
+        overwrite: Replace existing files.
     """
 
     path: str | PathLike[str]
     _: KW_ONLY
     every: Annotated[int, at.Ge(1)] = 10
+    overwrite: bool = False
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
-        self._path = Path(self.path).with_suffix(SUFFIX)
-        self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
+        self._path, self._stages_path = vtk_path(self.path), vtk_path(self.path, "_stages")
         self._lock: FileLock | None = None
         self._found: Model | None = None
         self._files: list[VtkFile] = []
@@ -117,17 +120,23 @@ class FieldMonitor(Monitor):
         """Create files that no other run writes, or go on after a time (collective)."""
 
         def take() -> None:
+            places = [
+                place for place, _ in zip((path, joints_path(path)), self._grids, strict=False)
+            ]
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
             with released(self._lock, at_end=False):
+                there = [place for place in places if place.exists()]
+                if last is None and there and not self.overwrite:
+                    raise ResultsError(f"{there[0]} exists; pass overwrite=True to replace it.")
                 self._files = [
                     VtkFile(place, grid)
                     if last is None or not place.exists()
                     else VtkFile.resume(place, grid, last)
-                    for place, grid in zip((path, joints_path(path)), self._grids, strict=False)
+                    for place, grid in zip(places, self._grids, strict=True)
                 ]
 
         on_root(self._comm, take)

@@ -12,7 +12,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-
 from vtk_files import read_vtk
 
 from dolfinx_joints.common.errors import ResultsError

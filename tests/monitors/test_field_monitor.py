@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+
 from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
 from vtk_files import on_root, read_vtk
 
@@ -48,6 +49,32 @@ def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
         assert one == 1.0
 
     on_root(comm, look)
+
+
+def test_files_are_kept(comm, wall_file, read, new_path):
+    """Those of another name with a dot, of the stage before, of a folder's name."""
+    folder = new_path("kept")
+    model = wall(read(wall_file()))
+    paths = [folder / "wall_dt0.01", folder / "wall_dt0.005"]
+    for path in paths:
+        simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path, every=1)])
+        simulation.dynamics(dt=DT, steps=2, motion=shaking)
+    with pytest.raises(dj.ResultsError, match=r"wall_dt0\.005\.vtkhdf exists; pass overwrite=True"):
+        simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    monitor = dj.FieldMonitor(paths[0], every=1, overwrite=True)
+    dj.Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=1, motion=shaking)
+    with pytest.raises(dj.ResultsError, match="kept is a folder; give the name of a file"):
+        dj.FieldMonitor(folder)
+    on_root(comm, lambda: holds(folder, {"wall_dt0.01": 2, "wall_dt0.005": 3}))
+
+
+def holds(folder, times):
+    """Check how many times each file has, and that there are no others."""
+    names = {f"{name}{ending}.vtkhdf" for name in times for ending in ("", "_joints")}
+    assert {path.name for path in folder.iterdir()} == names
+    for name, count in times.items():
+        for ending in ("", "_joints"):
+            assert len(read_vtk(folder / f"{name}{ending}.vtkhdf")) == count
 
 
 def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, read, new_path):

@@ -569,7 +569,7 @@ def test_a_file_of_fields_has_one_writer(wall, comm, new_path):
     path = new_path("run.vtkhdf")
 
     def shake(*others):
-        run = Simulation(wall(), monitors=[FieldMonitor(path, every=1), *others])
+        run = Simulation(wall(), monitors=[FieldMonitor(path, every=1, overwrite=True), *others])
         run.statics()
         run.dynamics(dt=4e-3, steps=2, motion=shaking)
 

@@ -75,6 +75,8 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
             f"{name}_ms": median_of(runs, lambda run: run.step_ms),
             f"{name}_cpu_ms": median_of(runs, lambda run: run.step_cpu_ms),
             f"{name}_mean_ms": median_of(runs, lambda run: run.mean_ms),
+            f"{name}_solve_ms": median_of(runs, lambda run: run.solve_ms),
+            f"{name}_over_solve": median_of(runs, lambda run: run.step_ms / run.solve_ms),
             f"{name}_total_s": median_of(runs, lambda run: run.total),
             f"{name}_total_cpu_s": median_of(runs, lambda run: run.total_cpu),
             f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
@@ -106,19 +108,20 @@ def print_tables(rows: dict[str, Row]) -> None:
         "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
         "linear: of wall times, with their range over the repeats; of processor times, which\n"
         "others on the machine disturb less; of mean wall times, which rare expensive steps\n"
-        "enter.\n"
+        "enter. solves: a step over one back-substitution of the same run, median wall times;\n"
+        "1 is the limit of a linear step, 2 of a jointed one.\n"
     )
     print(
-        f"{'':{width}}                        linear ms      jointed ms      ratios\n"
-        f"{'scene':{width}}    dofs points steps     wall    cpu     wall    cpu"
+        f"{'':{width}}                      linear ms              jointed ms             ratios\n"
+        f"{'scene':{width}}    dofs points steps     wall    cpu  solves     wall    cpu  solves"
         "   wall (range)         cpu  means  solver"
     )
     for name, row in rows.items():
         low, high = row["ratio_range"]
         print(
             f"{name:{width}} {row['dofs']:7d} {row['joint_points']:6d} {row['steps']:5d}"
-            f" {row['linear_ms']:8.2f} {row['linear_cpu_ms']:6.2f}"
-            f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f}"
+            f" {row['linear_ms']:8.2f} {row['linear_cpu_ms']:6.2f} {row['linear_over_solve']:7.2f}"
+            f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f} {row['joints_over_solve']:7.2f}"
             f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
             f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}  {row['solver']}"
         )

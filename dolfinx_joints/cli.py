@@ -90,7 +90,7 @@ def _parser() -> Parser:
     fields = commands.add_parser(
         "vtk",
         help="write files for ParaView",
-        description="Write body and joints in all recorded states and static stages as VTKHDF.",
+        description="Write body and joints in all recorded states as VTKHDF.",
     )
     fields.add_argument("file", type=Path, metavar="FILE", help="results file")
     fields.add_argument(

@@ -27,6 +27,7 @@ from benchmarks import (
     interface_integrals,
     jointed_wall,
     large,
+    motion_suite,
     scaling,
     stiffness_range,
 )
@@ -149,6 +150,14 @@ def test_stiffness_range(capsys):
     assert found["largest_ledger"] <= stiffness_range.LARGEST_LEDGER
     # Vertical joints of a shaken wall open.
     assert all(result["open"] > 0.1 for result in found["results"])
+
+
+def test_motion_suite(capsys):
+    motion_suite.main(["--quick", "--json"])
+    (row,) = printed(capsys)
+    assert (row["motions"], row["steps"]) == (3, 20)
+    assert row["ratio"] == pytest.approx(row["together_s"] / row["alone_s"])
+    assert row["difference"] < 1e-9
 
 
 @pytest.mark.slow

@@ -40,9 +40,19 @@ BACK_SUBSTITUTION = ("MatSolve", "MatMatSolve")
 
 def petsc_seconds(names: Sequence[str]) -> float:
     """What PETSc's log has under these events on this rank so far [s]; the log is switched on."""
+    return sum(info["time"] for info in _logged(names))
+
+
+def back_substitution(since: tuple[float, int] = (0.0, 0)) -> tuple[float, int]:
+    """Seconds of back-substitutions on this rank [s] and their number, less those before."""
+    infos = _logged(["MatSolve"])
+    return sum(i["time"] for i in infos) - since[0], sum(i["count"] for i in infos) - since[1]
+
+
+def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
-    return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in names)
+    return [PETSc.Log.Event(name).getPerfInfo() for name in names]
 
 
 # Wall time over processor time of a step above which wall times are not to be trusted.
@@ -135,6 +145,7 @@ class StepWatch(Monitor):
         shares: Joint points open, sticking and sliding after each step, over all.
         crest: Displacement of the crest from the start of each step's end, (3,) each [m].
         factor: Seconds that PETSc factored in the first step [s].
+        solves: Mean wall time of a back-substitution in each step [ms].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -146,6 +157,7 @@ class StepWatch(Monitor):
         self.shares: list[tuple[float, float, float]] = []
         self.crest: list[np.ndarray] = []
         self.factor = 0.0
+        self.solves: list[float] = []
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the crest and start the clock."""
@@ -155,6 +167,7 @@ class StepWatch(Monitor):
         self._probe = PointProbe(model, [self._scene.crest], NodeNumbering(model.V))
         self._static = self._probe.read(first.displacement)[0]
         self._factored = petsc_seconds(FACTOR)
+        self._solved = back_substitution()
         self._last = clock.perf_counter(), clock.process_time()
 
     def record(self, record: Record) -> None:
@@ -162,6 +175,9 @@ class StepWatch(Monitor):
         now = clock.perf_counter(), clock.process_time()
         self.wall.append(1e3 * (now[0] - self._last[0]))
         self.cpu.append(1e3 * (now[1] - self._last[1]))
+        spent, solves = back_substitution(since=self._solved)
+        self.solves.append(1e3 * spent / max(solves, 1))
+        self._solved = back_substitution()
         assert record.solve is not None
         self.iterations.append(record.solve.iterations)
         counts = record.solve.counts
@@ -188,6 +204,7 @@ class March:
         step_ms: Median wall time of a step but the first, slowest rank [ms].
         step_cpu_ms: The same in processor time [ms].
         mean_ms: Mean wall time of a step but the first, slowest rank [ms].
+        solve_ms: Median wall time of a back-substitution in these steps, slowest rank [ms].
         seconds: Wall time by phase of the set-up [s]: ``mesh`` (read and split), ``assembly``,
             ``statics``, ``factor`` of the bulk, and ``compliance``: what else the first step takes
             more than the median.
@@ -204,6 +221,7 @@ class March:
     step_ms: float
     step_cpu_ms: float
     mean_ms: float
+    solve_ms: float
     seconds: dict[str, float]
     total: float
     total_cpu: float
@@ -263,6 +281,7 @@ def march(
         step_ms=slowest(median),
         step_cpu_ms=slowest(statistics.median(watch.cpu[1:])),
         mean_ms=slowest(statistics.mean(watch.wall[1:])),
+        solve_ms=slowest(statistics.median(watch.solves[1:])),
         seconds={
             **{name: phases.seconds[name] for name in ("mesh", "assembly", "statics")},
             "factor": slowest(watch.factor),

@@ -78,7 +78,10 @@ class _Builder:
         else:
             dims = ("time", "component")[: values.ndim]
         if "component" in dims:
-            self.coordinates["component"] = list(COMPONENTS[: values.shape[-1]])
+            self.coordinates["component"] = list(COMPONENTS)
+            missing = len(COMPONENTS) - values.shape[-1]  # reactions in a plane have two
+            widths = [(0, 0)] * (values.ndim - 1) + [(0, missing)]
+            values = np.pad(values, widths, constant_values=np.nan) if missing else values
         self.variables[name] = (dims, values, self._attributes(name))
 
     def add_joint_points(self, names: set[str]) -> None:

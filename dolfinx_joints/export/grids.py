@@ -154,15 +154,14 @@ def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any
 
 
 def joined(grids: Mapping[str, Grid]) -> Grid:
-    """Several grids as one, with the number of each cell's grid as ``joint [-]``, from 0.
+    """Several grids as one, with ``in NAME [-]``, 1 in the cells of a grid, and ``joint [-]``.
 
-    ``in NAME [-]`` is 1 in the cells of the grid of that name, 0 in others.
+    The latter is the number of the grid, from 0.
     """
     every = list(grids.values())
     points = np.cumsum([0, *(len(grid.points) for grid in every)])
     ends = np.cumsum([0, *(grid.offsets[-1] for grid in every)])
     number = np.repeat(np.arange(len(every)), [len(grid.kinds) for grid in every])
-    marks = {f"in {name} [-]": (number == i).astype(np.int8) for i, name in enumerate(grids)}
     names = every[0].cell_data if every else ()
     data = {name: np.concatenate([np.asarray(g.cell_data[name]) for g in every]) for name in names}
     return Grid(
@@ -174,7 +173,11 @@ def joined(grids: Mapping[str, Grid]) -> Grid:
             [[0], *(g.offsets[1:] + first for g, first in zip(every, ends, strict=False))]
         ).astype(np.int64),
         kinds=np.concatenate([grid.kinds for grid in every]),
-        cell_data={"joint [-]": number, **marks, **data},
+        cell_data={
+            **{f"in {name} [-]": (number == i).astype(np.int8) for i, name in enumerate(grids)},
+            "joint [-]": number,
+            **data,
+        },
         motion=vstack([grid.motion for grid in every], format="csr"),
     )
 

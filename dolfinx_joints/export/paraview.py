@@ -15,7 +15,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
-from dolfinx_joints.export.vtk_files import VtkFile, vtk_path
+from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
 from dolfinx_joints.results.arguments import StageStates
 from dolfinx_joints.results.reader import Results
 
@@ -30,9 +30,9 @@ def write_vtk(
     ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group; ``NAME_joints.vtkhdf`` the
     joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
     ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
-    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding), what else was recorded, and ``in JOINT
-    [-]``, 1 in that joint. Both have all times. Static stages are in ``NAME_stages.vtkhdf`` and
-    ``NAME_stages_joints.vtkhdf``, with the stage's number as time.
+    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all
+    times. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    stage's number as time.
 
     Args:
         results: The run.
@@ -43,26 +43,21 @@ def write_vtk(
         The files written.
 
     Raises:
-        ResultsError: The file holds no states and no stages, or no cells, or files are there
+        ResultsError: The file holds neither states nor stages, or no cells, or files are there
             already.
     """
     check_path("path", path)
     found = {
-        vtk_path(path, ending): part
+        first.with_name(f"{first.stem}{ending}{first.suffix}"): part
+        for first in [vtk_path(path)]
         for ending, part in (("", results), ("_stages", StageStates(results)))
         if part.streams.get("states") and part.rows("states")
     }
     if not found:
-        raise ResultsError(
-            f"{results.path} holds no states and no static stages to write for ParaView."
-        )
-    paths = [
-        p for first in found for p in (first, joints_path(first))[: 2 if results.joints else 1]
-    ]
-    there = [str(each) for each in paths if each.exists()]
-    if there and not overwrite:
-        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
-    paths[0].parent.mkdir(parents=True, exist_ok=True)
+        raise ResultsError(f"{results.path} holds no states and no static stages for ParaView.")
+    count = 2 if results.joints else 1
+    paths = [place for first in found for place in (first, joints_path(first))[:count]]
+    check_free(paths, overwrite=overwrite)
     for first, part in found.items():
         _write(part, first)
     return paths

@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import io
-import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,25 +20,11 @@ from dolfinx_joints.export.whole_files import changed, finished, forgotten, writ
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
-_ROUNDING = 1e-9  # of the size of a grid
+_CHUNK = 1 << 16  # numbers of a chunk of values
 # Where the part of each time begins; the grid, written once, is that of every time.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
 Values = Mapping[str, ArrayLike]
-
-
-def vtk_path(path: str | PathLike[str], ending: str = "") -> Path:
-    """``NAME.vtkhdf`` from itself or from ``NAME``, dots and all, with ``ending`` after NAME.
-
-    Raises:
-        ResultsError: The path is a folder.
-    """
-    if Path(path).is_dir():
-        raise ResultsError(
-            f"{path} is a folder; give the name of a file, such as {Path(path, 'run')}."
-        )
-    name = Path(path).name.removesuffix(SUFFIX)
-    return Path(path).with_name(f"{name}{ending}{SUFFIX}")
 
 
 class VtkFile:
@@ -52,7 +37,7 @@ class VtkFile:
 
     Args:
         path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
-        grid: The grid; its ``cell_data`` are written once.
+        grid: The grid; its ``cell_data`` are stored once, with the first time.
 
     Raises:
         ResultsError: The file cannot be written.
@@ -60,59 +45,38 @@ class VtkFile:
 
     def __init__(self, path: Path, grid: Grid) -> None:
         """Write the grid."""
-        self.path, self._fixed = path, tuple(map(_key, grid.cell_data))
-        content = io.BytesIO()
-        with h5py.File(content, "w") as file:
-            _write_grid(file, grid)
+        self.path, self._fixed = path, dict(grid.cell_data)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             forgotten(path)
+            content = io.BytesIO()
+            with h5py.File(content, "w") as file:
+                _write_grid(file, grid)
             write_new(path, content.getvalue())
         except OSError as error:
-            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
+            raise ResultsError(f"{path} cannot be written: {error}.") from None
 
     @classmethod
     def resume(cls, path: Path, grid: Grid, last: float) -> VtkFile:
         """Go on with a file after the time ``last`` [s]; what was later is cut off.
 
-        A file that cannot be read becomes ``NAME.damaged.vtkhdf``, with a warning, and another one
-        begins.
-
         Raises:
-            ResultsError: The file holds another grid, or it cannot be written.
+            DamagedFileError: The file cannot be read.
+            ResultsError: It is of another grid.
         """
         file = cls.__new__(cls)
-        file.path, file._fixed = path, tuple(map(_key, grid.cell_data))
+        file.path, file._fixed = path, dict(grid.cell_data)
         try:
             finished(path)
             with changed(path) as opened:
-                root = opened["VTKHDF"]
-                same = _holds(root, grid)
+                same = _is_of(opened["VTKHDF"], grid)
                 if same:
-                    _cut(root, last, file._fixed)
-        except PermissionError as error:
-            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
-        except (OSError, KeyError, ValueError, RuntimeError) as error:
-            return cls._anew(path, grid, str(error))
+                    _cut(opened["VTKHDF"], last)
+        except (OSError, KeyError, RuntimeError) as error:
+            raise DamagedFileError(f"{path} cannot be continued: {error}.") from None
         if not same:
-            raise ResultsError(
-                f"{path} cannot be continued: its grid is not that of this model; take another "
-                "path, or remove the file."
-            )
+            raise ResultsError(f"{path} cannot be continued: it is of another mesh.")
         return file
-
-    @classmethod
-    def _anew(cls, path: Path, grid: Grid, reason: str) -> VtkFile:
-        """Another file in the place of a damaged one."""
-        aside = path.with_name(f"{path.stem}.damaged{path.suffix}")
-        try:
-            path.replace(aside)
-        except OSError as error:
-            raise ResultsError(f"{path} cannot be written: {error.strerror or error}.") from None
-        warnings.warn(
-            f"{path} cannot be read ({reason}): it is {aside.name} now, and a new file begins.",
-            stacklevel=2,
-        )
-        return cls(path, grid)
 
     def append(self, time: float, point_data: Values, cell_data: Values) -> None:
         """Add a time [s] with values by name, shape (points or cells, ...).
@@ -120,33 +84,65 @@ class VtkFile:
         Every time has the same names.
 
         Raises:
-            ResultsError: The disk is full; the file is as it was.
+            ResultsError: The file cannot be written, or has no room to grow.
         """
         try:
             with changed(self.path) as file:
                 root = file["VTKHDF"]
-                steps = root["Steps"]
+                for name, fixed in self._fixed.items():
+                    _append_values(root, "CellData", name, np.asarray(fixed), once=True)
                 for kind, data in (("PointData", point_data), ("CellData", cell_data)):
                     for name, values in data.items():
-                        _append_values(root, kind, _key(name), np.asarray(values))
-                for key in self._fixed:
-                    _extend(steps["CellDataOffsets"], key, [0])
-                for name in _FIXED_OFFSETS:
-                    _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
-                _extend(steps, "NumberOfParts", [1])
-                file.flush()  # values before what counts them
-                _extend(steps, "Values", [time])
-                steps.attrs["NSteps"] = len(steps["Values"])
-        except OSError as error:
-            reason = error.strerror or error
-            raise ResultsError(
-                f"{self.path} cannot grow: {reason}; what it holds so far is whole."
-            ) from None
+                        _append_values(root, kind, name, np.asarray(values))
+                file.flush()
+                _append_time(root["Steps"], time)
+        except (OSError, KeyError, RuntimeError) as error:
+            raise ResultsError(f"{self.path} cannot grow: {_reason(error)}.") from None
 
 
-def _key(name: str) -> str:
-    """Name of values in the file; HDF5 takes a slash for a group."""
-    return name.replace("/", " per ")
+class DamagedFileError(ResultsError):
+    """A file that cannot be read any more, such as after a loss of power."""
+
+
+def vtk_path(path: str | PathLike[str]) -> Path:
+    """``NAME.vtkhdf`` of that or of ``NAME``, which may hold dots.
+
+    Raises:
+        ResultsError: It is a folder.
+    """
+    given = Path(path)
+    if given.is_dir():
+        raise ResultsError(f"{path} is a folder; give the name of a file, such as run{SUFFIX}.")
+    return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
+    """Check that no file would be lost.
+
+    Raises:
+        ResultsError: There is one.
+    """
+    there = [str(path) for path in paths if path.exists()]
+    if there and not overwrite:
+        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
+
+
+def _is_of(root: h5py.Group, grid: Grid) -> bool:
+    """Whether a file has this grid."""
+    size = np.abs(grid.points).max(initial=0.0)
+    return all(
+        root[name].shape == np.shape(wanted)
+        and np.allclose(root[name], wanted, rtol=0.0, atol=1e-9 * size)
+        for name, wanted in (
+            ("Points", grid.points),
+            ("Connectivity", grid.connectivity),
+            ("Offsets", grid.offsets),
+        )
+    )
 
 
 def _write_grid(file: h5py.File, grid: Grid) -> None:
@@ -170,20 +166,31 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
     for name in ("PointData", "CellData"):
         root.create_group(name)
         steps.create_group(f"{name}Offsets")
-    for name, values in grid.cell_data.items():  # of every time, as all begin at 0
-        root["CellData"][_key(name)] = np.asarray(values)
-        _growing(steps["CellDataOffsets"], _key(name), (), np.int64)
 
 
-def _append_values(root: h5py.Group, kind: str, key: str, values: NDArray[Any]) -> None:
-    """Append values of all points or cells, a chunk of their own, and where they begin."""
+def _append_values(
+    root: h5py.Group, kind: str, name: str, values: NDArray[Any], *, once: bool = False
+) -> None:
+    """Append values of all points or cells, and where they begin; ``once`` for all times."""
     data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
+    key = name.replace("/", " per ")  # HDF5 takes it for a group
     if key not in data:
-        _growing(data, key, values.shape[1:], values.dtype, max(1, len(values)))
+        rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
+        _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
         _growing(offsets, key, (), np.int64)
-    begin = len(data[key])
-    _extend(data, key, values)
+    begin = 0 if once else len(data[key])
+    if not (once and len(data[key])):
+        _extend(data, key, values)
     _extend(offsets, key, [begin])
+
+
+def _append_time(steps: h5py.Group, time: float) -> None:
+    """Count one more time; readers see it last of all."""
+    for name in _FIXED_OFFSETS:
+        _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
+    _extend(steps, "NumberOfParts", [1])
+    _extend(steps, "Values", [time])
+    steps.attrs["NSteps"] = len(steps["Values"])
 
 
 def _growing(
@@ -200,26 +207,14 @@ def _extend(group: h5py.Group, name: str, rows: Any) -> None:
         dataset[-len(rows) :] = rows
 
 
-def _holds(root: h5py.Group, grid: Grid) -> bool:
-    """Whether a file has this grid, its points but for rounding."""
-    given: Values = {
-        "Offsets": grid.offsets,
-        "Connectivity": grid.connectivity,
-        "Types": grid.kinds,
-    }
-    if not all(np.array_equal(root[name][:], values) for name, values in given.items()):
-        return False
-    points, size = root["Points"][:], np.ptp(grid.points, axis=0).max()
-    return bool(np.allclose(points, grid.points, rtol=0.0, atol=_ROUNDING * size))
-
-
-def _cut(root: h5py.Group, last: float, fixed: Collection[str]) -> None:
+def _cut(root: h5py.Group, last: float) -> None:
     """Keep the times up to one."""
     steps = root["Steps"]
     kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
     for kind in ("PointData", "CellData"):
         for name, offsets in steps[f"{kind}Offsets"].items():
-            if kept < len(offsets) and not (kind == "CellData" and name in fixed):
+            once = len(offsets) > 1 and offsets[1] == 0  # stored for all times
+            if kept < len(offsets) and not once:
                 root[kind][name].resize(int(offsets[kept]), axis=0)
             offsets.resize(kept, axis=0)
     for name in ("Values", "NumberOfParts", *_FIXED_OFFSETS):

@@ -199,9 +199,10 @@ class ModalStep:
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:
     """Modes of a system, found when first asked for and then kept with it (collective)."""
-    if count not in system.lowest_modes:
-        system.lowest_modes[count] = LowestModes(system, count)
-    found: LowestModes = system.lowest_modes[count]
+    kept = system.lowest_modes if system.shared is None else system.shared.lowest_modes
+    if count not in kept:
+        kept[count] = LowestModes(system, count)
+    found: LowestModes = kept[count]
     return found
 
 

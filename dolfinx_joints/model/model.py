@@ -293,6 +293,7 @@ class Model(Summarised):
         *,
         only: Sequence[Load] | None = None,
         static: bool = False,
+        shared: Any = None,
     ) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective).
 
@@ -300,6 +301,7 @@ class Model(Summarised):
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
             static: Hold viscous boundaries, as static stages do.
+            shared: What it shares with others, see `MatrixSystem`.
         """
         _check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
@@ -328,6 +330,7 @@ class Model(Summarised):
             components=self.gdim,
             water=JointWaters(self, following) if following else None,
             in_joints=water_in_joints(loads),
+            shared=shared,
         )
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:

@@ -50,6 +50,7 @@ class MatrixSystem:
         components: Displacement components per node.
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
+        shared: What runs of the same model share (`SharedBulk`), None for nothing.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
 
@@ -68,6 +69,7 @@ class MatrixSystem:
     components: int = 1
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
+    shared: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
@@ -19,7 +20,7 @@ from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
 from dolfinx_joints.export.paraview import joints_path, values_of_all
-from dolfinx_joints.export.vtk_files import VtkFile, vtk_path
+from dolfinx_joints.export.vtk_files import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -34,17 +35,17 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
-    """Writes body and joints for ParaView (VTKHDF).
+    """Writes body and joints for ParaView (VTKHDF); other programs may read them between times.
 
     ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
     ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
     principal values, those in the middle of elastic cells and the means of plastic ones; also
     ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
     ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
-    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time.
-
-    A kill loses no more than the time that is being written, as `export.vtk_files.VtkFile` says in
-    full; a continued run goes on with its files.
+    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
+    continued run goes on with its files. A kill loses no more than the time that is being
+    written, as `export.vtk_files.VtkFile` says in full; a file damaged otherwise becomes
+    ``NAME.damaged`` in a continued run, which says so and begins a new one.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.
@@ -59,7 +60,8 @@ class FieldMonitor(Monitor):
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
-        self._path, self._stages_path = vtk_path(self.path), vtk_path(self.path, "_stages")
+        self._path = vtk_path(self.path)
+        self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
         self._found: Model | None = None
         self._files: list[VtkFile] = []
@@ -106,38 +108,33 @@ class FieldMonitor(Monitor):
         cells = body_cells(model, self._nodes)
         self._cells = CellFields(model, CellGather(model))
         self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
-        grids = joint_grids(model, self._nodes)
-        self._names, self._grids = list(grids), list[Grid]()
+        surface, joints = boundary_facets(model, self._nodes), joint_statics(model)
+        arrays = StaticArrays({"mesh/nodes": self._nodes.positions, "mesh/surface": surface})
+        arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
+        self._names, self._grids = list(joints), list[Grid]()
         self._comm, self._found = model.jointed.mesh.comm, model
         if cells is not None:  # on the rank that writes
             nodes = np.asarray(cells.nodes)
             groups = {name: np.asarray(rows) for name, rows in cells.groups.items()}
             self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind, groups))
-            if grids:
-                self._grids.append(joined(grids))
+            if joints:
+                self._grids.append(joined({name: joint_grid(arrays, name) for name in joints}))
 
     def _open(self, path: Path, last: float | None) -> None:
         """Create files that no other run writes, or go on after a time (collective)."""
 
         def take() -> None:
-            places = [
-                place for place, _ in zip((path, joints_path(path)), self._grids, strict=False)
-            ]
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
+            places = [path, joints_path(path)][: len(self._grids)]
             with released(self._lock, at_end=False):
-                there = [place for place in places if place.exists()]
-                if last is None and there and not self.overwrite:
-                    raise ResultsError(f"{there[0]} exists; pass overwrite=True to replace it.")
-                self._files = [
-                    VtkFile(place, grid)
-                    if last is None or not place.exists()
-                    else VtkFile.resume(place, grid, last)
-                    for place, grid in zip(places, self._grids, strict=True)
-                ]
+                if last is None:
+                    check_free(places, overwrite=self.overwrite)
+                pairs = zip(places, self._grids, strict=True)
+                self._files = [_opened(place, grid, last) for place, grid in pairs]
 
         on_root(self._comm, take)
 
@@ -166,11 +163,14 @@ class FieldMonitor(Monitor):
             pass
 
 
-def joint_grids(model: Model, nodes: NodeNumbering) -> dict[str, Grid]:
-    """Grid of each joint, on rank 0 (collective)."""
-    surface, joints = boundary_facets(model, nodes), joint_statics(model)
-    if model.jointed.mesh.comm.rank > 0:
-        return {}
-    arrays = StaticArrays({"mesh/nodes": nodes.positions, "mesh/surface": surface})
-    arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
-    return {name: joint_grid(arrays, name) for name in joints}
+def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
+    """A new file, or what there is up to a time."""
+    if last is None or not path.exists():
+        return VtkFile(path, grid)
+    try:
+        return VtkFile.resume(path, grid, last)
+    except DamagedFileError as error:
+        aside = path.with_name(f"{path.name}.damaged")
+        warnings.warn(f"{error} It is now {aside}; a new file begins here.", stacklevel=2)
+        path.replace(aside)
+        return VtkFile(path, grid)

@@ -69,7 +69,8 @@ def boundary_facets(
 ) -> NDArray[np.int64]:
     """Vertices of all exterior facets in cyclic order, on every rank (collective).
 
-    Both sides of the joints are among them.
+    Both sides of the joints are among them. Seen from outside of a body in space, they go round
+    counterclockwise.
 
     Args:
         model: The model.
@@ -100,9 +101,24 @@ def boundary_facets(
     )
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
-    vertices = nodes.number[np.take_along_axis(model.V.dofmap.list[cells], corners, axis=1)]
+    dofs = np.take_along_axis(model.V.dofmap.list[cells], corners, axis=1)
+    if tdim == 3:
+        inward = _faces_inward(model, cells, dofs)
+        dofs[inward, 1:] = dofs[inward, :0:-1]
+    vertices = nodes.number[dofs]
     every = np.concatenate(mesh.comm.allgather(vertices))
     return every[np.lexsort(every.T[::-1])]
+
+
+def _faces_inward(
+    model: Model, cells: NDArray[np.integer[Any]], dofs: NDArray[np.integer[Any]]
+) -> NDArray[np.bool_]:
+    """Whether facets of cells go round clockwise, seen from outside, by the nodes at corners."""
+    places = model.V.tabulate_dof_coordinates()
+    corners, middle = places[dofs], places[model.V.dofmap.list[cells]].mean(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward: NDArray[np.bool_] = np.einsum("fi,fi->f", normal, corners.mean(axis=1) - middle) < 0.0
+    return inward
 
 
 class PointProbe:

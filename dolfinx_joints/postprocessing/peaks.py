@@ -46,8 +46,11 @@ def crest_points(results: Results) -> list[str]:
     if "histories/points" not in results.statics or not results.point_names:
         return []
     points = results.static("histories/points")
-    height = points[:, 2 if np.ptp(points[:, 2]) > 0.0 else 1]
-    high = height >= height.max() - _AS_HIGH * np.ptp(height)
+    nodes = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
+    up = 2 if np.ptp(nodes[:, 2]) > 0.0 else 1  # in a plane y
+    height = points[:, up]
+    # Points of one height differ by rounding.
+    high = height >= height.max() - max(_AS_HIGH * np.ptp(height), 1e-9 * np.ptp(nodes))
     return [name for name, is_high in zip(results.point_names, high, strict=True) if is_high]
 
 

@@ -130,16 +130,23 @@ def history(
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
+    from_static: bool = False,
 ) -> Axes:
-    """Displacement of a monitor point against time, that of the static state included [1e-3 m]."""
+    """Displacement of a monitor point against time [1e-3 m].
+
+    That of the static state is included, or with ``from_static`` taken off.
+    """
     ax, column = ax or new_axes(), COMPONENTS.index(component)
     drawn = runs(results, reference, labels)
     for run, style in drawn:
         displacement = run.series("histories", "displacement")[:, run.point_index(point), column]
         displacement = displacement - reference_displacement(run, relative_to)[:, column]
+        if from_static:
+            displacement = displacement - displacement[0]
         ax.plot(run.time("histories"), 1e3 * displacement, **style)
     decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
     title = f"{point_name(results, point)}: displacement {component}"
+    title += " from the static state" if from_static else ""
     ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
@@ -327,7 +334,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
 
     One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
     the largest opening or slip or the smallest safety in colour; the legend says when and how
-    much. A joint slides at a safety of 1, dashed; what is above 10 is not shown.
+    much. A joint slides at a safety of 1, dashed; what is far above the smallest, and above 10, is
+    not shown.
     """
     check_results(results)
     if not results.joints:
@@ -356,7 +364,9 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         ax.margins(x=0.0)
         ax.set_ylim(bottom=0.0)
     panels[2].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    panels[2].set_ylim(0.0, min(10.0, max(2.0, panels[2].get_ylim()[1])))
+    least = min((float(np.nanmin(e.safety, initial=np.inf)) for e in every.values()), default=0.0)
+    highest = max(10.0, 1.2 * least) if np.isfinite(least) else 10.0
+    panels[2].set_ylim(0.0, min(highest, max(2.0, panels[2].get_ylim()[1])))
     return panels
 
 

@@ -25,6 +25,7 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
+TALLEST = 1.4  # height of a figure over its width
 _MARGIN = 0.02  # of the larger side of a picture
 _DARK = "#262626"
 _CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
@@ -256,7 +257,7 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     widths = [right - left for left, right, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
-    shape = (inches, 0.7 + 0.85 * inches * height / sum(widths))
+    shape = (inches, min(0.7 + 0.85 * inches * height / sum(widths), TALLEST * inches))
     figure = new_figure(figsize=shape, layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):

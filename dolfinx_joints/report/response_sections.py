@@ -198,6 +198,8 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
         return []
     draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
     options: dict[str, Any] = {"relative_to": main.relative_to}
+    if kind == "history":
+        options["from_static"] = True  # as the caption says
     if reference is not None and reference.moves and name in reference.results.point_names:
         options |= {"reference": reference.results, "labels": (main.label, reference.label)}
     return [

@@ -50,7 +50,7 @@ class StageStates(Results):
 
     def __init__(self, results: Results) -> None:
         """Share the file."""
-        self.path, self._file = results.path, results._file
+        self.path, self._opened = results.path, results._opened
         self._names, self._rows = results._names, results._rows
 
     @property
@@ -96,6 +96,7 @@ def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int6
     Raises:
         ResultsError: There is no such group.
     """
+    groups = [groups] if isinstance(groups, str) else groups
     start = "mesh/groups/"
     known = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
     for name in groups:

@@ -40,16 +40,7 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
-ENERGY_TERMS = (
-    "kinetic",
-    "strain",
-    "joint",
-    "input",
-    "viscous",
-    "friction",
-    "numerical",
-    "error",
-)
+ENERGY_TERMS = ("kinetic", "strain", "joint", "input", "viscous", "friction", "numerical", "error")
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
 STAGE_NAME_BYTES = 120  # of the name of a static stage
@@ -70,7 +61,7 @@ class Results(Summarised):
     def __init__(self, path: str | Path) -> None:
         """Open the file."""
         self.path = Path(path)
-        self._file = _open(self.path)
+        self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # likewise, once the run has ended
 
@@ -84,10 +75,16 @@ class Results(Summarised):
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self._opened.close()
+
+    @property
+    def _file(self) -> h5py.File:
+        if not self._opened:
+            raise ResultsError(f"The results {self.path} have been closed.")
+        return self._opened
 
     def _summary(self) -> Rows:
-        if not self._file:
+        if not self._opened:
             yield "file", f"{self.path}, closed"
             return
         facts = self.metadata
@@ -147,9 +144,9 @@ class Results(Summarised):
     @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream, ``time`` left out."""
-        groups = self._file["streams"]
         with self._reading():
-            return {key: [n for n in self._names_in(groups[key]) if n != "time"] for key in groups}
+            found = {key: self._names_in(group) for key, group in self._file["streams"].items()}
+        return {key: [name for name in each if name != "time"] for key, each in found.items()}
 
     @property
     def joints(self) -> list[str]:
@@ -220,14 +217,13 @@ class Results(Summarised):
         """Return an array written once."""
         dataset = self._static(name)
         with self._reading():
-            values: NDArray[Any] = dataset[()]
-        return values
+            return np.asarray(dataset[()])
 
     def time(self, stream: str) -> NDArray[np.float64]:
         """Times of the whole records of a stream, shape (rows,), [s]."""
         group, rows = self._stream(stream), self.rows(stream)
         with self._reading():
-            times: NDArray[np.float64] = group["time"][:rows]
+            times = np.asarray(group["time"][:rows])
         if not (np.diff(times, prepend=-np.inf) > 0.0).all():
             raise ResultsError(
                 f"{self.path} is damaged: the times of the stream {stream!r} do not increase."
@@ -239,8 +235,7 @@ class Results(Summarised):
         group = self._stream(stream)
         if group.name in self._rows:
             return self._rows[group.name]
-        ended = self.status != "running"  # read before the rows
-        rows = self._count(group)
+        ended, rows = self.status != "running", self._count(group)  # in this order
         if ended:
             self._rows[group.name] = rows
         return rows

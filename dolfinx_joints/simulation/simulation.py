@@ -49,6 +49,7 @@ from dolfinx_joints.simulation.statics.unfinished import (
     unfinished,
 )
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
+from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
@@ -93,6 +94,7 @@ class Simulation:
         self.static: StaticState | None = None
         self.stages: list[StageRecord] = []
         self.seconds: dict[str, float] = {}
+        self.shared: SharedBulk | None = None  # with other simulations of the model
         known = isinstance(self.options, SolverOptions | None)
         check_kind_of("options", self.options, known, "a SolverOptions")
         self._options = self.options or SolverOptions()
@@ -303,8 +305,7 @@ class Simulation:
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
-        scheme = EnergyConsistent() if scheme is None else scheme
-        control = StepControl() if control is None else control
+        scheme, control = scheme or EnergyConsistent(), control or StepControl()
         known = offers(scheme, "advance", "conserves")
         check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
@@ -324,7 +325,7 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            system = self.model.system([*shaking, *kept, *loads])
+            system = self.model.system([*shaking, *kept, *loads], shared=self.shared)
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +19,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 LinearSolver = Literal["auto", "direct", "mumps", "iterative"]
@@ -69,6 +71,7 @@ class EffectiveMatrix:
         change: What exact modes add to both, None without any.
         norm: Infinity norm of A.
         symmetric: Whether A is.
+        rounds: Through which several runs solve with it, None for one run (`SharedBulk`).
     """
 
     def __init__(
@@ -93,6 +96,8 @@ class EffectiveMatrix:
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self.symmetric, self._moves = system.symmetric, system.values is not None
         self._linear, self._components = linear, system.components
+        self.rounds: Rounds | None = None if system.shared is None else system.shared.rounds
+        self._answered = False
         self._near = system.stiffness.getNearNullSpace()
         self._solver: DirectSolver | IterativeSolver | None = None
         self.change: ModalChange | None = None
@@ -106,6 +111,19 @@ class EffectiveMatrix:
                 lambda x: effective.mass * step.of_supports(x) - more * step.pushed(x),
                 step.modes.comm,
             )
+
+    @classmethod
+    def of(
+        cls, system: MatrixSystem, effective: MatrixCoefficients, *, linear: LinearSolver = "auto"
+    ) -> EffectiveMatrix:
+        """That of a system, or what it shares with others (collective)."""
+        if system.shared is None:
+            return cls(system, effective, linear=linear)
+        key = (effective, linear)
+        made: EffectiveMatrix = system.shared.matrix(
+            key, lambda: cls(system, effective, linear=linear)
+        )
+        return made
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
@@ -134,7 +152,16 @@ class EffectiveMatrix:
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
         """Solve A x = b with zero at constrained dofs; whether A was factored (collective)."""
-        return bool(self._complete.solve(b, x, **options))
+        if self.rounds is None or options:
+            return bool(self._complete.solve(b, x, **options))
+        right = b.getArray(readonly=True).copy()
+        x.setArray(self.rounds.ask(self, self._solve_all, right, dear=True))
+        factored, self._answered = not self._answered, True
+        return factored
+
+    def _solve_all(self, rights: list[Floats]) -> Sequence[Floats]:
+        """Solutions of several runs (collective)."""
+        return list(np.ascontiguousarray(self.solve_block(np.column_stack(rights)).T))
 
     def solve_block(self, right: Floats) -> Floats:
         """Solve A X = B for the owned rows of many right-hand sides (collective)."""
@@ -185,7 +212,9 @@ class EffectiveMatrix:
         return factored
 
     def destroy(self) -> None:
-        """Free matrices and factor."""
+        """Free matrices and factor, unless other runs use them."""
+        if self.rounds is not None:
+            return
         if self._solver is not None:
             self._solver.destroy()
         self.full.destroy()

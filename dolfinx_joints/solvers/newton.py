@@ -71,7 +71,9 @@ class NewtonSolver:
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
-                EffectiveMatrix(system, key, linear=newton.linear), product, newton.linear_options
+                EffectiveMatrix.of(system, key, linear=newton.linear),
+                product,
+                newton.linear_options,
             )
         )
 

@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
 
+from .fragility import Fragility as Fragility
+from .fragility import fragility as fragility
+from .motion_suite import MotionSuite as MotionSuite
 from .runner import Study as Study
 from .runner import Tally as Tally
 from .table import Table as Table

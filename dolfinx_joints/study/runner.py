@@ -30,6 +30,7 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.parameters import check_named, shown
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.common.summary import Rows, Summarised, names
 from dolfinx_joints.study.case import Function, end_cases, packed, run_case
@@ -102,9 +103,12 @@ class Study(Summarised):
             pickle.dumps(function)
         except (pickle.PicklingError, AttributeError):
             raise ValueError(
-                f"Study: {function!r} is not at the top level of a module; other processes import "
-                "it from there."
+                f"Study: {shown(function)} is not at the top level of a module; other processes "
+                "import it from there."
             ) from None
+        check_named("Study: cases", cases, "parameters by name of the case")
+        for name, given in cases.items():
+            check_named(f"Study: the case {name!r}", given, "values by name of the parameter")
         self.path = Path(path)
         self.cases = {n: _checked_case(function, n, given) for n, given in cases.items()}
         self._function = function
@@ -247,13 +251,21 @@ class Study(Summarised):
             return {"case": name, "parameters": self.cases[name], **lost, **empty}
 
 
-def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a case as a file gives them back."""
+def check_name(what: str, name: str) -> None:
+    """Check that a name is one of files as well.
+
+    Raises:
+        ValueError: It is not.
+    """
     if not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
         raise ValueError(
-            f"The case {name!r} must have a name of letters, digits and any of _ . = + -, 100 at "
-            "most."
+            f"{what} must have a name of letters, digits and any of _ . = + -, 100 at most."
         )
+
+
+def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a case as a file gives them back."""
+    check_name(f"The case {name!r}", name)
     if taken := parameters.keys() & set(OWN_COLUMNS):
         raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the study.")
     try:

@@ -90,6 +90,23 @@ def test_xarray(runs):
     np.testing.assert_array_equal(states["displacement"], results.series("states", "displacement"))
 
 
+def test_xarray_of_a_plane_body(two_rectangles_file, read, tmp_path):
+    # Reactions have two components there, displacements three.
+    pytest.importorskip("xarray")
+    model = wall(read(two_rectangles_file(cell="quad", order=1, angle=0.0)))
+    monitor = dj.ResultsMonitor(tmp_path / "plane.h5", points={"corner": (0.0, 1.0)})
+    dj.Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=2, motion=shaking)
+    results = dj.Results(tmp_path / "plane.h5")
+    reaction = export.to_xarray(results)["reaction/base"]
+    held = results.series("histories", "reaction/base")
+    assert held.shape == (3, 2)
+    np.testing.assert_array_equal(reaction.sel(component=["x", "y"]), held)
+    assert np.isnan(reaction.sel(component="z")).all()
+    results.close()
+    with pytest.raises(dj.ResultsError, match=r"plane\.h5 have been closed"):
+        export.to_xarray(results)
+
+
 def check_order_of_nodes(body, order):
     """VTK interpolates a polynomial of the cells' degree exactly wherever it is asked.
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files for ParaView whose process was killed, whose disk was full, that another run left."""
+"""Files for ParaView that grow, and the polygons of joint points in them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,94 @@ import numpy as np
 import pytest
 from vtk_files import read_vtk
 
-from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.grids import Grid, uniform_grid
-from dolfinx_joints.export.vtk_files import VtkFile
+from dolfinx_joints import ResultsError
+from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
+from dolfinx_joints.export.vtk_files import DamagedFileError, VtkFile
+
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]])
+
+
+def halves(rounding: float = 0.0, seed: int = 0):
+    """A joint of one triangle with three points, whose parts meet in one place."""
+    noise = rounding * np.random.default_rng(seed).standard_normal((3, 3)) * [0.0, 1.0, 1.0]
+    shares = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
+    points = shares @ TRIANGLE + noise
+    return StaticArrays(
+        {
+            "mesh/nodes": np.concatenate([TRIANGLE, TRIANGLE]),
+            "mesh/surface": np.array([[0, 1, 2], [5, 4, 3]]),
+            "joints/lift/points": points,
+            "joints/lift/frames": np.tile(np.eye(3), (3, 1, 1)),
+            "joints/lift/areas": np.full(3, 2.0 / 3.0),
+            "joints/lift/facet": np.zeros(3, dtype=np.int64),
+        }
+    )
+
+
+def test_polygons_do_not_depend_on_rounding():
+    # Its three parts have four corners each, whatever side rounding has put the common one on, and
+    # together the area of the triangle.
+    exact = joint_grid(halves(), "lift")
+    assert exact.offsets.tolist() == [0, 4, 8, 12]
+    corners = exact.points.reshape(3, 4, 3)
+    across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    assert 0.5 * np.linalg.norm(across, axis=1).sum() == pytest.approx(2.0, rel=1e-12)
+    for seed in range(20):
+        other = joint_grid(halves(1e-15, seed), "lift")
+        np.testing.assert_array_equal(other.offsets, exact.offsets)
+        np.testing.assert_allclose(other.points, exact.points, atol=1e-13)
+
+
+@pytest.fixture
+def grid():
+    return joined({"lift": joint_grid(halves(), "lift"), "fault": joint_grid(halves(), "lift")})
+
+
+def test_what_stays_is_stored_once(grid, tmp_path):
+    file = VtkFile(tmp_path / "a.vtkhdf", grid)
+    for time in (0.0, 0.5, 1.0):
+        file.append(time, {}, {"opening [m]": time + np.arange(6.0)})
+    VtkFile.resume(tmp_path / "a.vtkhdf", grid, 0.5).append(0.75, {}, {"opening [m]": np.ones(6)})
+    found = read_vtk(tmp_path / "a.vtkhdf")
+    assert [time for time, _ in found] == [0.0, 0.5, 0.75]
+    for _, each in found:
+        np.testing.assert_array_equal(each.cell_data["in fault [-]"], [0, 0, 0, 1, 1, 1])
+        np.testing.assert_array_equal(each.cell_data["area [m^2]"], np.full(6, 2.0 / 3.0))
+    np.testing.assert_array_equal(found[1][1].cell_data["opening [m]"], 0.5 + np.arange(6.0))
+    np.testing.assert_array_equal(found[2][1].cell_data["opening [m]"], np.ones(6))
+    with h5py.File(tmp_path / "a.vtkhdf") as opened:
+        assert len(opened["VTKHDF/CellData/area [m^2]"]) == 6
+        assert len(opened["VTKHDF/CellData/opening [m]"]) == 18
+
+
+def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    VtkFile(path, grid).append(0.0, {}, {})
+    for other in (
+        replace(grid, points=grid.points + 1e-3),
+        uniform_grid(TRIANGLE, np.array([[0, 1, 2]]), 5, {}),
+    ):
+        with pytest.raises(ResultsError, match="cannot be continued: it is of another mesh"):
+            VtkFile.resume(path, other, 0.0)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(DamagedFileError, match="cannot be continued: "):
+        VtkFile.resume(path, grid, 0.0)
+
+
+def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch):
+    file = VtkFile(tmp_path / "a.vtkhdf", grid)
+    opening = {"opening [m]": np.arange(6.0)}
+    file.append(0.0, {}, opening)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "posix_fallocate", full)
+        with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: No space left on device"):
+            file.append(1.0, {}, opening)
+    assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]
+
 
 LINE = 3  # VTK's number
 TIMES = [0.0, 0.5, 1.0]
@@ -82,50 +167,3 @@ def test_a_kill_loses_no_more_than_the_last_time(tmp_path, monkeypatch):
     assert ended
     assert stop > 10
     assert [each.name for each in tmp_path.iterdir()] == ["run.vtkhdf"]
-
-
-def test_what_stays_is_stored_once(tmp_path):
-    file = VtkFile(tmp_path / "run.vtkhdf", lines())
-    for time in TIMES:
-        append(file, time)
-    assert check(file.path) == TIMES
-    with h5py.File(file.path) as opened:
-        assert opened["VTKHDF/CellData/in first [-]"].shape == (40,)
-
-
-def test_a_full_disk_leaves_what_is_there(tmp_path, monkeypatch):
-    file = VtkFile(tmp_path / "run.vtkhdf", lines())
-    append(file, TIMES[0])
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "posix_fallocate", full)
-        with pytest.raises(ResultsError, match=r"run\.vtkhdf cannot grow: No space left"):
-            append(file, TIMES[1])
-    assert check(file.path) == TIMES[:1]
-    append(file, TIMES[1])
-    assert check(file.path) == TIMES[:2]
-
-
-def test_a_file_of_another_grid_is_not_continued(tmp_path):
-    path, grid = tmp_path / "run.vtkhdf", lines()
-    append(VtkFile(path, grid), TIMES[0])
-    VtkFile.resume(path, replace(grid, points=grid.points + 1e-14), TIMES[0])
-    for other in (replace(grid, points=grid.points[::-1]), lines(39)):
-        with pytest.raises(ResultsError, match="its grid is not that of this model"):
-            VtkFile.resume(path, other, TIMES[0])
-    assert check(path) == TIMES[:1]
-
-
-def test_a_damaged_file_is_put_aside(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    append(VtkFile(path, lines()), TIMES[0])
-    damaged = path.read_bytes()[:3000]
-    path.write_bytes(damaged)
-    with pytest.warns(UserWarning, match=r"it is run\.damaged\.vtkhdf now, and a new file begins"):
-        file = VtkFile.resume(path, lines(), TIMES[0])
-    append(file, TIMES[1])
-    assert check(path) == [TIMES[1]]
-    assert path.with_name("run.damaged.vtkhdf").read_bytes() == damaged

@@ -9,16 +9,13 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
-
 from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
 from vtk_files import on_root, read_vtk
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
-from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.monitors.field_monitor import joint_grids
+from dolfinx_joints.monitors.probes import boundary_facets
 
 pytestmark = pytest.mark.mpi
 
@@ -49,32 +46,6 @@ def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
         assert one == 1.0
 
     on_root(comm, look)
-
-
-def test_files_are_kept(comm, wall_file, read, new_path):
-    """Those of another name with a dot, of the stage before, of a folder's name."""
-    folder = new_path("kept")
-    model = wall(read(wall_file()))
-    paths = [folder / "wall_dt0.01", folder / "wall_dt0.005"]
-    for path in paths:
-        simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path, every=1)])
-        simulation.dynamics(dt=DT, steps=2, motion=shaking)
-    with pytest.raises(dj.ResultsError, match=r"wall_dt0\.005\.vtkhdf exists; pass overwrite=True"):
-        simulation.dynamics(dt=DT, steps=1, motion=shaking)
-    monitor = dj.FieldMonitor(paths[0], every=1, overwrite=True)
-    dj.Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=1, motion=shaking)
-    with pytest.raises(dj.ResultsError, match="kept is a folder; give the name of a file"):
-        dj.FieldMonitor(folder)
-    on_root(comm, lambda: holds(folder, {"wall_dt0.01": 2, "wall_dt0.005": 3}))
-
-
-def holds(folder, times):
-    """Check how many times each file has, and that there are no others."""
-    names = {f"{name}{ending}.vtkhdf" for name in times for ending in ("", "_joints")}
-    assert {path.name for path in folder.iterdir()} == names
-    for name, count in times.items():
-        for ending in ("", "_joints"):
-            assert len(read_vtk(folder / f"{name}{ending}.vtkhdf")) == count
 
 
 def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, read, new_path):
@@ -162,21 +133,28 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
     on_root(comm, look)
 
 
-def test_joints_are_drawn_alike_on_any_ranks(comm, mesh_file, read):
-    """Skew facets: four bisectors that meet in a point but for rounding, which is of the ranks."""
-    path, grids = mesh_file(ambiesta, size=8.0, order=1), []
-    for each in (comm, MPI.COMM_SELF):
-        model = wall(read(path, on=each))
-        grids.append(joint_grids(model, NodeNumbering(model.V)))
+def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, new_path):
+    path = new_path("dt0.005")
+    simulation = dj.Simulation(wall(read(wall_file())), monitors=[dj.FieldMonitor(path)])
+    simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    with pytest.raises(dj.ResultsError, match=r"dt0\.005\.vtkhdf, .*_joints\.vtkhdf: there"):
+        simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    with pytest.raises(dj.ResultsError, match="is a folder; give the name of a file"):
+        dj.FieldMonitor(path.parent)
+
+
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_the_surface_faces_outward(comm, wall_file, read, cell):
+    # Divergence theorem: the flux of x through it is three times the volume, 20 x 4 x 20 m.
+    model = wall(read(wall_file(cell=cell)))
+    nodes = NodeNumbering(model.V)
+    facets = boundary_facets(model, nodes)
 
     def look():
-        for here, alone in zip(*(found.values() for found in grids), strict=True):
-            np.testing.assert_array_equal(here.offsets, alone.offsets)
-            np.testing.assert_allclose(here.points, alone.points, rtol=0.0, atol=1e-9)
-            difference = here.motion.toarray() - alone.motion.toarray()
-            np.testing.assert_allclose(difference, 0.0, atol=1e-12)
-            for first, end in zip(here.offsets[:-1], here.offsets[1:], strict=True):
-                sides = np.diff(here.points[[*range(first, end), first]], axis=0)
-                assert np.linalg.norm(sides, axis=1).min() > 1e-6
+        corners, flux = nodes.positions[facets], 0.0
+        for second in range(1, corners.shape[1] - 1):
+            a, b, c = (corners[:, i] for i in (0, second, second + 1))
+            flux += np.einsum("fi,fi->", a, np.cross(b, c)) / 2.0
+        assert flux == pytest.approx(3.0 * 20.0 * 4.0 * 20.0, rel=1e-12)
 
     on_root(comm, look)

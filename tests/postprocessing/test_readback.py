@@ -60,9 +60,14 @@ def test_histories(runs: tuple[Results, Results], relative_to: str | None) -> No
     own, other = runs
     for point, component in BOTH:
         ax = plots.history(own, point, component, reference=other, relative_to=relative_to)
-        for run, (time, u) in zip((other, own), lines(ax), strict=True):
+        options: dict[str, Any] = {"reference": other, "relative_to": relative_to}
+        moves = plots.history(own, point, component, from_static=True, **options)
+        assert " from the static state" in moves.get_title(loc="left")
+        drawn = zip((other, own), lines(ax), lines(moves), strict=True)
+        for run, (time, u), (_, since) in drawn:
             same(time, run.time("histories"))
             same(u, moved(run, point, component, relative_to))
+            same(since, u - u[0])
         assert f"displacement {component}" in ax.get_ylabel()
         assert ax.get_title(loc="left").startswith(f"{point}: displacement {component}")
 
@@ -280,7 +285,9 @@ def check_peaks(results: Results, table: dict[str, Any]) -> None:
     for what, value, unit, time, component in zip(*(table[name] for name in names), strict=True):
         kind, _, of = what.partition(" of ")
         if kind == "displacement":
-            known = measures.displacement_history(results, of, component)
+            point = of.removesuffix(" from the static state")
+            assert point != of
+            known = measures.displacement_history(results, point, component)
         elif kind == "absolute acceleration":
             point, _, band = of.partition(" up to ")
             assert band == f"{measures.common_band(results):.3g} Hz"

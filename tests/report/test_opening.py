@@ -102,6 +102,18 @@ def test_the_crest_is_the_highest_points(tmp_path):
         assert peaks.crest_points(results) == ["a", "b"]
 
 
+def test_points_of_one_height_are_all_on_the_crest(tmp_path):
+    points = [[0.0, 0.0, 10.0], [0.0, 5.0, 10.0 + 2e-15]]
+    nodes = [[0.0, 0.0, 0.0], *points]
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": list("ab")}) as writer:
+        writer.static("histories/points", points, "m", "points")
+        writer.static("mesh/nodes", nodes, "m", "nodes")
+        writer.start()
+        writer.finish("complete", {})
+    with Results(tmp_path / "r.h5") as results:
+        assert peaks.crest_points(results) == ["a", "b"]
+
+
 def test_largest_tension_has_its_place(tmp_path):
     stress = np.linspace(-1e6, 2e6, len(NODES))
     path = write_envelopes(tmp_path / "e.h5", {"principal_max": stress, "principal_min": -stress})

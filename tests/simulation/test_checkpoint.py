@@ -540,6 +540,22 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
     assert "4/4" in capsys.readouterr().err
 
 
+def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read, tmp_path):
+    jointed, fields = read(wall_file()), tmp_path / "run.vtkhdf"
+
+    def monitors(kill):
+        return [FieldMonitor(fields, every=1), Killer(kill)]
+
+    with pytest.raises(Killed):
+        short(jointed, tmp_path, monitors=monitors(3))
+    fields.write_bytes(fields.read_bytes()[:-100])
+    with pytest.warns(UserWarning, match=r"cannot be continued: .*run\.vtkhdf\.damaged;"):
+        short(jointed, tmp_path, monitors=monitors(None), resume=True)
+    assert (tmp_path / "run.vtkhdf.damaged").is_file()
+    assert read_vtk(fields)[-1][0] == pytest.approx(4 * DT)
+    assert len(read_vtk(tmp_path / "run_joints.vtkhdf")) == 5
+
+
 def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
     body = Model(
         read(wall_file(), joints=[]),

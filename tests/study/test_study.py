@@ -274,6 +274,7 @@ def test_changed_parameters_are_run_again_only_if_asked(tmp_path):
         (square, {"a": {"x": 1, "z": 2}}, "'a' do not fit: got an unexpected keyword argument 'z'"),
         (square, {"a": {}}, "'a' do not fit: missing a required .*argument: 'x'"),
         (square, {"a": {"x": np.zeros(2)}}, "'a' do not fit: Object of type ndarray"),
+        (square, [1, 2], "Study: cases is .1, 2.; it must be parameters by name of the case"),
         (square, {"a/b": {"x": 1}}, "The case 'a/b' must have a name of letters"),
         (square, {"a": {"case": 1}}, "The parameter 'case' has the name of a column"),
         (lambda folder: {}, {}, "is not at the top level of a module"),

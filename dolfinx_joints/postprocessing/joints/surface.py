@@ -28,7 +28,9 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
-_TIE = 1e-9  # of a facet's size: what is nearer by less is as near
+# In reference coordinates: a corner so near to the line between two points lies on it, on whatever
+# side rounding has put it.
+ON_BISECTOR = 1e-9
 _BENT = 0.8  # square of the mean normal's length: below it a joint bends by more than 27 degrees
 
 MAP_LABELS = LABELS | {
@@ -155,8 +157,7 @@ class JointSurface:
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     """Which facet each joint point lies on, (n,), and its boundary facets, one a side, (facets, 2).
 
-    These are the two whose centres are nearest to that of the points; of equally near ones, which
-    rounding would order, the smaller number comes first.
+    These are the two whose centres are nearest to that of the points.
     """
     from scipy.spatial import cKDTree
 
@@ -166,10 +167,9 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     _, facet_of_point = np.unique(facet, return_inverse=True)
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
-    distances, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
-    as_near = np.ptp(distances, axis=1) < _TIE * np.sqrt(np.bincount(facet_of_point, areas))
-    both[as_near] = np.sort(both[as_near], axis=1)
-    return facet_of_point, np.asarray(both)
+    distance, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    alike = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)  # which is the nearer is rounding
+    return facet_of_point, np.where(alike[:, None], np.sort(both, axis=1), both)
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
@@ -233,19 +233,15 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
 
 
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
-    """Part of a convex polygon that is nearer to one point than to another.
-
-    A corner as near to both stays a corner: whether it lies beyond is a matter of rounding, which
-    is not the same on every number of ranks.
-    """
+    """Part of a convex polygon that is nearer to one point than to another."""
     beyond = (polygon - 0.5 * (point + other)) @ (other - point)
-    beyond[np.abs(beyond) < _TIE * np.linalg.norm(other - point)] = 0.0
-    following = np.roll(beyond, -1)
+    beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
+    inside, following = beyond <= 0.0, np.roll(beyond, -1)
     cut = beyond * following < 0.0
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
     crossing = polygon + share[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    part: Floats = both[np.stack([beyond <= 0.0, cut], axis=1).ravel()]
+    part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
     return part
 
 

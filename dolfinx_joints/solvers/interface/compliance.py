@@ -25,6 +25,7 @@ from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix, gathered
 from dolfinx_joints.solvers.interface.unit_forces import UnitForces
 from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -155,10 +156,10 @@ class Compliance:
 
         ones = np.ones(len(columns))
         rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
-        return _Compressed(rough, ones, self.dead, self._comm)
+        return _Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
     def _products(self, matrix: LowRankMatrix) -> Split:
-        return _Compressed(matrix, self.scale, self.dead, self._comm)
+        return _Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
@@ -266,10 +267,16 @@ class _Compressed(_Products):
     """S in blocks of low rank."""
 
     def __init__(
-        self, matrix: LowRankMatrix, scale: Floats, dead: NDArray[np.bool_], comm: Any
+        self,
+        matrix: LowRankMatrix,
+        scale: Floats,
+        dead: NDArray[np.bool_],
+        comm: Any,
+        rounds: Rounds | None,
     ) -> None:
-        """Keep the matrix."""
-        super().__init__(matrix.product, scale, dead, comm)
+        """Keep the matrix; several runs multiply with it through rounds."""
+        multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
+        super().__init__(multiply, scale, dead, comm)
         self._matrix, self.nbytes = matrix, int(matrix.nbytes)
         self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
 

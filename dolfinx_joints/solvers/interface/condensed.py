@@ -58,7 +58,7 @@ class Condensed:
         self.static, self.used = not effective.mass, False
         self._restored: Mapping[str, Any] = {}
         self._effective = effective
-        self._body = EffectiveMatrix(system, effective, linear=options.linear)
+        self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
         self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.loose:
             self._body.destroy()
@@ -83,6 +83,15 @@ class Condensed:
     @cached_property
     def compliance(self) -> Compliance:
         """G, scaled, made when first asked for (collective)."""
+        shared = self._system.shared
+        if shared is None or self.springs is not None:
+            return self._made()
+        made: Compliance = shared.compliance(
+            (self._effective, self._options.compliance), self._made
+        )
+        return made
+
+    def _made(self) -> Compliance:
         return Compliance(
             self.matrix,
             self._operator,
@@ -127,7 +136,7 @@ class Condensed:
 
     def destroy(self) -> None:
         """Free matrices and factor."""
-        if "compliance" in self.__dict__:
+        if "compliance" in self.__dict__ and self.matrix.rounds is None:
             self.compliance.destroy()
         if not self.loose or "matrix" in self.__dict__:
             self.matrix.destroy()

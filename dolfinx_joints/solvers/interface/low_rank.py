@@ -250,6 +250,17 @@ class LowRankMatrix:
         out[self._down] = self._scales[0] * y
         return out
 
+    def products(self, vectors: list[Floats]) -> Sequence[Floats]:
+        """`product` of several vectors, reading the blocks once."""
+        if len(vectors) == 1:
+            return [self.product(vectors[0])]
+        x = (self._scales[1][:, None] * np.column_stack(vectors)[self._across]).astype(self._dtype)
+        y = np.zeros((self.shape[0], len(vectors)), dtype=self._dtype)
+        _multiply_all(self._blocks, self._data, x, y)
+        out = np.empty((len(vectors), self.shape[0]))
+        out[:, self._down] = (self._scales[0][:, None] * y).T
+        return list(out)
+
     def rows(self, numbers: Ints) -> Floats:
         """Some of the rows, shape (k, 3 n), for their numbers among those kept, shape (k,)."""
         place = np.empty(self.shape[0], dtype=np.int64)
@@ -321,6 +332,26 @@ def _multiply(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]
         _low_rank(down, across, x_across, y_down)
         if mirrored:
             _low_rank(across, down, x[top : top + height], y[left : left + width])
+
+
+@njit(cache=True)
+def _multiply_all(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
+    """`_multiply` of the columns of x."""
+    for b in range(len(blocks)):
+        top, left, height, width, rank, mirrored, start = blocks[b]
+        x_across, x_down = x[left : left + width], x[top : top + height]
+        if rank < 0:
+            dense = data[start : start + height * width].reshape(height, width)
+            y[top : top + height] += np.dot(dense, x_across)
+            if mirrored:
+                y[left : left + width] += np.dot(dense.T, x_down)
+            continue
+        middle = start + rank * height
+        down = data[start:middle].reshape(rank, height)
+        across = data[middle : middle + rank * width].reshape(rank, width)
+        y[top : top + height] += np.dot(down.T, np.dot(across, x_across))
+        if mirrored:
+            y[left : left + width] += np.dot(across.T, np.dot(down, x_down))
 
 
 @njit(cache=True, fastmath=SUMS)

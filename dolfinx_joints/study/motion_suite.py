@@ -1,0 +1,248 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""One model under a suite of ground motions, side by side."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import annotated_types as at
+import numpy as np
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import ConvergenceError, JointsError, StudyError
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_kind_of, check_named
+from dolfinx_joints.common.summary import Rows, Summarised, names
+from dolfinx_joints.monitors.results_monitor import ResultsMonitor
+from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.spectra import arias_intensity, response_spectrum
+from dolfinx_joints.postprocessing.peaks import crest_points, displacement_peak, joint_peaks
+from dolfinx_joints.results.reader import Results
+from dolfinx_joints.simulation.checkpoint import Checkpoints
+from dolfinx_joints.simulation.simulation import Simulation
+from dolfinx_joints.solvers.shared_bulk import SharedBulk
+from dolfinx_joints.study.runner import Tally, check_name
+from dolfinx_joints.study.table import Row, Table, columns
+
+if TYPE_CHECKING:
+    from dolfinx_joints.monitors.probes import Probe
+    from dolfinx_joints.simulation.outcome import Outcome
+
+State = Literal["there", "begun", "new"]
+
+# Failures of a step: of one motion, whatever becomes of others.
+OF_STEPS = (ConvergenceError, JointsError)
+
+# Key of a results file's metadata.
+DIGEST = "motion of the suite"
+
+
+class MotionSuite(Summarised):
+    """Runs of one model from one static state, each under a ground motion of its own.
+
+    They share the bulk's factor and the compliance at the joints; linear systems are solved in
+    blocks of all runs, which takes several times less than one by one. Joints iterate by
+    themselves: a run gives what it gives alone, but for rounding. Each has a results file
+    ``NAME.h5``, and while it lasts a checkpoint ``NAME.checkpoint``: killed at any moment, a suite
+    goes on where it was.
+
+    Args:
+        path: Folder of the suite, made where missing.
+        simulation: Its model, options and static state are taken.
+        motions: Ground motions by name of the run.
+        points: Monitor points, see `ResultsMonitor`.
+        every: Steps between two states in the results files.
+
+    Raises:
+        ValueError: A name is no file name, or a motion is no `Motion`.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        simulation: Simulation,
+        motions: Mapping[str, Motion],
+        *,
+        points: Mapping[str, Sequence[float] | Probe],
+        every: int = 10,
+    ) -> None:
+        """Check the motions; nothing is written yet."""
+        check_kind_of("simulation", simulation, isinstance(simulation, Simulation), "a Simulation")
+        check_named("motions", motions, "motions by name of the run")
+        for name, motion in motions.items():
+            check_name(f"The run {name!r}", name)
+            check_kind_of(f"The motion {name!r}", motion, isinstance(motion, Motion), "a Motion")
+        self.path, self.motions = Path(path), dict(motions)
+        self._simulation, self._points, self._every = simulation, points, every
+        self._comm = simulation.model.jointed.mesh.comm
+
+    def _summary(self) -> Rows:
+        yield "folder", self.path
+        yield "motions", f"{len(self.motions)}: {names(self.motions)}"
+
+    @checked
+    def run(
+        self,
+        *,
+        dt: Annotated[float, at.Gt(0), at.Unit("s")],
+        at_once: Annotated[int, at.Ge(1)] = 16,
+        checkpoint_every: Annotated[int, at.Ge(1)] = 200,
+        rerun_changed: bool = False,
+        **options: Any,
+    ) -> Tally:
+        """Run the motions that have no complete results yet, each to its end (collective).
+
+        A change of the model goes unnoticed by runs that are complete.
+
+        Args:
+            dt: Time step [s].
+            at_once: Runs side by side: each holds its own state, some 20 vectors.
+            checkpoint_every: Steps between two checkpoints of a run.
+            rerun_changed: Run again what was run under another motion or time step; an error
+                otherwise.
+            options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
+
+        Returns:
+            Runs done, failed with the reason, and skipped because they were there.
+
+        Raises:
+            StudyError: The motion of a run has changed.
+            ResultsError: A results file cannot be written; other runs have come to their end.
+        """
+        states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
+        waiting = [name for name, state in states.items() if state != "there"]
+        shared = SharedBulk()
+        try:
+            found = shared.rounds.run(
+                {n: self._of(n, dt, states[n], shared, checkpoint_every, options) for n in waiting},
+                at_once,
+            )
+        finally:
+            shared.destroy()
+        failed = {n: str(end) for n, end in found.items() if type(end) in OF_STEPS}
+        for end in found.values():
+            if isinstance(end, Exception) and type(end) not in OF_STEPS:
+                raise end  # a wrong point, a full disk: of no use to go on with
+        done = [name for name in waiting if name not in failed]
+        skipped = [name for name in states if name not in waiting]
+        return Tally(done=done, failed=failed, skipped=skipped, remarks={})
+
+    def results(self, name: str) -> Path:
+        """Results file of a run."""
+        return self.path / f"{name}.h5"
+
+    @checked
+    def table(self, *, period: Annotated[float, at.Gt(0), at.Unit("s")] | None = None) -> Table:
+        """Intensities and responses of the complete runs, a row each, in the order of the motions.
+
+        Of a motion: ``pga [m/s^2]`` and ``sa [m/s^2]``, the pseudo-acceleration at a ``period``
+        with 5 % damping, the largest of its components; ``arias [m/s]``, the sum of theirs. Of the
+        run, over all joints: ``opening [m]``, ``slip [m]`` and the smallest ``safety [-]`` against
+        sliding, as in `joint_peaks`; ``displacement [m]``, the largest of a monitor point at the
+        crest from the static state; ``imbalance [-]`` of the energy lines.
+        """
+        return columns(
+            [self._row(n, period) for n in self.motions if self._complete(self.results(n))]
+        )
+
+    def _row(self, name: str, period: float | None) -> Row:
+        motion = self.motions[name]
+        arias = arias_intensity(motion.acceleration, motion.dt)[-1].sum()
+        row: Row = {"pga [m/s^2]": float(motion.peak.max()), "arias [m/s]": float(arias)}
+        if period is not None:
+            spectrum = response_spectrum(motion.acceleration, motion.dt, [period], 0.05)
+            row["sa [m/s^2]"] = float(spectrum.pseudo_acceleration.max())
+        with Results(self.results(name)) as results:
+            joints = [joint_peaks(results, joint) for joint in results.joints]
+            for what, unit, of in (("opening", "m", max), ("slip", "m", max), ("safety", "-", min)):
+                known = [peaks[what].value for peaks in joints if not np.isnan(peaks[what].value)]
+                row[f"{what} [{unit}]"] = of(known, default=math.nan)
+            crest = displacement_peak(results, crest_points(results))
+            row["displacement [m]"] = abs(crest.value)
+            row["imbalance [-]"] = results.summary["imbalance"]
+        known_row = {"case": name, "status": "complete", "parameters": {}, "reason": ""}
+        return known_row | {"wall_s": 0.0, "peak_mb": 0.0, "values": row}
+
+    def _states(self, dt: float, rerun_changed: bool) -> dict[str, State]:
+        """Which runs are complete and which have begun."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        states: dict[str, State] = {}
+        for name, motion in self.motions.items():
+            path = self.results(name)
+            states[name] = "new"
+            if not path.exists():
+                continue
+            with Results(path) as results:
+                complete, digest = results.complete, results.metadata.get(DIGEST)
+            if digest != _digest(motion, dt):
+                if not rerun_changed:
+                    raise StudyError(
+                        f"{path} is of another motion or time step than {name!r} now has; pass "
+                        "rerun_changed=True to run it again, or take another folder."
+                    )
+            elif complete:
+                states[name] = "there"
+            elif self._checkpoint(name).exists():
+                states[name] = "begun"
+        return states
+
+    def _complete(self, path: Path) -> bool:
+        if not path.exists():
+            return False
+        with Results(path) as results:
+            return results.complete
+
+    def _checkpoint(self, name: str) -> Path:
+        return self.path / f"{name}.checkpoint"
+
+    def _of(
+        self,
+        name: str,
+        dt: float,
+        state: State,
+        shared: SharedBulk,
+        every: int,
+        options: Mapping[str, Any],
+    ) -> Any:
+        """The run of a motion, to be called."""
+        given, motion = self._simulation, self.motions[name]
+        # Of a sample beyond the last step there is nothing left but rounding.
+        steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
+
+        def run() -> Outcome:
+            monitor = ResultsMonitor(
+                self.results(name),
+                points=self._points,
+                every=self._every,
+                overwrite=True,
+                metadata={DIGEST: _digest(motion, dt)},
+            )
+            one = Simulation(
+                given.model, monitors=[monitor], options=given.options, solver=given.solver
+            )
+            one.static, one.stages, one.shared = given.static, list(given.stages), shared
+            checkpoint = Checkpoints(self._checkpoint(name), every=every, overwrite=True)
+            outcome = one.dynamics(
+                dt=dt,
+                steps=steps,
+                motion=motion,
+                checkpoint=checkpoint,
+                resume=state == "begun",
+                **options,
+            )
+            on_root(self._comm, lambda: self._checkpoint(name).unlink())
+            return outcome
+
+        return run
+
+
+def _digest(motion: Motion, dt: float) -> str:
+    """What tells motions and time steps apart."""
+    return hashlib.sha256(
+        motion.acceleration.tobytes() + repr((motion.dt, dt)).encode()
+    ).hexdigest()

@@ -1,0 +1,55 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Fragility curves from shares and runs of which the right one is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from dolfinx_joints.study import fragility
+
+
+def test_exact_shares_give_the_curve_back():
+    # The likelihood is largest where every share is the probability.
+    intensity = np.linspace(0.5, 8.0, 12)
+    curve = fragility(intensity, norm.cdf(np.log(intensity / 3.0) / 0.4))
+    assert curve.median == pytest.approx(3.0, rel=1e-6)
+    assert curve.dispersion == pytest.approx(0.4, rel=1e-5)
+    np.testing.assert_allclose(curve(3.0), 0.5, atol=1e-6)
+
+
+def test_many_runs_come_near_it_whatever_the_unit():
+    rng = np.random.default_rng(1992)
+    intensity = rng.uniform(0.5, 8.0, 4000)
+    exceeded = rng.uniform(size=4000) < norm.cdf(np.log(intensity / 3.0) / 0.4)
+    curve, other = (fragility(f * intensity, exceeded) for f in (1.0, 981.0))
+    assert curve.median == pytest.approx(3.0, rel=0.02)
+    assert curve.dispersion == pytest.approx(0.4, rel=0.1)
+    assert other.median == pytest.approx(981.0 * curve.median, rel=1e-6)
+    assert other.dispersion == pytest.approx(curve.dispersion, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("exceeded", "message"),
+    [
+        ([0, 0, 0, 0], "in no run"),
+        ([1, 1, 1, 1], "in every run"),
+        ([0, 0, 1, 1], "in every one beyond 2 and none below"),
+        ([0, 0, 1], "as many shares from 0 to 1"),
+    ],
+)
+def test_runs_that_do_not_tell(exceeded, message):
+    with pytest.raises(ValueError, match=message):
+        fragility([1.0, 2.0, 3.0, 4.0], exceeded)
+
+
+def test_the_figure_says_what_it_is():
+    curve = fragility([1.0, 2.0, 3.0, 4.0], [0, 1, 0, 1])
+    ax = curve.draw("PGA [m/s²]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("PGA [m/s²]", "probability of exceedance [-]")
+    line, runs = ax.get_lines()
+    np.testing.assert_allclose(line.get_ydata(), curve(line.get_xdata()))
+    np.testing.assert_array_equal(runs.get_ydata(), [0, 1, 0, 1])
+    assert line.get_label() == f"median {curve.median:.3g}, dispersion {curve.dispersion:.2f}"

@@ -1,0 +1,159 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Suites of ground motions against single runs, interrupted ones, and their tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from shaken_wall import DT, POINTS, Killed, shaking, wall
+from vtk_files import on_root
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.monitors.results_monitor import ResultsMonitor
+from dolfinx_joints.postprocessing.peaks import joint_peaks
+from dolfinx_joints.study import MotionSuite
+
+pytestmark = pytest.mark.mpi
+
+STEPS = 8
+
+
+def motions(*factors):
+    times = DT * np.arange(STEPS + 1)
+    strong = np.array([shaking(time) for time in times])
+    return {f"x{f:g}": dj.Motion(acceleration=f * strong, dt=DT) for f in factors}
+
+
+@pytest.fixture
+def simulation(wall_file, read):
+    """At rest under its own weight; the compressed compliance is the one whose products merge."""
+
+    def make(compliance="compressed"):
+        model = wall(read(wall_file()))
+        found = dj.Simulation(model, options=dj.SolverOptions(compliance=compliance))
+        found.statics()
+        return found
+
+    return make
+
+
+@pytest.mark.parametrize("compliance", ["dense", "compressed", "matrix-free"])
+def test_a_run_gives_what_it_gives_alone(comm, simulation, new_path, compliance):
+    given, chosen = simulation(compliance), motions(0.3, 1.0, 1.5)
+    folder = new_path("suite")
+    suite = MotionSuite(folder, given, chosen, points=POINTS, every=2)
+    tally = suite.run(dt=DT, at_once=2)
+    assert tally.done == list(chosen)
+    for name, motion in chosen.items():
+        path = new_path(f"{name}.h5")
+        alone = dj.Simulation(
+            given.model,
+            monitors=[ResultsMonitor(path, points=POINTS, every=2)],
+            options=given.options,
+        )
+        alone.static, alone.stages = given.static, list(given.stages)
+        alone.dynamics(dt=DT, steps=STEPS, motion=motion)
+
+        def look(name=name, path=path):
+            with dj.Results(path) as wanted, dj.Results(suite.results(name)) as found:
+                assert found.streams == wanted.streams
+                for series in ("displacement", "joints/joint_1/gap", "joints/joint_1/traction"):
+                    expected = wanted.series("states", series)
+                    np.testing.assert_allclose(
+                        found.series("states", series), expected, atol=1e-9 * np.abs(expected).max()
+                    )
+                assert found.summary["imbalance"] < 1e-11
+
+        on_root(comm, look)
+
+
+def test_an_interrupted_suite_goes_on(comm, simulation, new_path, monkeypatch):
+    given, chosen, folder = simulation(), motions(0.3, 1.0, 1.5), new_path("suite")
+    whole = MotionSuite(new_path("whole"), given, chosen, points=POINTS)
+    whole.run(dt=DT)
+    suite = MotionSuite(folder, given, chosen, points=POINTS)
+    record = ResultsMonitor.record
+
+    def killing(monitor, each):
+        record(monitor, each)
+        if each.step == 5 and monitor._path.stem == "x1":
+            raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsMonitor, "record", killing)
+        with pytest.raises(Killed):
+            suite.run(dt=DT, checkpoint_every=3)
+    assert suite.run(dt=DT, at_once=1).done == list(chosen)
+    assert suite.run(dt=DT).skipped == list(chosen)
+    comm.barrier()
+
+    def look():
+        assert not list(folder.glob("*.checkpoint"))
+        for name, column in whole.table().items():
+            if column.dtype == float and name != "imbalance [-]":
+                np.testing.assert_allclose(suite.table()[name], column, rtol=1e-9)
+
+    on_root(comm, look)
+
+
+def test_the_table_is_that_of_files_and_motions(comm, simulation, new_path):
+    chosen = motions(0.3, 1.0)
+    suite = MotionSuite(new_path("suite"), simulation(), chosen, points=POINTS)
+    suite.run(dt=DT)
+
+    def look():
+        table = suite.table(period=0.4)
+        assert table["case"].tolist() == ["x0.3", "x1"]
+        for i, (name, motion) in enumerate(chosen.items()):
+            assert table["pga [m/s^2]"][i] == motion.peak.max()
+            with dj.Results(suite.results(name)) as results:
+                each = [joint_peaks(results, joint) for joint in results.joints]
+                assert table["opening [m]"][i] == max(p["opening"].value for p in each)
+                assert table["safety [-]"][i] == min(p["safety"].value for p in each)
+                u = results.series("histories", "displacement")
+                assert table["displacement [m]"][i] == pytest.approx(np.abs(u - u[0]).max())
+        # Linear in the motion: intensities scale with it, that of Arias with its square.
+        for what, power in (("pga [m/s^2]", 1), ("sa [m/s^2]", 1), ("arias [m/s]", 2)):
+            small, large = table[what]
+            assert small / large == pytest.approx(0.3**power, rel=1e-12)
+
+    on_root(comm, look)
+
+
+def test_what_has_changed_is_not_taken_for_done(comm, simulation, new_path):
+    given, folder = simulation(), new_path("suite")
+    MotionSuite(folder, given, {"a": motions(1.0)["x1"]}, points=POINTS).run(dt=DT)
+    other = MotionSuite(folder, given, {"a": motions(0.5)["x0.5"]}, points=POINTS)
+    with pytest.raises(StudyError, match=r"a\.h5 is of another motion or time step than 'a'"):
+        other.run(dt=DT)
+    assert other.run(dt=DT, rerun_changed=True).done == ["a"]
+    with pytest.raises(ValueError, match="The motion 'a' is .*; it must be a Motion"):
+        MotionSuite(folder, given, {"a": shaking}, points=POINTS)
+
+
+def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
+    comm, simulation, new_path, monkeypatch
+):
+    given, chosen = simulation(), motions(0.3, 1.0)
+    record = ResultsMonitor.record
+
+    def failing(monitor, each):
+        record(monitor, each)
+        if each.step == 5 and monitor._path.stem == "x1":
+            raise dj.ConvergenceError(iteration=30, residual=1.0)
+
+    monkeypatch.setattr(ResultsMonitor, "record", failing)
+    suite = MotionSuite(new_path("suite"), given, chosen, points=POINTS)
+    tally = suite.run(dt=DT)
+    assert tally.done == ["x0.3"]
+    assert "did not converge" in tally.failed["x1"]
+    comm.barrier()
+    on_root(comm, lambda: np.testing.assert_array_equal(suite.table()["case"], ["x0.3"]))
+    wrong = MotionSuite(new_path("far"), given, chosen, points={"far": (900.0, 0.0, 0.0)})
+    with pytest.raises(dj.JointsError, match="lies .* m from the nearest node"):
+        wrong.run(dt=DT)

@@ -168,7 +168,7 @@ def shake(simulation: dj.Simulation, motion: dj.Motion, steps: int) -> dj.Outcom
 
 
 def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Outcome:
-    """All stages, with a results file, and a folder for ParaView beside it."""
+    """All stages, with a results file, and files for ParaView beside it."""
     monitors = [
         dj.ResultsMonitor(
             results,

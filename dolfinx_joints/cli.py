@@ -125,8 +125,9 @@ def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
     from dolfinx_joints.export.paraview import write_vtk
     from dolfinx_joints.results.reader import Results
 
+    out = out or file.with_name(f"{file.name.removesuffix('.h5')}.vtkhdf")
     with Results(file) as results:
-        for path in write_vtk(results, out or file.with_suffix(""), overwrite=force):
+        for path in write_vtk(results, out, overwrite=force):
             print(path)
 
 

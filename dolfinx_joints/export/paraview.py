@@ -16,6 +16,7 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
 from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
+from dolfinx_joints.results.arguments import StageStates
 from dolfinx_joints.results.reader import Results
 
 
@@ -30,7 +31,8 @@ def write_vtk(
     joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
     ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
     [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all
-    times.
+    times. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    stage's number as time.
 
     Args:
         results: The run.
@@ -41,31 +43,42 @@ def write_vtk(
         The files written.
 
     Raises:
-        ResultsError: The file holds no states or no cells, or files are there already.
+        ResultsError: The file holds neither states nor stages, or no cells, or files are there
+            already.
     """
     check_path("path", path)
-    if "states" not in results.streams or not results.rows("states"):
-        raise ResultsError(
-            f"{results.path} holds no states of a dynamic stage to write for ParaView; static "
-            "stages are written by a FieldMonitor, or taken by to_pyvista(results, stage=...)."
-        )
-    first = vtk_path(path)
-    paths = [first, joints_path(first)][: 2 if results.joints else 1]
+    found = {
+        first.with_name(f"{first.stem}{ending}{first.suffix}"): part
+        for first in [vtk_path(path)]
+        for ending, part in (("", results), ("_stages", StageStates(results)))
+        if part.streams.get("states") and part.rows("states")
+    }
+    if not found:
+        raise ResultsError(f"{results.path} holds no states and no static stages for ParaView.")
+    count = 2 if results.joints else 1
+    paths = [place for first in found for place in (first, joints_path(first))[:count]]
     check_free(paths, overwrite=overwrite)
+    for first, part in found.items():
+        _write(part, first)
+    return paths
+
+
+def _write(results: Results, path: Path) -> None:
+    """Write the states of body and joints."""
     times = results.time("states")
-    body = VtkFile(first, body_grid(results))
+    body = VtkFile(path, body_grid(results))
     for number, time in enumerate(times):
         moved = results.series("states", "displacement", number)
         body.append(time, {"displacement [m]": moved}, {})
     if results.joints:
         grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
-        file = VtkFile(paths[1], grid)
-        names = ["displacement", *(n for n in results.streams["states"] if "/" in n)]
+        file = VtkFile(joints_path(path), grid)
+        names = [n for n in results.streams["states"] if n.startswith("joints/")]
         for number, time in enumerate(times):
             record = {name: results.series("states", name, number) for name in names}
-            u = {"displacement [m]": grid.motion @ record["displacement"]}
-            file.append(time, u, values_of_all(record, results.joints))
-    return paths
+            moved = grid.motion @ results.series("states", "displacement", number)
+            values = values_of_all(record, results.joints)
+            file.append(time, {"displacement [m]": moved}, values)
 
 
 def joints_path(path: Path) -> Path:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import shutil
+import io
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Grid
+from dolfinx_joints.export.whole_files import changed, finished, forgotten, write_new
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
 _CHUNK = 1 << 16  # numbers of a chunk of values
-_METADATA_BYTES = 1 << 20  # what HDF5 adds to the values of one time, and more
 # Where the part of each time begins; the grid, written once, is that of every time.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
@@ -29,6 +29,11 @@ Values = Mapping[str, ArrayLike]
 
 class VtkFile:
     """A file that grows by one time after the other and is whole between them.
+
+    A kill loses no more than the time that is being written. Only if it comes while the last few
+    kilobytes are written, less than a millisecond, the file may be unreadable until it is
+    continued, which repairs it from ``NAME.vtkhdf.redo`` beside it. Against a loss of power there
+    is no guarantee.
 
     Args:
         path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
@@ -43,8 +48,11 @@ class VtkFile:
         self.path, self._fixed = path, dict(grid.cell_data)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with h5py.File(path, "w") as file:
+            forgotten(path)
+            content = io.BytesIO()
+            with h5py.File(content, "w") as file:
                 _write_grid(file, grid)
+            write_new(path, content.getvalue())
         except OSError as error:
             raise ResultsError(f"{path} cannot be written: {error}.") from None
 
@@ -59,7 +67,8 @@ class VtkFile:
         file = cls.__new__(cls)
         file.path, file._fixed = path, dict(grid.cell_data)
         try:
-            with h5py.File(path, "r+") as opened:
+            finished(path)
+            with changed(path) as opened:
                 same = _is_of(opened["VTKHDF"], grid)
                 if same:
                     _cut(opened["VTKHDF"], last)
@@ -77,26 +86,22 @@ class VtkFile:
         Raises:
             ResultsError: The file cannot be written, or has no room to grow.
         """
-        points, cells = ({k: np.asarray(v) for k, v in d.items()} for d in (point_data, cell_data))
-        growth = sum(values.nbytes for values in (*points.values(), *cells.values()))
         try:
-            if shutil.disk_usage(self.path.parent).free < 2 * growth + _METADATA_BYTES:
-                raise OSError(f"the disk is full, {growth / 1e6:.3g} MB are to come")
-            with h5py.File(self.path, "r+") as file:
+            with changed(self.path) as file:
                 root = file["VTKHDF"]
                 for name, fixed in self._fixed.items():
                     _append_values(root, "CellData", name, np.asarray(fixed), once=True)
-                for kind, data in (("PointData", points), ("CellData", cells)):
+                for kind, data in (("PointData", point_data), ("CellData", cell_data)):
                     for name, values in data.items():
-                        _append_values(root, kind, name, values)
+                        _append_values(root, kind, name, np.asarray(values))
                 file.flush()
                 _append_time(root["Steps"], time)
         except (OSError, KeyError, RuntimeError) as error:
-            raise ResultsError(f"{self.path} cannot grow: {error}.") from None
+            raise ResultsError(f"{self.path} cannot grow: {_reason(error)}.") from None
 
 
 class DamagedFileError(ResultsError):
-    """A file that was being written when its run was killed and cannot be read any more."""
+    """A file that cannot be read any more, such as after a loss of power."""
 
 
 def vtk_path(path: str | PathLike[str]) -> Path:
@@ -109,6 +114,10 @@ def vtk_path(path: str | PathLike[str]) -> Path:
     if given.is_dir():
         raise ResultsError(f"{path} is a folder; give the name of a file, such as run{SUFFIX}.")
     return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:

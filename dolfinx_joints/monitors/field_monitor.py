@@ -43,9 +43,9 @@ class FieldMonitor(Monitor):
     ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
     ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
     ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
-    continued run goes on with its files. A run that is killed in the very moment of writing, some
-    ms of each time, may leave a file that cannot be read: a continued run puts it aside as
-    ``NAME.damaged``, says so, and begins a new one.
+    continued run goes on with its files. A kill loses no more than the time that is being
+    written, as `export.vtk_files.VtkFile` says in full; a file damaged otherwise becomes
+    ``NAME.damaged`` in a continued run, which says so and begins a new one.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.
@@ -108,17 +108,15 @@ class FieldMonitor(Monitor):
         cells = body_cells(model, self._nodes)
         self._cells = CellFields(model, CellGather(model))
         self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
-        surface, joints = boundary_facets(model, self._nodes), joint_statics(model)
-        arrays = StaticArrays({"mesh/nodes": self._nodes.positions, "mesh/surface": surface})
-        arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
-        self._names, self._grids = list(joints), list[Grid]()
+        grids = joint_grids(model, self._nodes)
+        self._names, self._grids = list(grids), list[Grid]()
         self._comm, self._found = model.jointed.mesh.comm, model
         if cells is not None:  # on the rank that writes
             nodes = np.asarray(cells.nodes)
             groups = {name: np.asarray(rows) for name, rows in cells.groups.items()}
             self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind, groups))
-            if joints:
-                self._grids.append(joined({name: joint_grid(arrays, name) for name in joints}))
+            if grids:
+                self._grids.append(joined(grids))
 
     def _open(self, path: Path, last: float | None) -> None:
         """Create files that no other run writes, or go on after a time (collective)."""
@@ -174,3 +172,13 @@ def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
         warnings.warn(f"{error} It is now {aside}; a new file begins here.", stacklevel=2)
         path.replace(aside)
         return VtkFile(path, grid)
+
+
+def joint_grids(model: Model, nodes: NodeNumbering) -> dict[str, Grid]:
+    """Grid of each joint, on rank 0 (collective)."""
+    surface, joints = boundary_facets(model, nodes), joint_statics(model)
+    if model.jointed.mesh.comm.rank > 0:
+        return {}
+    arrays = StaticArrays({"mesh/nodes": nodes.positions, "mesh/surface": surface})
+    arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
+    return {name: joint_grid(arrays, name) for name in joints}

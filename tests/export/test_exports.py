@@ -182,5 +182,16 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
                 np.testing.assert_array_equal(of_joints.cell_data[name], np.concatenate(held))
             wide = np.maximum(of_joints.cell_data["gap [m]"][:, 0], 0.0)
             np.testing.assert_array_equal(of_joints.cell_data["opening [m]"], wide)
+            for i, joint in enumerate(results.joints):
+                inside = of_joints.cell_data["joint [-]"] == i
+                np.testing.assert_array_equal(of_joints.cell_data[f"in {joint} [-]"], inside)
+        stages = path.with_name(f"{path.stem}_stages.vtkhdf")
+        ((number, grid),) = read_vtk(stages)
+        assert number == 1.0
+        u = results.series("statics", "displacement", 0)
+        np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
+        ((_, of_joints),) = read_vtk(stages.with_name(f"{stages.stem}_joints.vtkhdf"))
+        held = [results.series("statics", f"joints/{j}/traction", 0) for j in results.joints]
+        np.testing.assert_array_equal(of_joints.cell_data["traction [Pa]"], np.concatenate(held))
     with pytest.raises(dj.ResultsError, match="there already; --force"):
         export.write_vtk(results, tmp_path / "later")

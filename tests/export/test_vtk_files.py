@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
+import errno
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,8 +15,7 @@ import pytest
 from vtk_files import read_vtk
 
 from dolfinx_joints import ResultsError
-from dolfinx_joints.export import vtk_files
-from dolfinx_joints.export.grids import StaticArrays, joined, joint_grid, uniform_grid
+from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
 from dolfinx_joints.export.vtk_files import DamagedFileError, VtkFile
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]])
@@ -89,9 +90,80 @@ def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path)
 
 def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
-    file.append(0.0, {}, {})
-    usage = namedtuple("usage", "free")
-    monkeypatch.setattr(vtk_files.shutil, "disk_usage", lambda _: usage(free=1000))
-    with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: the disk is full"):
-        file.append(1.0, {}, {})
+    opening = {"opening [m]": np.arange(6.0)}
+    file.append(0.0, {}, opening)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "posix_fallocate", full)
+        with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: No space left on device"):
+            file.append(1.0, {}, opening)
     assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]
+
+
+LINE = 3  # VTK's number
+TIMES = [0.0, 0.5, 1.0]
+
+
+class Killed(BaseException):
+    """In the place of a signal: nobody handles it."""
+
+
+def lines(count: int = 40) -> Grid:
+    points = np.random.default_rng(3).uniform(size=(count + 1, 3))
+    cells = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
+    return uniform_grid(points, cells, LINE, {"first": np.arange(5)})
+
+
+def append(file: VtkFile, time: float) -> None:
+    u = time + np.arange(123.0).reshape(41, 3)
+    file.append(time, {"displacement [m]": u}, {"stress [Pa]": time + np.arange(40.0)})
+
+
+def check(path: Path) -> list[float]:
+    """Times [s] of a file whose values are those of `append`, as VTK reads it."""
+    found = read_vtk(path)
+    for time, grid in found:
+        u = time + np.arange(123.0).reshape(41, 3)
+        np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
+        np.testing.assert_array_equal(grid.cell_data["stress [Pa]"], time + np.arange(40.0))
+        np.testing.assert_array_equal(grid.cell_data["in first [-]"], np.arange(40) < 5)
+    return [time for time, _ in found]
+
+
+def test_a_kill_loses_no_more_than_the_last_time(tmp_path, monkeypatch):
+    """Killed in the midst of each write in turn until none is left."""
+    path, pwrite, ended = tmp_path / "run.vtkhdf", os.pwrite, False
+    for stop in range(1000):
+        file = VtkFile(path, lines())
+        append(file, TIMES[0])
+        append(file, TIMES[1])
+        left = iter(range(stop))
+
+        def write(handle, content, place, left=left):
+            if next(left, None) is None:
+                pwrite(handle, content[: len(content) // 2], place)
+                raise Killed
+            return pwrite(handle, content, place)
+
+        monkeypatch.setattr(os, "pwrite", write)
+        try:
+            append(file, TIMES[2])
+            ended = True
+        except Killed:
+            pass
+        monkeypatch.setattr(os, "pwrite", pwrite)
+        begun = (tmp_path / "run.vtkhdf.redo").exists()
+        if not begun:
+            assert check(path) == TIMES[: 3 if ended else 2]
+        file = VtkFile.resume(path, lines(), TIMES[1])
+        assert check(path) == TIMES[:2]
+        append(file, TIMES[2])
+        assert check(path) == TIMES
+        if ended:
+            break
+    assert ended
+    assert stop > 10
+    assert [each.name for each in tmp_path.iterdir()] == ["run.vtkhdf"]

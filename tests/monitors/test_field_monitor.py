@@ -9,12 +9,16 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from mpi4py import MPI
+
 from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
 from vtk_files import on_root, read_vtk
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.monitors.field_monitor import joint_grids
 from dolfinx_joints.monitors.probes import boundary_facets
 
 pytestmark = pytest.mark.mpi
@@ -156,5 +160,25 @@ def test_the_surface_faces_outward(comm, wall_file, read, cell):
             a, b, c = (corners[:, i] for i in (0, second, second + 1))
             flux += np.einsum("fi,fi->", a, np.cross(b, c)) / 2.0
         assert flux == pytest.approx(3.0 * 20.0 * 4.0 * 20.0, rel=1e-12)
+
+    on_root(comm, look)
+
+
+def test_joints_are_drawn_alike_on_any_ranks(comm, mesh_file, read):
+    """Skew facets: four bisectors that meet in a point but for rounding, which is of the ranks."""
+    path, grids = mesh_file(ambiesta, size=8.0, order=1), []
+    for each in (comm, MPI.COMM_SELF):
+        model = wall(read(path, on=each))
+        grids.append(joint_grids(model, NodeNumbering(model.V)))
+
+    def look():
+        for here, alone in zip(*(found.values() for found in grids), strict=True):
+            np.testing.assert_array_equal(here.offsets, alone.offsets)
+            np.testing.assert_allclose(here.points, alone.points, rtol=0.0, atol=1e-9)
+            difference = here.motion.toarray() - alone.motion.toarray()
+            np.testing.assert_allclose(difference, 0.0, atol=1e-12)
+            for first, end in zip(here.offsets[:-1], here.offsets[1:], strict=True):
+                sides = np.diff(here.points[[*range(first, end), first]], axis=0)
+                assert np.linalg.norm(sides, axis=1).min() > 1e-6
 
     on_root(comm, look)

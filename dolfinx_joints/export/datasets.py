@@ -28,7 +28,7 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
     Variables are the series of the file with the attributes ``units`` and ``long_name``.
 
     - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
-      ``component`` (x, y, z);
+      ``component`` (x, y, z; of plane forces the last is NaN);
     - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
     - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together
       ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``,
@@ -78,7 +78,11 @@ class _Builder:
         else:
             dims = ("time", "component")[: values.ndim]
         if "component" in dims:
-            self.coordinates["component"] = list(COMPONENTS[: values.shape[-1]])
+            self.coordinates["component"] = list(COMPONENTS)
+            missing = len(COMPONENTS) - values.shape[-1]  # a plane force has no z
+            if missing:
+                unknown = np.full((*values.shape[:-1], missing), np.nan)
+                values = np.concatenate([values, unknown], axis=-1)
         self.variables[name] = (dims, values, self._attributes(name))
 
     def add_joint_points(self, names: set[str]) -> None:

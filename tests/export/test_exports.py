@@ -90,6 +90,26 @@ def test_xarray(runs):
     np.testing.assert_array_equal(states["displacement"], results.series("states", "displacement"))
 
 
+def test_plane_run(two_rectangles_file, read, new_path):
+    """Forces on supports have no z, points and nodes have: both in one data set, table likewise."""
+    pytest.importorskip("xarray")
+    model = wall(read(two_rectangles_file(), on=MPI.COMM_SELF))
+    path = new_path("plane.h5")
+    simulation = dj.Simulation(model, monitors=[dj.ResultsMonitor(path, points={"top": (0, 2)})])
+    simulation.statics()
+    simulation.dynamics(dt=1e-4, steps=STEPS)
+    with dj.Results(path) as results:
+        histories, frame = export.to_xarray(results), export.to_pandas(results)
+        force = results.series("histories", "reaction/base")
+    assert force.shape == (STEPS + 1, 2)
+    reaction = histories["reaction/base"]
+    np.testing.assert_array_equal(reaction.sel(component=["x", "y"]), force)
+    assert reaction.sel(component="z").isnull().all()
+    assert histories["displacement"].sel(component="z").notnull().all()
+    np.testing.assert_array_equal(frame["reaction/base y [N]"], force[:, 1])
+    assert "reaction/base z [N]" not in frame
+
+
 def check_order_of_nodes(body, order):
     """VTK interpolates a polynomial of the cells' degree exactly wherever it is asked.
 

@@ -135,12 +135,15 @@ class Scene:
         """Add the outline of polygons, whose points count as one where they coincide.
 
         They coincide within 1e-6 of the size of all. To the outline belong edges with one polygon
-        and, unless it is None, those sharper than an angle. Tubes of a radius [m] are drawn instead
-        of lines.
+        and, unless it is None, those sharper than an angle, whichever way round polygons are
+        given. Tubes of a radius [m] are drawn instead of lines.
         """
+        if not len(faces):
+            return
         lines = (
             polygons(points, faces)
             .clean(tolerance=1e-6, absolute=False)
+            .compute_normals(point_normals=False, consistent_normals=True)
             .extract_feature_edges(
                 feature_angle=180.0 if sharper_than_deg is None else sharper_than_deg,
                 boundary_edges=True,

@@ -174,6 +174,13 @@ def test_coincident_points_are_no_outline() -> None:
     assert len(scene.layers) == 1  # no facets, nothing to draw
 
 
+def test_facets_given_the_other_way_round_make_no_outline() -> None:
+    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
+    scene = rendering.Scene()
+    scene.edges(square, [[0, 1, 2], [0, 3, 2]])
+    assert scene.layers[0][0].n_cells == 4
+
+
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
 def test_without_the_packages_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results, lacking: str

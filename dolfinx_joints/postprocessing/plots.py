@@ -327,7 +327,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
 
     One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
     the largest opening or slip or the smallest safety in colour; the legend says when and how
-    much. A joint slides at a safety of 1, dashed; what is above 10 is not shown.
+    much. A joint slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest, is not
+    shown.
     """
     check_results(results)
     if not results.joints:
@@ -356,7 +357,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         ax.margins(x=0.0)
         ax.set_ylim(bottom=0.0)
     panels[2].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    panels[2].set_ylim(0.0, min(10.0, max(2.0, panels[2].get_ylim()[1])))
+    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
+    panels[2].set_ylim(0.0, min(highest, max(2.0, panels[2].get_ylim()[1])))
     return panels
 
 

@@ -108,6 +108,14 @@ def test_plane_joint(tmp_path):
         assert np.isinf(found.plane_safety).all()
 
 
+def test_a_joint_that_is_safe_throughout_is_in_the_picture(tmp_path):
+    path = write_joint(tmp_path / "r.h5", np.array([[0.0, 0.0, 1.0]]), [[-1e6, 1e6 * MU / 24.3, 0]])
+    with Results(path) as results:
+        ax = plots.joint_histories(results)[-1]
+    assert ax.lines[1].get_ydata() == pytest.approx([24.3])
+    assert 24.3 < ax.get_ylim()[1] < 50.0
+
+
 def test_histories_are_drawn_in_their_units(tmp_path):
     # Three steps: the opening of `b` is the largest, 4 mm at 0.2 s; `a` has the smallest safety.
     level = np.array([[0.0, 0.0, 1.0]])

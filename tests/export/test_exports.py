@@ -62,6 +62,8 @@ def test_pandas(runs):
     friction = results.series("energy", "joints/joint_1/friction")
     np.testing.assert_array_equal(energy["joints/joint_1/friction [J]"], friction)
     peaks = export.to_pandas(results, "peaks").set_index("peak")
+    moved = np.abs(u[:, 1] - u[0, 1]).max()
+    assert abs(peaks.loc["displacement of corner from the static state", "value"]) == moved
     opening = results.series("joints", "joint_2/opening")
     row = peaks.loc["opening of joint_2"]
     assert (row["value"], row["unit"]) == (opening.max(), "m")

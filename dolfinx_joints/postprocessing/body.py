@@ -105,7 +105,7 @@ class Deformed:
     def draw(
         self,
         cameras: Sequence[Camera],
-        label: str,
+        frame: str,
         title: str,
         *,
         limits: tuple[float, float] | None = None,
@@ -115,7 +115,7 @@ class Deformed:
 
         Args:
             cameras: Where the eye is.
-            label: Of the colour bar.
+            frame: What displacements are relative to.
             title: Of the figure.
             limits: Range of the colours [mm], that of the state unless given.
             room: Points, shape (n, 3), [m], that the pictures have room for besides the body.
@@ -133,6 +133,7 @@ class Deformed:
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
             write_names(ax, body.tops(moved, camera), RED)
+        label = f"displacement [mm], from the unloaded body, {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure

@@ -49,7 +49,6 @@ from dolfinx_joints.postprocessing.frames import (
     ground_motion,
     ground_name,
     has_ground_motion,
-    reference_displacement,
 )
 from dolfinx_joints.postprocessing.joints.maps import draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
@@ -127,18 +126,21 @@ def history(
     component: Component,
     *,
     relative_to: str | None = None,
+    from_static: bool = False,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
 ) -> Axes:
-    """Displacement of a monitor point against time, that of the static state included [1e-3 m]."""
-    ax, column = ax or new_axes(), COMPONENTS.index(component)
-    drawn = runs(results, reference, labels)
+    """Displacement of a monitor point against time [1e-3 m].
+
+    That of the static state is included unless it is to be ``from_static``.
+    """
+    ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
-        displacement = run.series("histories", "displacement")[:, run.point_index(point), column]
-        displacement = displacement - reference_displacement(run, relative_to)[:, column]
-        ax.plot(run.time("histories"), 1e3 * displacement, **style)
-    decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
+        moved = displacement_history(run, point, component, relative_to, from_static=from_static)
+        ax.plot(moved[0], 1e3 * moved[1], **style)
+    since = " from the static state" if from_static else ""
+    decorate(ax, "time [s]", rf"displacement {component}{since} [$10^{{-3}}$ m]")
     title = f"{point_name(results, point)}: displacement {component}"
     ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
     ax.margins(x=0.0)

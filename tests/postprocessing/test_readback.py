@@ -280,7 +280,9 @@ def check_peaks(results: Results, table: dict[str, Any]) -> None:
     for what, value, unit, time, component in zip(*(table[name] for name in names), strict=True):
         kind, _, of = what.partition(" of ")
         if kind == "displacement":
-            known = measures.displacement_history(results, of, component)
+            point, _, datum = of.partition(" from ")
+            assert datum == "the static state"
+            known = measures.displacement_history(results, point, component)
         elif kind == "absolute acceleration":
             point, _, band = of.partition(" up to ")
             assert band == f"{measures.common_band(results):.3g} Hz"

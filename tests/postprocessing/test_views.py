@@ -257,7 +257,8 @@ def test_absolute_displacements_are_drawn_without_those_of_the_base(tmp_path: Pa
     outer = scenes[0].layers[0][0]
     np.testing.assert_allclose(np.unique(outer.point_data["value"]), [0.0, 2.0], atol=1e-9)
     words = figure.axes[-1].get_ylabel().split()
-    assert " ".join(words) == "displacement [mm] relative to the mean of the base"
+    relative = "relative to the mean of the base"
+    assert " ".join(words) == f"displacement [mm] from the unloaded body {relative}"
     # 6 % of the diagonal of 4.9 m over 2 mm is 147, and 100 the round number below it.
     assert "displacements x 100\n" in figure.get_suptitle()
     # The crest is 1.3 mm x sin(2 pi 5.22) from the free surface at that time.

@@ -71,6 +71,7 @@ Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a pic
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
+_UPRIGHT = 0.7  # height of a joint's second axis, a unit vector: it stands where it is above
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
 
@@ -183,13 +184,14 @@ def joint_map(
     together = np.concatenate(list(values.values()))
     limits = map_limits(quantity, together)
     cmap = map_colours(quantity, limits)
-    scene, tops = Scene(), {}
+    scene, tops, how = Scene(), {}, ""
     scene.edges(body.nodes, body.shown, **OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
         points, faces = _separate(joint_surface.patches_in_space())
-        if turned:
+        if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
             points = _turned(points, joint_surface.axes, camera)
+            how = "\neach upright joint rotated in its place to show its face"
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
         scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
         tops[name] = top(points, camera)
@@ -203,8 +205,8 @@ def joint_map(
             legend(axes[0], {"open": OPEN})
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     what = "joints" if joint is None else joint
-    how = "\neach upright joint rotated in its place to show its face" if turned else ""
-    figure.suptitle(f"{what} {moment}{_widest(results, number)}{how}", fontsize="medium")
+    widest = _widest(results, number) if quantity == "opening" else ""
+    figure.suptitle(f"{what} {moment}{widest}{how}", fontsize="medium")
     return figure
 
 
@@ -247,12 +249,7 @@ def envelope(
 
 
 def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
-    """Points of a joint turned about the vertical through their middle until it faces the eye.
-
-    A joint whose second axis is not upright stays as it is.
-    """
-    if axes[1, 2] < 0.7:
-        return points
+    """Points of a joint turned about the vertical through their middle until it faces the eye."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     old, new = axes[0, :2], camera.right[:2]
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Pictures in space of a small wall of two blocks with one joint."""
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -351,6 +352,33 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
     # A quarter turn about its middle, towards the eye on the x axis.
     np.testing.assert_allclose(np.ptp(still[0], axis=0), [THICKNESS, 0.0, HEIGHT])
     np.testing.assert_allclose(np.ptp(moved[0], axis=0), [0.0, THICKNESS, HEIGHT], atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", ["normal", "opening"])
+def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantity) -> None:
+    """A column of 2 x 2 x 40 m with a level joint: 1.4 times as high as wide, and words in place."""
+    nodes, surface = block(SIDE)
+    nodes *= [1.0, 0.4, 5.0]
+    frame = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    arrays = {"points": [[1.0, 1.0, 0.0]], "frames": [frame], "areas": [4.0], "facet": [0]}
+    with ResultsWriter(tmp_path / "column.h5", {}) as writer:
+        declare_states(writer, nodes, surface, {"lift": arrays})
+        writer.start()
+        gap = np.array([[1e-3, 0.0, 0.0]])
+        record = {"joints/lift/gap": gap, "joints/lift/traction": np.zeros_like(gap)}
+        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
+        writer.finish("complete", {})
+    with Results(tmp_path / "column.h5") as results:
+        figure = views.joint_map(results, quantity)
+    width, height = figure.get_size_inches()
+    assert height == pytest.approx(1.4 * width)
+    widest = "\nwidest opening 1.00 mm, lift" if quantity == "opening" else ""
+    assert figure.get_suptitle() == f"joints at t = 0.000 s{widest}"  # nothing was turned
+    plots.save(figure, tmp_path / "column.png", dpi=100)
+    words = [text for text in figure.axes[0].texts if text.get_text()]  # an arrow has none
+    legend = figure.axes[0].get_legend()
+    boxes = [each.get_window_extent() for each in (*words, legend) if each]
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
 def test_states_are_those_of_the_file(results: Results, scenes) -> None:

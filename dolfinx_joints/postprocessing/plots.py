@@ -267,6 +267,7 @@ def joint_traction(
     ax = ax or new_axes(width=4.6, height=5.6)
     values = map_value(results, joint, quantity, number)
     patches = draw_map(ax, surface, values, quantity, colour_limits(values))
+    ax.set_aspect("equal", adjustable="datalim")  # narrow joints leave room for words
     ax.set_title(f"{joint} {moment}")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))

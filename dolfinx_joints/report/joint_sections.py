@@ -104,7 +104,7 @@ def _maps(content: Content, run: Run) -> list[Html]:
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
         ("opening", "opening", widest, "Opening, at the record next to the widest"),
-        ("slip", "slip", farthest, "Tangential gap, at the record next to the largest slip"),
+        ("tangential_gap", "slip", farthest, "Tangential gap, at the record next to the largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]

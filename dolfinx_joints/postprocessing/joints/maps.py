@@ -96,16 +96,20 @@ def draw_map(
     ax.set_aspect("equal")
     ax.autoscale_view()
     decorate(ax, *surface.labels, grid=False)
-    for end, place, across in zip(surface.ends, _PLACES, _ALIGNED, strict=True):
+    for end, (x, y, aside, above, across) in zip(surface.ends, _ENDS, strict=True):
         style: dict[str, Any] = {"ha": across, "fontsize": "small", "fontstyle": "italic"}
-        ax.annotate(
-            end, place, (0, -38 if place[1] == 0 else 3), "axes fraction", "offset points", **style
-        )
+        ax.annotate(end, (x, y), (aside, above), "axes fraction", "offset points", **style)
     return patches
 
 
-_PLACES = ((0.0, 0.0), (1.0, 0.0), (0.5, 0.0), (0.5, 1.0))
-_ALIGNED = ("left", "right", "center", "center")
+# Places of the names of the ends, shares of the axes and points to the right and up from there, and
+# how they are aligned. Those of the sides reach beyond the axes, which may be narrow.
+_ENDS = (
+    (0.0, 0.0, -9, -38, "left"),
+    (1.0, 0.0, 9, -38, "right"),
+    (0.5, 0.0, 0, -38, "center"),
+    (0.5, 1.0, 0, 3, "center"),
+)
 
 
 def _laid_out(

@@ -64,7 +64,8 @@ class Body:
         self.seen: Ints = np.arange(len(self.nodes))
         inside: Ints = np.arange(len(outer))
         if groups is not None:
-            self.seen = np.unique(results.static("mesh/cells")[rows_of_groups(results, groups)])
+            rows = rows_of_groups(results, groups)
+            self.seen = np.unique(results.static("mesh/cells")[rows])
             inside = np.flatnonzero(np.isin(outer, self.seen).all(axis=1))
         self.shown: Ints = outer[inside]
         self.rest: Ints = np.delete(outer, inside, axis=0)

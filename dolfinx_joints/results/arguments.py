@@ -50,7 +50,7 @@ class StageStates(Results):
 
     def __init__(self, results: Results) -> None:
         """Share the file."""
-        self.path, self._file = results.path, results._file
+        self.path, self._opened = results.path, results._opened
         self._names, self._rows = results._names, results._rows
 
     @property
@@ -94,8 +94,10 @@ def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int6
     """Rows of ``mesh/cells`` that make up cell groups.
 
     Raises:
+        ValueError: A name alone is given.
         ResultsError: There is no such group.
     """
+    check_kind_of("groups", groups, not isinstance(groups, str), "a list of names of cell groups")
     start = "mesh/groups/"
     known = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
     for name in groups:

@@ -70,7 +70,7 @@ class Results(Summarised):
     def __init__(self, path: str | Path) -> None:
         """Open the file."""
         self.path = Path(path)
-        self._file = _open(self.path)
+        self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # likewise, once the run has ended
 
@@ -84,10 +84,16 @@ class Results(Summarised):
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self._opened.close()
+
+    @property
+    def _file(self) -> h5py.File:
+        if not self._opened:
+            raise ResultsError(f"{self.path} is closed.")
+        return self._opened
 
     def _summary(self) -> Rows:
-        if not self._file:
+        if not self._opened:
             yield "file", f"{self.path}, closed"
             return
         facts = self.metadata
@@ -371,15 +377,6 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 
     group.visititems(visit)
     return names
-
-
-def holds_statics_alone(path: Path) -> bool:
-    """Whether there is a file of static stages alone."""
-    try:
-        with Results(path) as results:
-            return list(results.streams) == ["statics"]
-    except ResultsError:
-        return False
 
 
 def listing(names: Iterable[str]) -> str:

@@ -356,7 +356,7 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
 
 @pytest.mark.parametrize("quantity", ["normal", "opening"])
 def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantity) -> None:
-    """A column of 2 x 2 x 40 m with a level joint: 1.4 times as high as wide, and words in place."""
+    """A column of 2 x 2 x 40 m with a level joint: 1.4 times as high as wide, words in place."""
     nodes, surface = block(SIDE)
     nodes *= [1.0, 0.4, 5.0]
     frame = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -433,6 +433,8 @@ def test_pictures_are_saved(results: Results, scenes, tmp_path: Path) -> None:
 def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="elevation_deg is 91.0 degrees; it must be at least -90"):
         views.mesh(results, elevation_deg=91.0)
+    with pytest.raises(ValueError, match="groups is 'dam'; it must be a list of names"):
+        views.mesh(results, groups="dam")
     with pytest.raises(ValueError, match="one of 2 recorded states, got 2"):
         views.deformed(results, index=2)
     with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):

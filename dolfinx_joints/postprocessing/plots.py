@@ -330,8 +330,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
 
     One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
     the largest opening or slip or the smallest safety in colour; the legend says when and how
-    much. A joint slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest, is not
-    shown.
+    much. A joint slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest if
+    that is more, is not shown.
     """
     check_results(results)
     if not results.joints:

@@ -132,8 +132,9 @@ def deformed(
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
     by a round number by which the largest becomes about 6 % of the model's size. They are those
-    that the file holds, from the unloaded body, of absolute ones what is left without the mean of the lowest nodes, or
-    ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour bar says which.
+    that the file holds, from the unloaded body, of absolute ones what is left without the mean of
+    the lowest nodes, or ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour
+    bar says which.
 
     Cell ``groups`` such as ``["dam"]`` fill the picture, and the rest of the body, its rock, is
     translucent.

@@ -100,11 +100,12 @@ def _maps(content: Content, run: Run) -> list[Html]:
     )
     time, moment = largest_moment(run)
     start = float(run.results.time("states")[0])
+    beside = "at the record next to the"
     drawn: list[tuple[str, Any, float, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, "Opening, at the record next to the widest"),
-        ("tangential_gap", "slip", farthest, "Tangential gap, at the record next to the largest slip"),
+        ("opening", "opening", widest, f"Opening, {beside} widest"),
+        ("tangential_gap", "slip", farthest, f"Tangential gap, {beside} largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]

@@ -139,7 +139,7 @@ def history(
     for run, style in drawn:
         moved = displacement_history(run, point, component, relative_to, from_static=from_static)
         ax.plot(moved[0], 1e3 * moved[1], **style)
-    since = " from the static state" if from_static else ""
+    since = "\nfrom the static state" if from_static else ""
     decorate(ax, "time [s]", rf"displacement {component}{since} [$10^{{-3}}$ m]")
     title = f"{point_name(results, point)}: displacement {component}"
     ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")

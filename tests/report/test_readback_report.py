@@ -104,7 +104,7 @@ def test_pictures_of_histories_show_what_their_captions_say(
         assert f"<figcaption>Displacement of {point} from the static state over time." in html
         for component in "xyz":
             ax = drawn[f"history_{number}_{component}"]
-            assert ax.get_ylabel().startswith(f"displacement {component} from the static state")
+            assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the static state [")
             _, expected = measures.displacement_history(runs["a"], point, component)  # type: ignore[arg-type]
             np.testing.assert_allclose(lines(ax)[-1][1], expected, rtol=1e-12, atol=1e-15)
 

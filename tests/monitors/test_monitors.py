@@ -383,7 +383,7 @@ def test_the_written_surface_is_closed_and_faces_outward(comm, wall_file, read, 
     edges = np.stack([surface, np.roll(surface, -1, axis=1)], axis=-1).reshape(-1, 2)
     assert len(np.unique(edges, axis=0)) == len(edges)
     np.testing.assert_array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
-    corners = nodes.positions[surface]
+    corners = comm.bcast(nodes.positions, root=0)[surface]
     flux = np.einsum("fi,fi->", corners.mean(axis=1), facet_normals(corners))
     assert flux == pytest.approx(3 * 1600.0)  # 20 x 4 x 20 m
 

@@ -50,7 +50,8 @@ results
 # warning tells here, as cells of 8 m resolve 18 Hz.
 # %%
 peaks = export.to_pandas(results, "peaks").set_index("peak")
-print(peaks.loc[["displacement of crest", "opening of joint_1", "slip of joint_1"]].to_string())
+moved = "displacement of crest from the static state"
+print(peaks.loc[[moved, "opening of joint_1", "slip of joint_1"]].to_string())
 # %%
 plots.history(results, "crest", "x")
 # %%

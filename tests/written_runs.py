@@ -151,16 +151,18 @@ def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
     return path
 
 
-def write_stages(path: Path, manifest: dict[str, Any] | None = None) -> Path:
+def write_stages(
+    path: Path, manifest: dict[str, Any] | None = None, *, open_from: float = 1.0
+) -> Path:
     """A file of two static stages: the joint, 4 m^2 in the plane y = 0, pressed, then half open.
 
     At first all four points of 1 m^2 bear 2 MPa and 0.5 MPa along x, then the lower two do and the
     upper two are open by 3 mm and hold water of 0.1 MPa. The cube on the + side moves by 1 mm along
-    the normal in each stage.
+    the normal in each stage. ``open_from`` is the height that the joint is open above [m].
     """
     law = {"kind": "Friction", "friction_angle_deg": 45.0, "cohesion": 0.0}
     facts = {"point_names": ["crest"], "laws": {"joint_1": law}, "manifest": manifest or {}}
-    upper = POINTS[:, 2] > 1.0
+    upper = POINTS[:, 2] > open_from
     with ResultsWriter(path, facts) as writer:
         declare_points(writer, [[1.0, 0.0, 2.0]])
         declare_body(writer, NODES, SURFACE, {"joint_1": JOINT})

@@ -28,7 +28,7 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
     Variables are the series of the file with the attributes ``units`` and ``long_name``.
 
     - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
-      ``component`` (x, y, z);
+      ``component`` (x, y, z; of plane forces the last is NaN);
     - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
     - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together
       ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``,
@@ -79,9 +79,10 @@ class _Builder:
             dims = ("time", "component")[: values.ndim]
         if "component" in dims:
             self.coordinates["component"] = list(COMPONENTS)
-            missing = len(COMPONENTS) - values.shape[-1]  # reactions in a plane have two
-            widths = [(0, 0)] * (values.ndim - 1) + [(0, missing)]
-            values = np.pad(values, widths, constant_values=np.nan) if missing else values
+            missing = len(COMPONENTS) - values.shape[-1]  # a plane force has no z
+            if missing:
+                unknown = np.full((*values.shape[:-1], missing), np.nan)
+                values = np.concatenate([values, unknown], axis=-1)
         self.variables[name] = (dims, values, self._attributes(name))
 
     def add_joint_points(self, names: set[str]) -> None:

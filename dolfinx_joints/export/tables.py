@@ -155,8 +155,9 @@ def _histories(results: Results) -> Table:
 def _peaks(results: Results) -> Table:
     """Largest values with their times and places, a row each."""
     found: list[tuple[str, str, Peak]] = []
+    moved = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        what = f"displacement of {point} from the static state"
+        what = f"{moved} of {point} from the static state"
         found.append((what, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             what = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"

@@ -19,6 +19,7 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
 
 Floats = NDArray[np.float64]
@@ -69,8 +70,8 @@ def boundary_facets(
 ) -> NDArray[np.int64]:
     """Vertices of all exterior facets in cyclic order, on every rank (collective).
 
-    Both sides of the joints are among them. Seen from outside of a body in space, they go round
-    counterclockwise.
+    Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
+    of the body.
 
     Args:
         model: The model.
@@ -101,24 +102,14 @@ def boundary_facets(
     )
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
-    dofs = np.take_along_axis(model.V.dofmap.list[cells], corners, axis=1)
-    if tdim == 3:
-        inward = _faces_inward(model, cells, dofs)
-        dofs[inward, 1:] = dofs[inward, :0:-1]
-    vertices = nodes.number[dofs]
+    of_cells = model.V.dofmap.list[cells]
+    vertices = np.take_along_axis(of_cells, corners, axis=1)
+    x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
+    outward = x[vertices].mean(axis=1) - x[of_cells].mean(axis=1)
+    inside_out = np.einsum("ij,ij->i", facet_normals(x[vertices]), outward) < 0.0
+    vertices = nodes.number[np.where(inside_out[:, None], vertices[:, ::-1], vertices)]
     every = np.concatenate(mesh.comm.allgather(vertices))
     return every[np.lexsort(every.T[::-1])]
-
-
-def _faces_inward(
-    model: Model, cells: NDArray[np.integer[Any]], dofs: NDArray[np.integer[Any]]
-) -> NDArray[np.bool_]:
-    """Whether facets of cells go round clockwise, seen from outside, by the nodes at corners."""
-    places = model.V.tabulate_dof_coordinates()
-    corners, middle = places[dofs], places[model.V.dofmap.list[cells]].mean(axis=1)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward: NDArray[np.bool_] = np.einsum("fi,fi->f", normal, corners.mean(axis=1) - middle) < 0.0
-    return inward
 
 
 class PointProbe:

@@ -46,14 +46,8 @@ from dolfinx_joints.results.layout import (
     declare_points,
     declare_states,
 )
-from dolfinx_joints.results.reader import (
-    ABSOLUTE,
-    ENERGY_TERMS,
-    JOINT_ENERGY_TERMS,
-    RELATIVE,
-    holds_statics_alone,
-)
-from dolfinx_joints.results.writer import ResultsWriter, check_storable
+from dolfinx_joints.results.reader import ABSOLUTE, ENERGY_TERMS, JOINT_ENERGY_TERMS, RELATIVE
+from dolfinx_joints.results.writer import ResultsWriter, check_storable, holds_statics_alone
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 

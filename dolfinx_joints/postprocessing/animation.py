@@ -85,9 +85,7 @@ def animate(
     progress, pictures = Progress("film", len(chosen), "pictures"), []
     for k, (_, frame) in moved.items():
         title = f"t = {times[k]:.3f} s, displacements x {factor:g}"
-        figure = shapes[k].draw(
-            [camera], f"displacement [mm], {frame}", title, limits=limits, room=room
-        )
+        figure = shapes[k].draw([camera], frame, title, limits=limits, room=room)
         pictures.append(_pixels(figure))
         progress.advance()
     _write(pictures, writer, place)

@@ -64,7 +64,8 @@ class Body:
         self.seen: Ints = np.arange(len(self.nodes))
         inside: Ints = np.arange(len(outer))
         if groups is not None:
-            self.seen = np.unique(results.static("mesh/cells")[rows_of_groups(results, groups)])
+            rows = rows_of_groups(results, groups)
+            self.seen = np.unique(results.static("mesh/cells")[rows])
             inside = np.flatnonzero(np.isin(outer, self.seen).all(axis=1))
         self.shown: Ints = outer[inside]
         self.rest: Ints = np.delete(outer, inside, axis=0)
@@ -105,7 +106,7 @@ class Deformed:
     def draw(
         self,
         cameras: Sequence[Camera],
-        label: str,
+        frame: str,
         title: str,
         *,
         limits: tuple[float, float] | None = None,
@@ -115,7 +116,7 @@ class Deformed:
 
         Args:
             cameras: Where the eye is.
-            label: Of the colour bar.
+            frame: What displacements are relative to.
             title: Of the figure.
             limits: Range of the colours [mm], that of the state unless given.
             room: Points, shape (n, 3), [m], that the pictures have room for besides the body.
@@ -133,6 +134,7 @@ class Deformed:
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
             write_names(ax, body.tops(moved, camera), RED)
+        label = f"displacement [mm], from the unloaded body, {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
         return figure

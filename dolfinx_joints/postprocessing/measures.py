@@ -96,9 +96,16 @@ class FourierPeaks(NamedTuple):
 
 @checked
 def displacement_history(
-    results: Results, point: int | str, component: Component, relative_to: str | None = None
+    results: Results,
+    point: int | str,
+    component: Component,
+    relative_to: str | None = None,
+    *,
+    from_static: bool = True,
 ) -> tuple[Floats, Floats]:
     """Displacement of a point from the static state, as the file holds it unless ``relative_to``.
+
+    Without ``from_static`` that of the static state is included.
 
     Returns:
         Times [s] and displacements [m], both of shape (records,).
@@ -108,6 +115,8 @@ def displacement_history(
     index = results.point_index(point)
     u = results.series("histories", "displacement")[:, index, column]
     u = u - reference_displacement(results, relative_to)[:, column]
+    if not from_static:
+        return results.time("histories"), u
     start = u[:1]
     if "point_displacement" in results.streams.get("statics", ()) and len(results.stage_names):
         # A run that goes on from another one does not begin in the static state.

@@ -49,7 +49,6 @@ from dolfinx_joints.postprocessing.frames import (
     ground_motion,
     ground_name,
     has_ground_motion,
-    reference_displacement,
 )
 from dolfinx_joints.postprocessing.joints.maps import draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
@@ -127,26 +126,22 @@ def history(
     component: Component,
     *,
     relative_to: str | None = None,
+    from_static: bool = False,
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] = ("with joints", "linear"),
-    from_static: bool = False,
 ) -> Axes:
     """Displacement of a monitor point against time [1e-3 m].
 
-    That of the static state is included, or with ``from_static`` taken off.
+    That of the static state is included unless it is to be ``from_static``.
     """
-    ax, column = ax or new_axes(), COMPONENTS.index(component)
-    drawn = runs(results, reference, labels)
+    ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
-        displacement = run.series("histories", "displacement")[:, run.point_index(point), column]
-        displacement = displacement - reference_displacement(run, relative_to)[:, column]
-        if from_static:
-            displacement = displacement - displacement[0]
-        ax.plot(run.time("histories"), 1e3 * displacement, **style)
-    decorate(ax, "time [s]", rf"displacement {component} [$10^{{-3}}$ m]")
+        moved = displacement_history(run, point, component, relative_to, from_static=from_static)
+        ax.plot(moved[0], 1e3 * moved[1], **style)
+    since = "\nfrom the static state" if from_static else ""
+    decorate(ax, "time [s]", rf"displacement {component}{since} [$10^{{-3}}$ m]")
     title = f"{point_name(results, point)}: displacement {component}"
-    title += " from the static state" if from_static else ""
     ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
     ax.margins(x=0.0)
     if reference is not None:
@@ -272,6 +267,7 @@ def joint_traction(
     ax = ax or new_axes(width=4.6, height=5.6)
     values = map_value(results, joint, quantity, number)
     patches = draw_map(ax, surface, values, quantity, colour_limits(values))
+    ax.set_aspect("equal", adjustable="datalim")  # narrow joints leave room for words
     ax.set_title(f"{joint} {moment}")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
@@ -334,8 +330,8 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
 
     One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
     the largest opening or slip or the smallest safety in colour; the legend says when and how
-    much. A joint slides at a safety of 1, dashed; what is far above the smallest, and above 10, is
-    not shown.
+    much. A joint slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest if
+    that is more, is not shown.
     """
     check_results(results)
     if not results.joints:
@@ -364,8 +360,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         ax.margins(x=0.0)
         ax.set_ylim(bottom=0.0)
     panels[2].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    least = min((float(np.nanmin(e.safety, initial=np.inf)) for e in every.values()), default=0.0)
-    highest = max(10.0, 1.2 * least) if np.isfinite(least) else 10.0
+    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
     panels[2].set_ylim(0.0, min(highest, max(2.0, panels[2].get_ylim()[1])))
     return panels
 

@@ -25,11 +25,11 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
-TALLEST = 1.4  # height of a figure over its width
 _MARGIN = 0.02  # of the larger side of a picture
 _DARK = "#262626"
 _CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
 _RAISED = 4e-3  # of the larger side of a picture: lines towards the eye, out of their surface
+_HIGHEST = 1.4  # height of a figure over its width
 _LONGEST_LINE = 26  # of the text beside a colour bar [characters]
 
 
@@ -136,12 +136,15 @@ class Scene:
         """Add the outline of polygons, whose points count as one where they coincide.
 
         They coincide within 1e-6 of the size of all. To the outline belong edges with one polygon
-        and, unless it is None, those sharper than an angle. Tubes of a radius [m] are drawn instead
-        of lines.
+        and, unless it is None, those sharper than an angle, whichever way round polygons are
+        given. Tubes of a radius [m] are drawn instead of lines.
         """
+        if not len(faces):
+            return
         lines = (
             polygons(points, faces)
             .clean(tolerance=1e-6, absolute=False)
+            .compute_normals(point_normals=False, consistent_normals=True)
             .extract_feature_edges(
                 feature_angle=180.0 if sharper_than_deg is None else sharper_than_deg,
                 boundary_edges=True,
@@ -250,6 +253,8 @@ def _is_loadable(library: str) -> bool:
 def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     """Make a figure with a picture from each camera, side by side to the same scale.
 
+    Slender bodies leave room beside them: the figure is at most 1.4 times as high as wide.
+
     Returns:
         The figure and the axes of its pictures, in metres across and up each picture.
     """
@@ -257,8 +262,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     widths = [right - left for left, right, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
-    shape = (inches, min(0.7 + 0.85 * inches * height / sum(widths), TALLEST * inches))
-    figure = new_figure(figsize=shape, layout="compressed")
+    wanted = 0.7 + 0.85 * inches * height / sum(widths)
+    figure = new_figure(figsize=(inches, min(wanted, _HIGHEST * inches)), layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
@@ -277,15 +282,17 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
     ends = camera.project(length * np.eye(3))
     start = np.array([left, bottom]) - np.minimum(ends.min(axis=0), 0.0)
     start[1] -= 0.5 * length
+    farthest = start[0] + 0.3 * length  # to the right, of arrows and letters
     for name, end in zip("xyz", ends, strict=True):
         if np.linalg.norm(end) < 0.1 * length:
             continue
         tip, beyond = start + end, start + end + 0.3 * length * end / np.linalg.norm(end)
+        farthest = max(farthest, float(beyond[0]))
         ax.annotate("", _pair(tip), _pair(start), arrowprops=arrow, annotation_clip=False)
         ax.text(beyond[0], beyond[1], name, ha="center", va="center", fontstyle="italic", **small)
-    corner = (start[0] + max(float(ends[:, 0].max()), 0.3 * length), start[1])
-    offset: dict[str, Any] = {"xytext": (20, 0), "textcoords": "offset points", "va": "center"}
-    ax.annotate(f"axes: {length:g} m", corner, **small, **offset)
+    offset: dict[str, Any] = {"xytext": (8, 0), "textcoords": "offset points", "va": "center"}
+    offset["annotation_clip"] = False
+    ax.annotate(f"axes: {length:g} m", (farthest, start[1]), **small, **offset)
     ax.set_ylim(min(bottom, float((start + ends.min(axis=0))[1]) - 0.4 * length), top)
 
 
@@ -335,12 +342,12 @@ def contour_levels(limits: tuple[float, float]) -> list[float]:
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:
-    """Explain plain colours, given by what they mean."""
+    """Explain plain colours, given by what they mean, below the picture."""
     from matplotlib.patches import Patch
 
     handles = [Patch(color=colour, label=label) for label, colour in colours.items()]
-    place: dict[str, Any] = {"loc": "lower right", "ncols": len(handles), "borderaxespad": 0.0}
-    ax.legend(handles=handles, frameon=False, fontsize="small", **place)
+    place: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (1.0, 0.0)}
+    ax.legend(handles=handles, ncols=len(handles), frameon=False, fontsize="small", **place)
 
 
 def _pair(place: Floats) -> tuple[float, float]:

@@ -108,7 +108,7 @@ def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
                 contact=float(forces.contact[i]),
                 opening_max=float(gap[:, 0].max(initial=0.0)),
                 slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-                pressure_max=-float(traction[:, 0].min(initial=0.0)) + 0.0,  # not -0.0
+                pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
                 water_force=float(water[i]),
             )
         )

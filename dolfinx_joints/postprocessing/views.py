@@ -71,7 +71,7 @@ Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a pic
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
-_UPRIGHT = 0.7  # z of the second axis of a joint that is turned to show its face
+_UPRIGHT = 0.7  # height of a joint's second axis, a unit vector: it stands where it is above
 UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
 
 
@@ -132,8 +132,9 @@ def deformed(
 
     Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
     by a round number by which the largest becomes about 6 % of the model's size. They are those
-    that the file holds, of absolute ones what is left without the mean of the lowest nodes, or
-    ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour bar says which.
+    that the file holds, from the unloaded body, of absolute ones what is left without the mean of
+    the lowest nodes, or ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour
+    bar says which.
 
     Cell ``groups`` such as ``["dam"]`` fill the picture, and the rest of the body, its rock, is
     translucent.
@@ -146,7 +147,7 @@ def deformed(
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     shape = Deformed(body, displacement, factor)
     title = f"deformed shape {moment}, displacements x {factor:g}" + _widest(results, number)
-    return shape.draw(cameras, f"displacement [mm], {frame}", title)
+    return shape.draw(cameras, frame, title)
 
 
 @checked
@@ -184,13 +185,14 @@ def joint_map(
     together = np.concatenate(list(values.values()))
     limits = map_limits(quantity, together)
     cmap = map_colours(quantity, limits)
-    scene, tops, any_turned = Scene(), {}, False
+    scene, tops, how = Scene(), {}, ""
     scene.edges(body.nodes, body.shown, **OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
         points, faces = _separate(joint_surface.patches_in_space())
         if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
-            points, any_turned = _turned(points, joint_surface.axes, camera), True
+            points = _turned(points, joint_surface.axes, camera)
+            how = "\neach upright joint rotated in its place to show its face"
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
         scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
         tops[name] = top(points, camera)
@@ -204,7 +206,6 @@ def joint_map(
             legend(axes[0], {"open": OPEN})
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     what = "joints" if joint is None else joint
-    how = "\neach upright joint rotated in its place to show its face" if any_turned else ""
     widest = _widest(results, number) if quantity == "opening" else ""
     figure.suptitle(f"{what} {moment}{widest}{how}", fontsize="medium")
     return figure

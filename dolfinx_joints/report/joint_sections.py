@@ -36,7 +36,7 @@ _COLUMNS = (
     ("largest pressure [MPa]", 1e-6, "pressure_max"),
 )
 _BONDS = ("bonds broken at the end [%]", 100.0, "share_broken")
-_SAFEST = 5.0  # end of the axis of safeties
+_SAFEST = 5.0  # end of the axis of safeties, unless the smallest is near it or above
 
 
 def joints(content: Content) -> Section:
@@ -79,10 +79,12 @@ def _histories(content: Content, run: Run) -> Html:
             panel.append((joint, found.time, ordinate))
     titles = ["opening [mm]", "slip [mm]", "safety [-]"]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
-    spec["layout"]["yaxis3"]["range"] = [0.0, _SAFEST]
+    least = min((np.nanmin(v) for _, _, v in curves[2] if np.isfinite(v).any()), default=0.0)
+    safest = max(_SAFEST, float(np.ceil(1.5 * least)))
+    spec["layout"]["yaxis3"]["range"] = [0.0, safest]
     caption = (
         f"Largest opening and slip among the points of each joint of {run.label}, and its safety "
-        f"against sliding up to {_SAFEST:g}."
+        f"against sliding up to {safest:g}."
     )
     return content.drawings.plot("joint-histories", spec, caption)
 
@@ -98,11 +100,12 @@ def _maps(content: Content, run: Run) -> list[Html]:
     )
     time, moment = largest_moment(run)
     start = float(run.results.time("states")[0])
+    beside = "at the record next to the"
     drawn: list[tuple[str, Any, float, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, "Opening, at the record next to the widest"),
-        ("slip", "slip", farthest, "Tangential gap, at the record next to the largest slip"),
+        ("opening", "opening", widest, f"Opening, {beside} widest"),
+        ("tangential_gap", "slip", farthest, f"Tangential gap, {beside} largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]

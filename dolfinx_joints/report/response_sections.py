@@ -196,10 +196,10 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
     main, reference = content.main, content.reference
     if not main.moves or name not in main.results.point_names:
         return []
-    draw: Callable[..., Any] = plots.history if kind == "history" else plots.fourier
-    options: dict[str, Any] = {"relative_to": main.relative_to}
+    draw: Callable[..., Any] = plots.fourier
     if kind == "history":
-        options["from_static"] = True  # as the caption says
+        draw = partial(plots.history, from_static=True)
+    options: dict[str, Any] = {"relative_to": main.relative_to}
     if reference is not None and reference.moves and name in reference.results.point_names:
         options |= {"reference": reference.results, "labels": (main.label, reference.label)}
     return [

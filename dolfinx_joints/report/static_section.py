@@ -111,7 +111,7 @@ def _first(run: Run, joint: str) -> StageJoint:
         contact=float(forces.contact[0]),
         opening_max=float(gap[:, 0].max(initial=0.0)),
         slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-        pressure_max=float((-traction[:, 0]).max(initial=0.0)),
+        pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
         water_force=water,
     )
 

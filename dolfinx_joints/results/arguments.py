@@ -94,9 +94,10 @@ def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int6
     """Rows of ``mesh/cells`` that make up cell groups.
 
     Raises:
+        ValueError: A name alone is given.
         ResultsError: There is no such group.
     """
-    groups = [groups] if isinstance(groups, str) else groups
+    check_kind_of("groups", groups, not isinstance(groups, str), "a list of names of cell groups")
     start = "mesh/groups/"
     known = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
     for name in groups:

@@ -40,7 +40,16 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
-ENERGY_TERMS = ("kinetic", "strain", "joint", "input", "viscous", "friction", "numerical", "error")
+ENERGY_TERMS = (
+    "kinetic",
+    "strain",
+    "joint",
+    "input",
+    "viscous",
+    "friction",
+    "numerical",
+    "error",
+)
 JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
 
 STAGE_NAME_BYTES = 120  # of the name of a static stage
@@ -80,7 +89,7 @@ class Results(Summarised):
     @property
     def _file(self) -> h5py.File:
         if not self._opened:
-            raise ResultsError(f"The results {self.path} have been closed.")
+            raise ResultsError(f"{self.path} is closed.")
         return self._opened
 
     def _summary(self) -> Rows:
@@ -144,9 +153,9 @@ class Results(Summarised):
     @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream, ``time`` left out."""
+        groups = self._file["streams"]
         with self._reading():
-            found = {key: self._names_in(group) for key, group in self._file["streams"].items()}
-        return {key: [name for name in each if name != "time"] for key, each in found.items()}
+            return {key: [n for n in self._names_in(groups[key]) if n != "time"] for key in groups}
 
     @property
     def joints(self) -> list[str]:
@@ -217,13 +226,14 @@ class Results(Summarised):
         """Return an array written once."""
         dataset = self._static(name)
         with self._reading():
-            return np.asarray(dataset[()])
+            values: NDArray[Any] = dataset[()]
+        return values
 
     def time(self, stream: str) -> NDArray[np.float64]:
         """Times of the whole records of a stream, shape (rows,), [s]."""
         group, rows = self._stream(stream), self.rows(stream)
         with self._reading():
-            times = np.asarray(group["time"][:rows])
+            times: NDArray[np.float64] = group["time"][:rows]
         if not (np.diff(times, prepend=-np.inf) > 0.0).all():
             raise ResultsError(
                 f"{self.path} is damaged: the times of the stream {stream!r} do not increase."
@@ -235,7 +245,8 @@ class Results(Summarised):
         group = self._stream(stream)
         if group.name in self._rows:
             return self._rows[group.name]
-        ended, rows = self.status != "running", self._count(group)  # in this order
+        ended = self.status != "running"  # read before the rows
+        rows = self._count(group)
         if ended:
             self._rows[group.name] = rows
         return rows
@@ -366,15 +377,6 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 
     group.visititems(visit)
     return names
-
-
-def holds_statics_alone(path: Path) -> bool:
-    """Whether there is a file of static stages alone."""
-    try:
-        with Results(path) as results:
-            return list(results.streams) == ["statics"]
-    except ResultsError:
-        return False
 
 
 def listing(names: Iterable[str]) -> str:

@@ -309,3 +309,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     raise TypeError(f"{type(value).__name__} {shown(value)} is not JSON")
+
+
+def holds_statics_alone(path: Path) -> bool:
+    """Whether there is a file of static stages alone."""
+    try:
+        with Results(path) as results:
+            return list(results.streams) == ["statics"]
+    except ResultsError:
+        return False

@@ -62,6 +62,8 @@ def test_pandas(runs):
     friction = results.series("energy", "joints/joint_1/friction")
     np.testing.assert_array_equal(energy["joints/joint_1/friction [J]"], friction)
     peaks = export.to_pandas(results, "peaks").set_index("peak")
+    moved = np.abs(u[:, 1] - u[0, 1]).max()
+    assert abs(peaks.loc["displacement of corner from the static state", "value"]) == moved
     opening = results.series("joints", "joint_2/opening")
     row = peaks.loc["opening of joint_2"]
     assert (row["value"], row["unit"]) == (opening.max(), "m")
@@ -90,21 +92,24 @@ def test_xarray(runs):
     np.testing.assert_array_equal(states["displacement"], results.series("states", "displacement"))
 
 
-def test_xarray_of_a_plane_body(two_rectangles_file, read, tmp_path):
-    # Reactions have two components there, displacements three.
+def test_plane_run(two_rectangles_file, read, new_path):
+    """Forces on supports have no z, points and nodes have: both in one data set, table likewise."""
     pytest.importorskip("xarray")
-    model = wall(read(two_rectangles_file(cell="quad", order=1, angle=0.0)))
-    monitor = dj.ResultsMonitor(tmp_path / "plane.h5", points={"corner": (0.0, 1.0)})
-    dj.Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=2, motion=shaking)
-    results = dj.Results(tmp_path / "plane.h5")
-    reaction = export.to_xarray(results)["reaction/base"]
-    held = results.series("histories", "reaction/base")
-    assert held.shape == (3, 2)
-    np.testing.assert_array_equal(reaction.sel(component=["x", "y"]), held)
-    assert np.isnan(reaction.sel(component="z")).all()
-    results.close()
-    with pytest.raises(dj.ResultsError, match=r"plane\.h5 have been closed"):
-        export.to_xarray(results)
+    model = wall(read(two_rectangles_file(), on=MPI.COMM_SELF))
+    path = new_path("plane.h5")
+    simulation = dj.Simulation(model, monitors=[dj.ResultsMonitor(path, points={"top": (0, 2)})])
+    simulation.statics()
+    simulation.dynamics(dt=1e-4, steps=STEPS)
+    with dj.Results(path) as results:
+        histories, frame = export.to_xarray(results), export.to_pandas(results)
+        force = results.series("histories", "reaction/base")
+    assert force.shape == (STEPS + 1, 2)
+    reaction = histories["reaction/base"]
+    np.testing.assert_array_equal(reaction.sel(component=["x", "y"]), force)
+    assert reaction.sel(component="z").isnull().all()
+    assert histories["displacement"].sel(component="z").notnull().all()
+    np.testing.assert_array_equal(frame["reaction/base y [N]"], force[:, 1])
+    assert "reaction/base z [N]" not in frame
 
 
 def check_order_of_nodes(body, order):

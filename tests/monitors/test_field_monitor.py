@@ -19,7 +19,6 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.field_monitor import joint_grids
-from dolfinx_joints.monitors.probes import boundary_facets
 
 pytestmark = pytest.mark.mpi
 
@@ -145,23 +144,6 @@ def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, ne
         simulation.dynamics(dt=DT, steps=1, motion=shaking)
     with pytest.raises(dj.ResultsError, match="is a folder; give the name of a file"):
         dj.FieldMonitor(path.parent)
-
-
-@pytest.mark.parametrize("cell", ["hex", "tet"])
-def test_the_surface_faces_outward(comm, wall_file, read, cell):
-    # Divergence theorem: the flux of x through it is three times the volume, 20 x 4 x 20 m.
-    model = wall(read(wall_file(cell=cell)))
-    nodes = NodeNumbering(model.V)
-    facets = boundary_facets(model, nodes)
-
-    def look():
-        corners, flux = nodes.positions[facets], 0.0
-        for second in range(1, corners.shape[1] - 1):
-            a, b, c = (corners[:, i] for i in (0, second, second + 1))
-            flux += np.einsum("fi,fi->", a, np.cross(b, c)) / 2.0
-        assert flux == pytest.approx(3.0 * 20.0 * 4.0 * 20.0, rel=1e-12)
-
-    on_root(comm, look)
 
 
 def test_joints_are_drawn_alike_on_any_ranks(comm, mesh_file, read):

@@ -36,8 +36,11 @@ from dolfinx_joints import (
     stiffness_proportional,
 )
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
+from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.monitors import results_monitor as monitors
 from dolfinx_joints.monitors.field_monitor import FieldMonitor
+from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_extremes, joint_measures
 from dolfinx_joints.results.overview import overview
@@ -369,6 +372,20 @@ def test_run_without_joints(comm, wall_file, read, new_path):
             assert np.all(results.series("histories", "joint_open") == 0)
 
     on_root(comm, look)
+
+
+@pytest.mark.parametrize("cell", ["hex", "tet"])
+def test_the_written_surface_is_closed_and_faces_outward(comm, wall_file, read, cell):
+    """Each edge is run through once either way, and the flux of x is three times the volume."""
+    model = wall(read(wall_file(cell=cell)))
+    nodes = NodeNumbering(model.V)
+    surface = boundary_facets(model, nodes)
+    edges = np.stack([surface, np.roll(surface, -1, axis=1)], axis=-1).reshape(-1, 2)
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    np.testing.assert_array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
+    corners = comm.bcast(nodes.positions, root=0)[surface]
+    flux = np.einsum("fi,fi->", corners.mean(axis=1), facet_normals(corners))
+    assert flux == pytest.approx(3 * 1600.0)  # 20 x 4 x 20 m
 
 
 def test_point_far_from_the_body_is_refused(comm, wall_file, read, new_path):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A panel for each joint: an upright one and one around a valley."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from dolfinx_joints.results.writer import ResultsWriter
 pytest.importorskip("matplotlib")
 
 PRESSED = np.array([-4e6, -2e6, 0.0, 1e6])  # of the upright joint; the third point is open
+
+RECORDED = ("gap", "traction")
 
 
 @pytest.fixture
@@ -52,6 +55,23 @@ def results(tmp_path: Path) -> Results:
         writer.append("states", 0.5, record)
         writer.finish("complete", {})
     return Results(tmp_path / "run.h5")
+
+
+def test_words_of_six_joints_in_a_row_do_not_meet(tmp_path: Path) -> None:
+    names = [f"joint_{i}" for i in range(6)]
+    with ResultsWriter(tmp_path / "six.h5", {}) as writer:
+        declare_states(writer, NODES, SURFACE, dict.fromkeys(names, JOINT))
+        writer.start()
+        record = {f"joints/{n}/{what}": np.zeros((4, 3)) for n in names for what in RECORDED}
+        writer.append("states", 0.0, {"displacement": 0.0 * NODES} | record)
+        writer.finish("complete", {})
+    with Results(tmp_path / "six.h5") as results:
+        figure = plots.joint_maps(results, "opening")
+    plots.save(figure, tmp_path / "six.png", dpi=100)
+    words = [text for ax in figure.axes for text in ax.texts if text.get_text()]
+    assert [word.get_text() for word in words] == 6 * ["upstream", "downstream"]
+    boxes = [word.get_window_extent() for word in words]
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
 
 
 def test_each_joint_has_a_panel_with_the_values_of_the_file(results: Results) -> None:

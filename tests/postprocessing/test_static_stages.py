@@ -45,6 +45,11 @@ def test_stages_hold_what_was_written(tmp_path: Path) -> None:
     assert (before.water_force, after.water_force) == (0.0, pytest.approx(2e5))
 
 
+def test_an_open_joint_has_a_pressure_of_zero_without_a_sign(tmp_path: Path) -> None:
+    with Results(write_stages(tmp_path / "stages.h5", open_from=0.0)) as results:
+        assert str(measures.static_stages(results)[1].joints["joint_1"].pressure_max) == "0.0"
+
+
 def test_tables_of_a_file_of_stages_alone(tmp_path: Path) -> None:
     """Read back, every cell is what `static_stages` gives, in the unit of its header."""
     with Results(write_stages(tmp_path / "stages.h5")) as results:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Pictures in space of a small wall of two blocks with one joint."""
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -174,6 +175,13 @@ def test_coincident_points_are_no_outline() -> None:
     assert len(scene.layers) == 1  # no facets, nothing to draw
 
 
+def test_facets_given_the_other_way_round_make_no_outline() -> None:
+    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
+    scene = rendering.Scene()
+    scene.edges(square, [[0, 1, 2], [0, 3, 2]])
+    assert scene.layers[0][0].n_cells == 4
+
+
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
 def test_without_the_packages_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results, lacking: str
@@ -250,7 +258,8 @@ def test_absolute_displacements_are_drawn_without_those_of_the_base(tmp_path: Pa
     outer = scenes[0].layers[0][0]
     np.testing.assert_allclose(np.unique(outer.point_data["value"]), [0.0, 2.0], atol=1e-9)
     words = figure.axes[-1].get_ylabel().split()
-    assert " ".join(words) == "displacement [mm] relative to the mean of the base"
+    relative = "relative to the mean of the base"
+    assert " ".join(words) == f"displacement [mm] from the unloaded body {relative}"
     # 6 % of the diagonal of 4.9 m over 2 mm is 147, and 100 the round number below it.
     assert "displacements x 100\n" in figure.get_suptitle()
     # The crest is 1.3 mm x sin(2 pi 5.22) from the free surface at that time.
@@ -345,6 +354,33 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
     np.testing.assert_allclose(np.ptp(moved[0], axis=0), [0.0, THICKNESS, HEIGHT], atol=1e-12)
 
 
+@pytest.mark.parametrize("quantity", ["normal", "opening"])
+def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantity) -> None:
+    """A column of 2 x 2 x 40 m with a level joint: 1.4 times as high as wide, words in place."""
+    nodes, surface = block(SIDE)
+    nodes *= [1.0, 0.4, 5.0]
+    frame = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    arrays = {"points": [[1.0, 1.0, 0.0]], "frames": [frame], "areas": [4.0], "facet": [0]}
+    with ResultsWriter(tmp_path / "column.h5", {}) as writer:
+        declare_states(writer, nodes, surface, {"lift": arrays})
+        writer.start()
+        gap = np.array([[1e-3, 0.0, 0.0]])
+        record = {"joints/lift/gap": gap, "joints/lift/traction": np.zeros_like(gap)}
+        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
+        writer.finish("complete", {})
+    with Results(tmp_path / "column.h5") as results:
+        figure = views.joint_map(results, quantity)
+    width, height = figure.get_size_inches()
+    assert height == pytest.approx(1.4 * width)
+    widest = "\nwidest opening 1.00 mm, lift" if quantity == "opening" else ""
+    assert figure.get_suptitle() == f"joints at t = 0.000 s{widest}"  # nothing was turned
+    plots.save(figure, tmp_path / "column.png", dpi=100)
+    words = [text for text in figure.axes[0].texts if text.get_text()]  # an arrow has none
+    legend = figure.axes[0].get_legend()
+    boxes = [each.get_window_extent() for each in (*words, legend) if each]
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+
+
 def test_states_are_those_of_the_file(results: Results, scenes) -> None:
     figure = views.joint_map(results, "state", joint="joint_1")
     np.testing.assert_array_equal(scenes[0].layers[1][0].cell_data["value"], [2, 1, 1, 0])
@@ -397,6 +433,8 @@ def test_pictures_are_saved(results: Results, scenes, tmp_path: Path) -> None:
 def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="elevation_deg is 91.0 degrees; it must be at least -90"):
         views.mesh(results, elevation_deg=91.0)
+    with pytest.raises(ValueError, match="groups is 'dam'; it must be a list of names"):
+        views.mesh(results, groups="dam")
     with pytest.raises(ValueError, match="one of 2 recorded states, got 2"):
         views.deformed(results, index=2)
     with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reading_back import Tables, curves, low_passed
+from reading_back import Tables, curves, lines, low_passed
 from written_runs import WEIGHT, write_distinct, write_run, write_stages
 
 from dolfinx_joints import report
@@ -33,6 +33,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")
 
 POINTS = ("crest", "heel")
+PICTURES: dict[Path, Any] = {}  # what was to be written
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -43,6 +44,7 @@ def no_pictures() -> Iterator[None]:
         content.drawings.folder.mkdir(parents=True, exist_ok=True)
         path = content.drawings.folder / f"{name}.png"
         path.touch()
+        PICTURES[path] = drawn
         return path
 
     with pytest.MonkeyPatch.context() as patch:
@@ -90,6 +92,21 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
                     tables.value(f"largest {words} from the last static state on [MPa]", label),
                     stress,
                 )
+
+
+def test_pictures_of_histories_show_what_their_captions_say(
+    two: tuple[str, dict[str, Results]],
+) -> None:
+    html, runs = two
+    folder = runs["a"].path.parent
+    drawn = {path.stem: each for path, each in PICTURES.items() if path.is_relative_to(folder)}
+    for number, point in enumerate(POINTS, 1):
+        assert f"<figcaption>Displacement of {point} from the static state over time." in html
+        for component in "xyz":
+            ax = drawn[f"history_{number}_{component}"]
+            assert ax.get_ylabel().startswith(f"displacement {component}\nfrom the static state [")
+            _, expected = measures.displacement_history(runs["a"], point, component)  # type: ignore[arg-type]
+            np.testing.assert_allclose(lines(ax)[-1][1], expected, rtol=1e-12, atol=1e-15)
 
 
 def test_cells_of_joints_are_measures(tmp_path: Path) -> None:

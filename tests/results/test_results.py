@@ -7,6 +7,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError, ResultsError
+from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import describe
 from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results
@@ -241,6 +243,28 @@ def test_a_folder_in_the_place_of_the_file_is_kept(tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: "):
         ResultsWriter(tmp_path / "r.h5", {}, overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda r: r.streams,
+        lambda r: r.statics,
+        lambda r: r.metadata,
+        lambda r: r.joints,
+        lambda r: r.series("run", "u"),
+        tables_of,
+    ],
+)
+def test_a_closed_file_says_so(tmp_path: Path, read: Callable[[Results], Any]) -> None:
+    with writer_of(tmp_path / "r.h5") as writer:
+        append_rows(writer, 0, 1)
+    results = Results(tmp_path / "r.h5")
+    assert results.streams
+    results.close()
+    results.close()
+    with pytest.raises(ResultsError, match=r"r\.h5 is closed\.$"):
+        read(results)
 
 
 def test_closing_twice_is_closing_once(tmp_path: Path) -> None:

@@ -96,19 +96,20 @@ def draw_map(
     ax.set_aspect("equal")
     ax.autoscale_view()
     decorate(ax, *surface.labels, grid=False)
-    width = 72.0 * ax.bbox.width / ax.figure.dpi
-    narrow = width < _LETTER * len(surface.ends[0] + surface.ends[1])
-    for end, place, across in zip(surface.ends, _PLACES, _ALIGNED, strict=True):
+    for end, (x, y, aside, above, across) in zip(surface.ends, _ENDS, strict=True):
         style: dict[str, Any] = {"ha": across, "fontsize": "small", "fontstyle": "italic"}
-        below = -38 - 9 * (narrow and place[0] == 1.0)  # else the two would overlap
-        offset = (0, below if place[1] == 0 else 3)
-        ax.annotate(end, place, offset, "axes fraction", "offset points", **style)
+        ax.annotate(end, (x, y), (aside, above), "axes fraction", "offset points", **style)
     return patches
 
 
-_LETTER = 6.0  # width of a letter of them [points]
-_PLACES = ((0.0, 0.0), (1.0, 0.0), (0.5, 0.0), (0.5, 1.0))
-_ALIGNED = ("left", "right", "center", "center")
+# Places of the names of the ends, shares of the axes and points to the right and up from there, and
+# how they are aligned. Those of the sides reach beyond the axes, which may be narrow.
+_ENDS = (
+    (0.0, 0.0, -9, -38, "left"),
+    (1.0, 0.0, 9, -38, "right"),
+    (0.5, 0.0, 0, -38, "center"),
+    (0.5, 1.0, 0, 3, "center"),
+)
 
 
 def _laid_out(

@@ -281,7 +281,11 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
     """Range of the colours of a quantity, zero included."""
-    return (-0.5, 2.5) if quantity == "state" else colour_limits(values)
+    if quantity == "state":
+        return -0.5, 2.5
+    low, high = colour_limits(values)
+    never_negative = quantity in ("tangential", "opening", "slip")
+    return (0.0, 1.0) if never_negative and high == 0.0 else (low, high)
 
 
 def map_colours(quantity: MapQuantity, limits: tuple[float, float]) -> ListedColormap:

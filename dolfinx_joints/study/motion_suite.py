@@ -27,7 +27,7 @@ from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.simulation import Simulation
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.study.runner import Tally, check_name
-from dolfinx_joints.study.table import Row, Table, columns
+from dolfinx_joints.study.table import Table
 
 if TYPE_CHECKING:
     from dolfinx_joints.monitors.probes import Probe
@@ -146,14 +146,15 @@ class MotionSuite(Summarised):
         sliding, as in `joint_peaks`; ``displacement [m]``, the largest of a monitor point at the
         crest from the static state; ``imbalance [-]`` of the energy lines.
         """
-        return columns(
-            [self._row(n, period) for n in self.motions if self._complete(self.results(n))]
-        )
+        complete = [name for name in self.motions if self._complete(self.results(name))]
+        rows = [self._row(name, period) for name in complete]
+        values = {what: np.array([row[what] for row in rows]) for what in (rows or [{}])[0]}
+        return {"case": np.array(complete, dtype=object), **values}
 
-    def _row(self, name: str, period: float | None) -> Row:
+    def _row(self, name: str, period: float | None) -> dict[str, float]:
         motion = self.motions[name]
         arias = arias_intensity(motion.acceleration, motion.dt)[-1].sum()
-        row: Row = {"pga [m/s^2]": float(motion.peak.max()), "arias [m/s]": float(arias)}
+        row = {"pga [m/s^2]": float(motion.peak.max()), "arias [m/s]": float(arias)}
         if period is not None:
             spectrum = response_spectrum(motion.acceleration, motion.dt, [period], 0.05)
             row["sa [m/s^2]"] = float(spectrum.pseudo_acceleration.max())
@@ -164,9 +165,9 @@ class MotionSuite(Summarised):
                 row[f"{what} [{unit}]"] = of(known, default=math.nan)
             crest = displacement_peak(results, crest_points(results))
             row["displacement [m]"] = abs(crest.value)
-            row["imbalance [-]"] = results.summary["imbalance"]
-        known_row = {"case": name, "status": "complete", "parameters": {}, "reason": ""}
-        return known_row | {"wall_s": 0.0, "peak_mb": 0.0, "values": row}
+            left = results.summary["imbalance"]
+            row["imbalance [-]"] = math.nan if left is None else left
+        return row
 
     def _states(self, dt: float, rerun_changed: bool) -> dict[str, State]:
         """Which runs are complete and which have begun."""

@@ -50,7 +50,7 @@ try_pip() {
     local python
     python=${PYTHON:-$(first_available python3.14 python3.13 python3.12 python3)}
     "$python" -c 'import sys; sys.exit(sys.version_info < (3, 12))' ||
-        { echo "$python is older than 3.12; PYTHON names another" >&2 && return 1; }
+        { echo "$python does not run, or is older than 3.12; PYTHON names another" >&2 && return 1; }
     "$python" -m venv "$work/venv"
     export PATH="$work/venv/bin:$PATH" XDG_CACHE_HOME="$work/cache"
     git clone -q -- "$project" "$work/project"
@@ -58,8 +58,8 @@ try_pip() {
     du -sm "$work/venv"
     try_examples env
     # The one order of imports that cannot work is named, not left to fail somewhere else.
-    python3 -c 'import dolfinx_solver, dolfinx.fem.petsc, dolfinx_joints' 2>&1 |
-        grep -F 'above the imports from dolfinx'
+    ! python3 -c 'import dolfinx_solver, dolfinx.fem.petsc, dolfinx_joints' 2> order.txt
+    grep -F 'above the imports from dolfinx' order.txt
 }
 
 try_conda() {

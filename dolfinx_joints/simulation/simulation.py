@@ -245,10 +245,8 @@ class Simulation:
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).
 
-        A file that is there already is replaced at once.
-
         Args:
-            path: The file.
+            path: The file; one that is there already is replaced at once.
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
@@ -305,7 +303,8 @@ class Simulation:
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
-        scheme, control = scheme or EnergyConsistent(), control or StepControl()
+        scheme = EnergyConsistent() if scheme is None else scheme
+        control = StepControl() if control is None else control
         known = offers(scheme, "advance", "conserves")
         check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")

@@ -84,14 +84,18 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
             f"{shown(intensity)} and {shown(exceeded)}."
         )
     yes, no = x[share > 0.0], x[share < 1.0]
-    if not len(yes) or not len(no) or yes.min() >= no.max():
-        where = "no run" if not len(yes) else "every run" if not len(no) else "every one beyond"
-        raise ValueError(
-            f"The limit is exceeded in {where} "
-            f"{f'{no.max():.4g} and none below' if where == 'every one beyond' else ''}".rstrip()
-            + ": a curve needs runs of both kinds that overlap; add motions or scalings."
-        )
-    return _fitted(x, share)
+    if not len(yes):
+        where = "no run"
+    elif not len(no):
+        where = "every run"
+    elif yes.min() >= no.max():
+        where = f"every run above {no.max():.4g} and in none below"
+    else:
+        return _fitted(x, share)
+    raise ValueError(
+        f"The limit is exceeded in {where}: a curve needs runs of both kinds that overlap; add "
+        "motions or scalings."
+    )
 
 
 def _fitted(x: Floats, share: Floats) -> Fragility:

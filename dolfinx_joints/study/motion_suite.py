@@ -97,7 +97,7 @@ class MotionSuite(Summarised):
     ) -> Tally:
         """Run the motions that have no complete results yet, each to its end (collective).
 
-        A change of the model goes unnoticed by runs that are complete.
+        A change of the model, its static state or ``options`` goes unnoticed by complete runs.
 
         Args:
             dt: Time step [s].

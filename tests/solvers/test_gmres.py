@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("numba")
 
-from dolfinx_joints.solvers.interface.gmres import gmres, gmres_with_block, turned
+from dolfinx_joints.solvers.interface.gmres import gmres
 
 SIZE = 60
 
@@ -174,22 +174,3 @@ def test_a_nilpotent_matrix_does_not_break_it_down():
     x, products = gmres(Counted(matrix), b, tolerance=1e-12, most=20)
     np.testing.assert_allclose(x, np.linalg.solve(matrix, b), atol=1e-12)
     assert products == size
-
-
-@pytest.mark.parametrize("after", [False, True])
-def test_the_compiled_one_is_the_same(after):
-    rng, size = np.random.default_rng(4), 30
-    e = rng.normal(size=(size, size))
-    s, t, b = 0.02 * (e + e.T), rng.normal(size=(size // 3, 3, 3)), vector(size)
-
-    def apply(v):
-        return v + (s @ turned(t, v) if after else turned(t, s @ v))
-
-    for tolerance, most in ((1e-12, 100), (0.1, 100), (1e-12, 3)):
-        x, products = gmres(apply, b, tolerance=tolerance, most=most)
-        y, same = gmres_with_block(s, t, b, tolerance, most, after)
-        assert products == same
-        np.testing.assert_allclose(y, x, rtol=0, atol=1e-12 * np.abs(x).max())
-    none, products = gmres_with_block(s, t, np.zeros(size), 0.1, 5, after)
-    assert products == 0
-    assert not none.any()

@@ -36,7 +36,7 @@ def test_many_runs_come_near_it_whatever_the_unit():
     [
         ([0, 0, 0, 0], "in no run"),
         ([1, 1, 1, 1], "in every run"),
-        ([0, 0, 1, 1], "in every one beyond 2 and none below"),
+        ([0, 0, 1, 1], "in every run above 2 and in none below"),
         ([0, 0, 1], "as many shares from 0 to 1"),
     ],
 )

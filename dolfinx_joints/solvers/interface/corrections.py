@@ -27,8 +27,8 @@ from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers.interface.compliance import Part, Split
-from dolfinx_joints.solvers.interface.gmres import gmres, gmres_with_block, turned
-from dolfinx_joints.solvers.interface.row_matrix import Block, RowMatrix
+from dolfinx_joints.solvers.interface.gmres import gmres
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -145,9 +145,13 @@ class Corrections:
         right, others = residual[rows], np.flatnonzero(step)
         here = tangent[points]
         if len(others):
-            right = right - turned(here, self._split.product(step, others)[rows])
-        tolerance = max(tolerance, self._finest)
-        step[rows], products = _solved(block, here, right, tolerance, after=False)
+            right = right - _turned(here, self._split.product(step, others)[rows])
+        step[rows], products = gmres(
+            lambda v: v + _turned(here, block.product(v)),
+            right,
+            tolerance=max(tolerance, self._finest),
+            most=MOST_PRODUCTS,
+        )
         coupled = self._split.product(step, np.flatnonzero(step))
         return Correction(step=step, coupled=coupled, products=products)
 
@@ -213,37 +217,39 @@ class _Tied:
     ) -> Correction:
         """See `Corrections.solve`; ``changed`` are the points where T is not T0."""
         known = self._matrix.product(residual, np.flatnonzero(residual))
-        coupled, rest, products = known, residual, 0
+        coupled, turned, products = known, residual, 0
         if len(changed):
             rows = _rows_of(changed)
             block = self._matrix.block(rows)
             change = tangent[changed].copy()
             change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
-            y, products = _solved(block, change, known[rows], tolerance, after=True)
+            y, products = gmres(
+                lambda v: v + block.product(_turned(change, v)),
+                known[rows],
+                tolerance=tolerance,
+                most=MOST_PRODUCTS,
+            )
             taken = np.zeros_like(residual)
-            taken[rows] = turned(change, y)
-            rest = residual - taken
+            taken[rows] = _turned(change, y)
+            turned = residual - taken
             coupled = known - self._matrix.product(taken, rows)
-        return Correction(step=rest - self._stuck * coupled, coupled=coupled, products=products)
-
-
-def _solved(
-    block: Part, tangent: Floats, right: Floats, tolerance: float, *, after: bool
-) -> tuple[Floats, int]:
-    """Solution with I + T S, or with I + S T if T comes ``after``, and products (collective)."""
-    if isinstance(block, Block) and block.whole is not None:
-        return gmres_with_block(block.whole, tangent, right, tolerance, MOST_PRODUCTS, after)
-
-    def apply(v: Floats) -> Floats:
-        return v + (
-            block.product(turned(tangent, v)) if after else turned(tangent, block.product(v))
-        )
-
-    return gmres(apply, right, tolerance=tolerance, most=MOST_PRODUCTS)
+        return Correction(step=turned - self._stuck * coupled, coupled=coupled, products=products)
 
 
 def _rows_of(points: Rows) -> Rows:
     return (3 * points[:, None] + np.arange(3)).ravel()
+
+
+@njit(cache=True)
+def _turned(tangent: Floats, values: Floats) -> Floats:
+    """Blocks (n, 3, 3) times a vector (3 n,)."""
+    out = np.empty_like(values)
+    for i in range(len(tangent)):
+        t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
+        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
+        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
+        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
+    return out
 
 
 @njit(cache=True)

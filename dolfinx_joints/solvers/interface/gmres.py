@@ -47,56 +47,6 @@ def gmres(
 
 
 @njit(cache=True)
-def gmres_with_block(
-    columns: Floats, tangent: Floats, right: Floats, tolerance: float, most: int, after: bool
-) -> tuple[Floats, int]:
-    """`gmres` for A = I + T S, or I + S T if T comes ``after``, S being whole on this process.
-
-    The same as one compiled function: the systems are small, and calls take longer than products.
-
-    Args:
-        columns: S, symmetric, shape (n, n).
-        tangent: T in blocks, shape (n / 3, 3, 3).
-        right: See `gmres`, as the others.
-        tolerance: The same.
-        most: The same.
-        after: Which of the two.
-    """
-    size = np.sqrt(np.dot(right, right))
-    most = min(most, len(right))
-    if size == 0.0 or most == 0:
-        return right.copy(), 0
-    basis = np.empty((most + 1, len(right)))
-    triangle, turns = np.zeros((most, most)), np.empty((most, 2))
-    left = np.zeros(most + 1)
-    basis[0], left[0] = right / size, size
-    count = 0
-    for j in range(most):
-        v = basis[j]
-        if after:
-            new = v + np.dot(turned(tangent, v), columns)
-        else:
-            new = v + turned(tangent, np.dot(v, columns))
-        ended = _orthogonalise(basis, triangle, turns, left, new, j)
-        count = j + 1
-        if ended or abs(left[j + 1]) <= tolerance * size:
-            break
-    return _combined(basis, triangle, left, count), count
-
-
-@njit(cache=True)
-def turned(tangent: Floats, values: Floats) -> Floats:
-    """Blocks (n, 3, 3) times a vector (3 n,)."""
-    out = np.empty_like(values)
-    for i in range(len(tangent)):
-        t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
-        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
-        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
-        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
-    return out
-
-
-@njit(cache=True)
 def _orthogonalise(
     basis: Floats, triangle: Floats, turns: Floats, left: Floats, new: Floats, j: int
 ) -> bool:

@@ -69,16 +69,11 @@ class RowMatrix:
 
 
 class Block:
-    """A square part of a `RowMatrix`.
-
-    Attributes:
-        whole: All of it, None where other ranks have rows of it.
-    """
+    """A square part of a `RowMatrix`."""
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep the columns of the rank's rows."""
         self._columns, self._comm = columns, comm
-        self.whole = columns if comm.size == 1 else None
 
     def product(self, values: Floats) -> Floats:
         """The part times a vector of its size (collective)."""

@@ -34,10 +34,11 @@ from dolfinx_joints.laws.return_mapping import (
     Answer,
     Coulomb,
     Shear,
+    Start,
     Vector,
-    empty_answer,
+    law_of,
+    put_nothing,
     put_traction,
-    solve_points,
 )
 from dolfinx_joints.laws.turning import Limit, friction_with_turns
 
@@ -167,18 +168,19 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
 
 
 @njit(cache=True, error_model="numpy")
-def _discrete_gradient(
-    trial_gap: Floats,
-    compliance: Floats,
-    gap: Floats,
-    stored: Floats,
-    law: Coulomb,
-) -> Answer:
-    """Loop of `solve_discrete_gradient`."""
-    answer = empty_answer(trial_gap, stored)
+def discrete_gradient_points(
+    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
+) -> None:
+    """Answer over a whole step of the points ``first``, ``first + stride`` and so on.
+
+    The gap of the answer is the trial gap at first.
+    """
     traction, tangent, end_gap, end_stored, dissipation, status = answer
-    mu = law.friction
-    for i in range(len(trial_gap)):
+    gap, stored, trial_gap = start.gap, start.history, answer.gap
+    for i in range(first, len(trial_gap), stride):
+        put_nothing(i, answer)
+        law = law_of(i, start.laws)
+        mu = law.friction
         j = i if len(compliance) > 1 else 0
         c_n, c_s = compliance[j, 0], compliance[j, 1]
         h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
@@ -227,43 +229,35 @@ def _discrete_gradient(
         dissipation[i] = lost
         if closed:
             status[i] = SLIP if slides else STICK
-    return answer
 
 
-def solve_discrete_gradient(
-    trial_gap: Floats,
-    compliance: Floats,
-    state: JointState,
-    stored: Floats | None,
-    law: Coulomb,
-    struck: Floats | None = None,
-) -> Answer:
-    """Tractions over a step, each point on its own compliance; see `solve_points`.
+def whole_step_from(
+    state: JointState, stored: Floats | None, law: Coulomb, struck: Floats | None = None
+) -> Start:
+    """What `discrete_gradient_points` is told of the start of a step.
 
     Args:
-        trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
-        compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         state: State at the start of the step.
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); None for zeros.
         law: Parameters of the joint.
         struck: Of points that do not rebound dt v0 [m] and whether they were pressed, shape (n, 2).
 
     Returns:
-        The answer; its history is psi and q, the slips of `JointState`, and ``struck``, shape
+        The start; its history is psi and q, the slips of `JointState`, and ``struck``, shape
         (n, 10).
     """
-    history = np.zeros((len(trial_gap), 10), trial_gap.dtype)
+    history = np.zeros((len(state.gap), 10), state.gap.dtype)
     if stored is not None:
         history[:, :3] = stored
     if len(state.slips):
         history[:, 3:8] = state.slips
     if struck is not None:
         history[:, 8:] = struck
-    return solve_points(_discrete_gradient, trial_gap, compliance, state.gap, history, law)
+    return Start(state.gap, history, np.array([law], dtype=np.float64))
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:
-    """Stored psi and q of elastic points, shape (n, 3); see `solve_discrete_gradient`."""
+    """Stored psi and q of elastic points, shape (n, 3); see `whole_step_from`."""
     overlap = np.minimum(state.gap[:, 0], 0.0)
     normal = 0.5 * normal_stiffness * overlap * overlap
     return np.column_stack([normal, math.sqrt(shear_stiffness) * state.elastic_slip])

@@ -9,6 +9,7 @@ brackets are those of the equations in docs/theory.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -19,15 +20,30 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
-from dolfinx_joints.laws.law import NO_COMPLIANCE, Floats, JointState, Losses, Response
+from dolfinx_joints.laws.discrete_gradient import (
+    discrete_gradient_points,
+    stored_by,
+    whole_step_from,
+)
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    NO_COMPLIANCE,
+    Floats,
+    JointState,
+    Losses,
+    Response,
+    Rule,
+)
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
 from dolfinx_joints.laws.return_mapping import (
     Answer,
     Coulomb,
     Shear,
+    Start,
     Vector,
-    empty_answer,
+    law_of,
+    put_nothing,
     put_traction,
     response_of,
     return_to_limit,
@@ -89,18 +105,19 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 
 
 @njit(cache=True, error_model="numpy")
-def _backward_euler(
-    trial_gap: Floats,
-    compliance: Floats,
-    gap: Floats,
-    elastic_slip: Floats,
-    law: Coulomb,
-) -> Answer:
-    """Loop of `solve_backward_euler`."""
-    answer = empty_answer(trial_gap, elastic_slip)
+def backward_euler_points(
+    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
+) -> None:
+    """Answer at the end of a step of the points ``first``, ``first + stride`` and so on.
+
+    The gap of the answer is the trial gap at first.
+    """
     traction, tangent, end_gap, end_slip, dissipation, status = answer
-    d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
-    for i in range(len(trial_gap)):
+    gap, elastic_slip, trial_gap = start.gap, start.history, answer.gap
+    for i in range(first, len(trial_gap), stride):
+        put_nothing(i, answer)
+        law = law_of(i, start.laws)
+        d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
         j = i if len(compliance) > 1 else 0
         c_n, c_s = compliance[j, 0], compliance[j, 1]
         h_n, opening = trial_gap[i, 0], max(gap[i, 0], 0.0)
@@ -134,19 +151,57 @@ def _backward_euler(
             theta * (end_gap[i, 2] - gap[i, 2]) - (end_slip[i, 1] - e_2),
         )
         dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
-    return answer
 
 
-def solve_backward_euler(
-    trial_gap: Floats, compliance: Floats, state: JointState, law: Coulomb
-) -> Answer:
-    """Tractions at the end of a step, each point on its own compliance; see `solve_points`."""
-    return solve_points(_backward_euler, trial_gap, compliance, state.gap, state.elastic_slip, law)
+LOOPS = {
+    BACKWARD_EULER.name: backward_euler_points,
+    DISCRETE_GRADIENT.name: discrete_gradient_points,
+}
+
+
+class CoulombJoint(ABC):
+    """A `CondensedEnergyConsistentLaw` whose answers are those of a loop of `LOOPS`.
+
+    The condensed solver takes the loop into its own compiled iteration, unless a class overrides
+    the methods below that ask it.
+    """
+
+    @abstractmethod
+    def start(self, rule: Rule, state: JointState) -> Start:
+        """What the loop of a rule is told of a state."""
+
+    @abstractmethod
+    def answered(self, rule: Rule, answer: Answer) -> Response:
+        """The answer of the loop of a rule as a `Response`."""
+
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Return mapping at the end of a step (21), see `CondensedLaw`."""
+        return self._asked(BACKWARD_EULER, trial_gap, compliance, state)
+
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Energy-consistent answer over a whole step (17), see `CondensedLaw`."""
+        return self._asked(DISCRETE_GRADIENT, trial_gap, compliance, state)
+
+    def _asked(
+        self, rule: Rule, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        start = self.start(rule, state)
+        return self.answered(rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start))
+
+    @classmethod
+    def in_loops(cls) -> bool:
+        """Whether its answers are those of the loops alone."""
+        names = ("condensed_backward_euler", "condensed_discrete_gradient")
+        return all(getattr(cls, name) is getattr(CoulombJoint, name) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class FrictionNoTension:
+class FrictionNoTension(CoulombJoint):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
@@ -202,26 +257,22 @@ class FrictionNoTension:
         way = way_with_friction(before, answer.state)
         return losses_on(way, traction, mean, answer.dissipation)
 
-    def condensed_backward_euler(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """`backward_euler` at gap = trial_gap - compliance * t (21), see `CondensedLaw`."""
-        k_n, k_s = self.normal_stiffness, self.shear_stiffness
-        shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
-        law = Coulomb(1.0 / k_n, *shear, coefficient_of(self))
-        answer = solve_backward_euler(trial_gap, compliance, state, law)
-        return response_of(answer, elastic_slip=answer.history)
-
-    def condensed_discrete_gradient(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """`discrete_gradient` at gap = trial_gap - compliance * t (17), see `CondensedLaw`."""
+    def start(self, rule: Rule, state: JointState) -> Start:
+        """Elastic slip at the start, over a whole step stored energies and slips."""
+        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
+        if rule.name == BACKWARD_EULER.name:
+            shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
+            law = Coulomb(1.0 / k_n, *shear, mu)
+            return Start(state.gap, state.elastic_slip, np.array([law], dtype=np.float64))
+        stored = stored_by(state, k_n, k_s)
         # Without shear stiffness friction is never mobilised, as if there were none.
-        k_n, k_s = self.normal_stiffness, self.shear_stiffness or self.normal_stiffness
-        mu = coefficient_of(self) if self.shear_stiffness else 0.0
-        stored = stored_by(state, k_n, self.shear_stiffness)
-        law = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, mu)
-        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law)
+        law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
+        return whole_step_from(state, stored, law)
+
+    def answered(self, rule: Rule, answer: Answer) -> Response:
+        """Elastic slip and, over a whole step, the slips."""
+        if rule.name == BACKWARD_EULER.name:
+            return response_of(answer, elastic_slip=answer.history)
         root = math.sqrt(self.shear_stiffness) or 1.0
         return response_of(
             answer, elastic_slip=answer.history[:, 1:3] / root, slips=answer.history[:, 3:8]

@@ -11,7 +11,11 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient, stored_by
+from dolfinx_joints.laws.discrete_gradient import (
+    discrete_gradient_points,
+    stored_by,
+    whole_step_from,
+)
 from dolfinx_joints.laws.law import (
     NO_COMPLIANCE,
     Floats,
@@ -22,7 +26,7 @@ from dolfinx_joints.laws.law import (
     gap_under,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.return_mapping import Coulomb
+from dolfinx_joints.laws.return_mapping import Coulomb, solve_points
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +87,9 @@ class KeyedJoint:
     ) -> Response:
         """`discrete_gradient` at gap = trial_gap - compliance * t; see `CondensedLaw`."""
         k_n = self.normal_stiffness
-        at_start = stored_by(state, k_n, 0.0)
         law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
-        answer = solve_discrete_gradient(trial_gap, compliance, state, at_start, law)
+        start = whole_step_from(state, stored_by(state, k_n, 0.0), law)
+        answer = solve_points(discrete_gradient_points, trial_gap, compliance, start)
         normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap[:, 0])
         return self._with_keys(trial_gap, compliance, state, normal, mean=0.5)
 

@@ -43,6 +43,20 @@ class Coulomb(NamedTuple):
     rebounds: bool = True
 
 
+class Start(NamedTuple):
+    """What a loop is told of the start of a step of ``n`` points.
+
+    Attributes:
+        gap: Gap, shape (n, 3), [m].
+        history: What else the points know, shape (n, m).
+        laws: The numbers of a `Coulomb`, of each point or of all, shape (n or 1, 5).
+    """
+
+    gap: Floats
+    history: Floats
+    laws: Floats
+
+
 class Shear(NamedTuple):
     """Shear traction of a point with its derivatives by the trial gap h.
 
@@ -125,8 +139,23 @@ def put_traction(
 
 
 @register_jitable
+def law_of(i: int, laws: Floats) -> Coulomb:
+    """Parameters of the point ``i``."""
+    row = laws[i if len(laws) > 1 else 0]
+    return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
+
+
+@register_jitable
+def put_nothing(i: int, answer: Answer) -> None:
+    """Begin the answer of the point ``i``: it carries nothing."""
+    answer.traction[i, :] = 0.0
+    answer.tangent[i, :, :] = 0.0
+    answer.history[i, :] = 0.0
+    answer.dissipation[i], answer.status[i] = 0.0, 0
+
+
 def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
-    """Arrays for the answer: zeros, the gap being the trial gap."""
+    """Arrays for the answer, the gap being the trial gap."""
     count, kind = len(trial_gap), trial_gap.dtype
     return Answer(
         np.zeros((count, 3), kind),
@@ -138,9 +167,7 @@ def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
     )
 
 
-def solve_points(
-    loop: Any, trial_gap: Floats, compliance: Floats, gap: Floats, history: Floats, law: Coulomb
-) -> Answer:
+def solve_points(loop: Any, trial_gap: Floats, compliance: Floats, start: Start) -> Answer:
     """Tractions of points, each on its own compliance, in closed form.
 
     Compiled for double precision; arrays of any other type are worked on by the interpreter.
@@ -149,12 +176,11 @@ def solve_points(
         loop: The compiled loop.
         trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
-        gap: Gap at the start of the step, shape (n, 3), [m].
-        history: What else the points know of the start, shape (n, m).
-        law: Parameters of the joint.
+        start: State of the points and parameters of their laws.
     """
     work = loop if trial_gap.dtype == np.float64 else loop.py_func
-    answer: Answer = work(trial_gap, compliance, gap, history, law)
+    answer = empty_answer(trial_gap, start.history)
+    work(compliance, start, answer, 0, 1)
     return answer
 
 

@@ -13,16 +13,16 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.discrete_gradient import solve_discrete_gradient
-from dolfinx_joints.laws.friction import solve_backward_euler
-from dolfinx_joints.laws.law import Floats, JointState, Losses, Response
+from dolfinx_joints.laws.discrete_gradient import whole_step_from
+from dolfinx_joints.laws.friction import CoulombJoint
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.losses import losses_on, way_with_friction
-from dolfinx_joints.laws.return_mapping import Coulomb, response_of
+from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, response_of
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class RigidJoint:
+class RigidJoint(CoulombJoint):
     """`FrictionNoTension` with k_n and k_s infinite, their ratio given.
 
     Its tractions follow from the structure alone, so it is a `CondensedLaw` only. With the
@@ -91,31 +91,26 @@ class RigidJoint:
         lost = losses_on(way, traction, answer.traction, answer.dissipation)
         return lost._replace(numerical=lost.numerical + self.stored_energy(before))
 
-    def condensed_backward_euler(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """Return mapping at the end of a step (21), no energy stored; see `CondensedLaw`."""
-        law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self))
-        answer = solve_backward_euler(trial_gap, compliance, state, law)
-        internal = np.zeros_like(state.internal)
-        if not self.restitution:
-            internal[:, 0] = answer.traction[:, 0] < 0.0
-        return response_of(answer, elastic_slip=answer.history, internal=internal)
-
-    def condensed_discrete_gradient(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """Energy-consistent answer over a whole step (17); see `CondensedLaw`."""
+    def start(self, rule: Rule, state: JointState) -> Start:
+        """No energy stored at the end of a step (21); over a whole one (17) the variables."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
-        stored = state.internal if self.restitution else None
-        struck = None
-        if not self.restitution:
-            way = state.approach if len(state.approach) else np.zeros(len(trial_gap))
-            struck = np.column_stack([way, state.internal[:, 0]])
-        answer = solve_discrete_gradient(trial_gap, compliance, state, stored, law, struck)
+        if rule.name == BACKWARD_EULER.name:
+            return Start(state.gap, state.elastic_slip, np.array([law], dtype=np.float64))
+        if self.restitution:
+            return whole_step_from(state, state.internal, law)
+        way = state.approach if len(state.approach) else np.zeros(len(state.gap))
+        return whole_step_from(state, None, law, np.column_stack([way, state.internal[:, 0]]))
+
+    def answered(self, rule: Rule, answer: Answer) -> Response:
+        """The variables at the end."""
+        if rule.name == BACKWARD_EULER.name:
+            internal = np.zeros((len(answer.traction), len(self.internal_variables)))
+            if not self.restitution:
+                internal[:, 0] = answer.traction[:, 0] < 0.0
+            return response_of(answer, elastic_slip=answer.history, internal=internal)
         return response_of(
             answer,
-            elastic_slip=np.zeros((len(trial_gap), 2)),
+            elastic_slip=np.zeros((len(answer.traction), 2)),
             internal=answer.history[:, :3] if self.restitution else answer.history[:, 9:],
             slips=answer.history[:, 3:8],
         )

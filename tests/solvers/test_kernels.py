@@ -31,7 +31,7 @@ from plates import compressed, kernel, plates
 import dolfinx_joints
 from dolfinx_joints.laws import discrete_gradient, friction
 from dolfinx_joints.laws.law import JointState
-from dolfinx_joints.laws.return_mapping import Coulomb
+from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
 from dolfinx_joints.solvers.interface import corrections, gmres
 from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.solvers.interface import residual as joint_step
@@ -173,6 +173,13 @@ def gaps() -> tuple[np.ndarray, np.ndarray]:
     return before, after
 
 
+def solved(loop: Any, trial_gap: np.ndarray, compliance: np.ndarray, start: Start) -> Answer:
+    """Answer of a loop, compiled or not."""
+    answer = empty_answer(trial_gap, start.history)
+    loop(compliance, start, answer, 0, 1)
+    return answer
+
+
 @pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
 @pytest.mark.parametrize("mu", [0.0, 0.6])
 @pytest.mark.parametrize("rigid", [False, True])
@@ -183,18 +190,26 @@ def test_whole_steps(monkeypatch, compliance, mu, rigid):
         before[:, 0] = np.abs(before[:, 0])  # what is rigid does not overlap
     state = JointState(gap=before, elastic_slip=np.full((len(before), 2), 0.1))
     stored = discrete_gradient.stored_by(state, 1.0, 0.4)
-    given = (after, np.array(compliance), state, stored, Coulomb(normal, shear, 2.5, mu))
-    solve = discrete_gradient.solve_discrete_gradient
-    check(monkeypatch, discrete_gradient, lambda: solve(*given))
+    start = discrete_gradient.whole_step_from(state, stored, Coulomb(normal, shear, 2.5, mu))
+
+    def work():
+        loop = discrete_gradient.discrete_gradient_points
+        return solved(loop, after, np.array(compliance), start)
+
+    check(monkeypatch, discrete_gradient, work)
 
 
 @pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
 @pytest.mark.parametrize(("normal", "shear"), [(1.0, 2.5), (0.0, 0.0), (1.0, np.inf)])
 def test_ends_of_steps(monkeypatch, compliance, normal, shear):
     before, after = gaps()
-    state = JointState(gap=before, elastic_slip=np.full((len(before), 2), 0.1))
-    given = (after, np.array(compliance), state, Coulomb(normal, shear, 2.5, 0.6))
-    check(monkeypatch, friction, lambda: friction.solve_backward_euler(*given))
+    slip, laws = np.full((len(before), 2), 0.1), np.array([Coulomb(normal, shear, 2.5, 0.6)])
+    start = Start(before, slip, laws)
+
+    def work():
+        return solved(friction.backward_euler_points, after, np.array(compliance), start)
+
+    check(monkeypatch, friction, work)
 
 
 def test_copies_of_one_version_share_machine_code(tmp_path):

@@ -37,6 +37,7 @@ from dolfinx_joints.laws.law import (
     Status,
     check_law,
 )
+from dolfinx_joints.laws.return_mapping import Answer, Start
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -223,16 +224,34 @@ class Contact:
         for part in self._laws:
             here = part.points
             own = None if compliance is None else compliance[here]
-            given = part.ask(rule, gap[here], own, part.state_of(state))
-            for name in ("traction", "tangent", "dissipation", "status"):
-                getattr(answer, name)[here] = getattr(given, name)
-            answer.state.gap[here] = given.state.gap
-            answer.state.elastic_slip[here] = given.state.elastic_slip
-            if len(given.state.slips):
-                answer.state.slips[here] = given.state.slips
-            if part.variables:
-                answer.state.internal[here, : part.variables] = given.state.internal
+            part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
         return answer
+
+    @property
+    def has_loops(self) -> bool:
+        """Whether the answers of all laws are those of loops."""
+        return all(part.in_loops for part in self._laws)
+
+    def start_of_loops(self, rule: Rule, state: JointState) -> Start:
+        """What the loop of a rule is told of the local points, where all laws have loops."""
+        if len(self._laws) == 1:
+            return self._laws[0].start(rule, state)
+        starts = [part.start(rule, part.state_of(state)) for part in self._laws]
+        history = np.empty((len(state.gap), starts[0].history.shape[1]))
+        laws = np.empty((len(state.gap), starts[0].laws.shape[1]))
+        for part, start in zip(self._laws, starts, strict=True):
+            history[part.points], laws[part.points] = start.history, start.laws
+        return Start(state.gap, history, laws)
+
+    def answered_by_loops(self, rule: Rule, answer: Answer) -> Response:
+        """The answer of a loop as that of the laws."""
+        if len(self._laws) == 1:
+            return self._laws[0].answered(rule, answer)
+        response = _empty_response(len(answer.gap), self._variables)
+        for part in self._laws:
+            here = Answer(*(array[part.points] for array in answer))
+            part.put(part.answered(rule, here), response)
+        return response
 
     def not_condensed(self, rule: Rule) -> tuple[str, ...]:
         """Kinds of the laws that the condensed solver cannot ask under a rule."""

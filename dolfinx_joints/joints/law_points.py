@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import numbers_of, shown
+from dolfinx_joints.laws.friction import CoulombJoint
 from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     NO_COMPLIANCE,
@@ -34,6 +35,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_of
+from dolfinx_joints.laws.return_mapping import Answer, Start
 from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.laws.viscous import DashpotStep
 
@@ -63,6 +65,7 @@ class LawPoints:
         balances: Whether it has an answer over a whole step that balances energy.
         accounts: Whether it states its losses in steps that it answered at their end.
         stops: Whether its points do not rebound.
+        in_loops: Whether its answers are those of the loops of `CoulombJoint`.
 
     Raises:
         ValueError: Its internal variables are not what `LawWithHistory` says.
@@ -83,6 +86,7 @@ class LawPoints:
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
+        self.in_loops = isinstance(law, CoulombJoint) and law.in_loops()
         self.stops = isinstance(law, RigidJoint) and law.restitution == 0
         self._methods = _methods(law)
         self._condensed = _condensed_methods(law)
@@ -146,6 +150,30 @@ class LawPoints:
         else:
             response = self._methods[rule.name](gap, state)
         return self._checked(response, len(gap))
+
+    def start(self, rule: Rule, state: JointState) -> Start:
+        """What the loop of a rule is told of its points, of their state."""
+        assert isinstance(self.law, CoulombJoint)
+        if self.variables < state.internal.shape[1]:
+            state = replace(state, internal=state.internal[:, : self.variables])
+        return self.law.start(rule, state)
+
+    def answered(self, rule: Rule, answer: Answer) -> Response:
+        """The answer of the loop for its points as that of the law."""
+        assert isinstance(self.law, CoulombJoint)
+        return self.law.answered(rule, answer)
+
+    def put(self, given: Response, answer: Response) -> None:
+        """Write the answer of its points into that of all local points."""
+        here = self.points
+        for name in ("traction", "tangent", "dissipation", "status"):
+            getattr(answer, name)[here] = getattr(given, name)
+        answer.state.gap[here] = given.state.gap
+        answer.state.elastic_slip[here] = given.state.elastic_slip
+        if len(given.state.slips):
+            answer.state.slips[here] = given.state.slips
+        if self.variables:
+            answer.state.internal[here, : self.variables] = given.state.internal
 
     def states_losses(self, rule: Rule) -> bool:
         """Whether it states its losses under a rule, so that its energies can be checked."""

@@ -101,9 +101,9 @@ def test_low_rank_products(monkeypatch, share):
     rows = None if share == "all rows" else np.arange(40)
     small = compressed(kernel(points, joint), points, leaf=6, tolerance=1e-3, rows=rows)
     vector = RANDOM.normal(size=3 * len(points))
-    ranks = small._blocks[:, 4]
+    ranks = small.blocks[:, 4]
     assert ranks.min() < 0 < ranks.max()  # blocks of both kinds
-    assert small._blocks[:, 5].any() == (rows is None)
+    assert small.blocks[:, 5].any() == (rows is None)
     vectors = [vector, np.ones_like(vector)]
     one, *several = check(
         monkeypatch, lowrank, lambda: (small.product(vector), *small.products(vectors))

@@ -156,10 +156,10 @@ class Compliance:
 
         ones = np.ones(len(columns))
         rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
-        return _Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
+        return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
     def _products(self, matrix: LowRankMatrix) -> Split:
-        return _Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
+        return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
@@ -242,13 +242,13 @@ class _Products:
     ) -> None:
         """Keep what is needed."""
         self._multiply, self._scale, self._comm = multiply, scale, comm
-        self._live, self.size = ~dead.ravel(), len(scale)
+        self.live, self.size = ~dead.ravel(), len(scale)
         self.nbytes = 0
 
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector, shape (size,) (collective)."""
         gaps = gathered(self._comm, self._multiply(values / self._scale))
-        return np.where(self._live, gaps / self._scale - values, 0.0)
+        return np.where(self.live, gaps / self._scale - values, 0.0)
 
     def block(self, rows: Rows) -> _Rows:
         """The part of some rows and the same columns."""
@@ -263,8 +263,14 @@ class _Products:
         return None
 
 
-class _Compressed(_Products):
-    """S in blocks of low rank."""
+class Compressed(_Products):
+    """S in blocks of low rank.
+
+    Attributes:
+        matrix: The blocks.
+        live: Whether an unknown can move, shape (size,).
+        shared: Whether other runs multiply with it.
+    """
 
     def __init__(
         self,
@@ -277,7 +283,8 @@ class _Compressed(_Products):
         """Keep the matrix; several runs multiply with it through rounds."""
         multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
         super().__init__(multiply, scale, dead, comm)
-        self._matrix, self.nbytes = matrix, int(matrix.nbytes)
+        self.matrix, self.nbytes = matrix, int(matrix.nbytes)
+        self.shared = rounds is not None
         self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
 
     def cost(self, rows: int) -> float:
@@ -286,11 +293,11 @@ class _Compressed(_Products):
 
     def whole(self) -> Floats:
         """The matrix, shape (size, size) (collective)."""
-        mine = self._matrix.rows(np.arange(self._matrix.shape[0]))
+        mine = self.matrix.rows(np.arange(self.matrix.shape[0]))
         every = np.vstack(self._comm.allgather(mine))
         every /= self._scale[:, None] * self._scale
         every[np.diag_indices(self.size)] -= 1.0
-        every[~self._live] = 0.0
+        every[~self.live] = 0.0
         return every
 
 

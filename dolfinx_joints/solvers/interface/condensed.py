@@ -19,6 +19,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
+from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
@@ -114,10 +115,23 @@ class Condensed:
             corrections.load_state_dict(self._restored)
         return corrections
 
+    @cached_property
+    def compiled(self) -> CompiledSteps | None:
+        """The compiled iteration, None where it does not serve (collective when first asked)."""
+        if self.static or not CompiledSteps.serves(self._contact, self.compliance):
+            return None
+        areas = np.repeat(self._contact.operator.areas, 3)
+        compiled = CompiledSteps(self._contact, self.compliance, self.corrections, areas)
+        compiled.load_state_dict(self._restored)
+        return compiled
+
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on, empty before the first."""
-        made = "corrections" in self.__dict__
-        return self.corrections.state_dict() if made else dict(self._restored)
+        if "corrections" not in self.__dict__:
+            return dict(self._restored)
+        compiled = self.__dict__.get("compiled")
+        more = {} if compiled is None else compiled.state_dict()
+        return self.corrections.state_dict() | more
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave, once corrections are asked for."""

@@ -80,17 +80,22 @@ class Corrections:
         stuck: T0, the diagonal of the tangent of sticking points, shape (points, 3); None
             where the second set is of no use.
         comm: Communicator of the ranks.
+
+    Attributes:
+        stuck: T0, None where there is no second set.
+        missed: Entries that W would have saved to be read before it was made.
     """
 
     def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
         """Keep S; the second set is made when it pays."""
-        self._split, self._rough, self._stuck, self._comm = split, rough, stuck, comm
+        self._split, self._rough, self._comm = split, rough, comm
+        self.stuck = stuck if split.size <= LARGEST_TIED else None
         self._exact = isinstance(split, RowMatrix)
         self._kept: Rows = np.empty(0, dtype=np.int64)
         self._inside = np.zeros(split.size // 3, dtype=bool)
         self._block: Part | None = None
         self._tied: _Tied | None = None
-        self._missed, self._finest = 0.0, 0.0
+        self.missed, self._finest = 0.0, 0.0
 
     def solve(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
         """Solve (I + T S) d = r (collective).
@@ -101,8 +106,8 @@ class Corrections:
             tolerance: Of the residual, relative to r.
         """
         active = _where(tangent, np.zeros((1, 3)), 0.0)
-        if self._stuck is not None and len(residual) <= LARGEST_TIED:
-            changed = _where(tangent, self._stuck, SAME)
+        if self.stuck is not None:
+            changed = _where(tangent, self.stuck, SAME)
             tied = self._tied_if_cheaper(3 * len(active), 3 * len(changed), residual)
             if tied is not None:
                 return tied.solve(residual, tangent, changed, tolerance)
@@ -113,7 +118,7 @@ class Corrections:
 
         None where the first is cheaper, or there is no second.
         """
-        assert self._stuck is not None
+        assert self.stuck is not None
         size, loaded = float(len(residual)), np.count_nonzero(residual)
         inner = float(active) ** 2
         if self._rough is not None:
@@ -123,17 +128,25 @@ class Corrections:
         if second >= first:
             return None
         if self._tied is None:
-            cost = 2.3 * size**3
-            # A run that goes on may have missed that much already.
-            if self._missed * OPERATIONS_PER_ENTRY <= cost:
-                self._missed += first - second
-            if self._missed * OPERATIONS_PER_ENTRY > cost:
-                whole = self._split.whole()
-                if whole is not None:
-                    self._tied = _tied(whole, self._stuck.ravel(), self._comm)
-                if self._tied is None:
-                    self._stuck = None
+            self.missed += first - second
+            self._tie()
         return self._tied
+
+    def _tie(self) -> None:
+        """Make W once what it would have saved is what it costs: a run may go on for as long."""
+        if self._tied is not None or self.stuck is None:
+            return
+        if self.missed * OPERATIONS_PER_ENTRY > 2.3 * float(self._split.size) ** 3:
+            whole = self._split.whole()
+            if whole is not None:
+                self._tied = _tied(whole, self.stuck.ravel(), self._comm)
+            if self._tied is None:
+                self.stuck = None
+
+    def tied(self) -> Floats | None:
+        """W, shape (m, m), once it pays (collective)."""
+        self._tie()
+        return None if self._tied is None else self._tied.matrix.whole()
 
     def _solve_active(
         self, residual: Floats, tangent: Floats, active: Rows, tolerance: float
@@ -177,11 +190,11 @@ class Corrections:
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on beyond their arguments."""
         kept = {} if self._block is None else {"kept": self._kept}
-        return {"missed": self._missed, **kept}
+        return {"missed": self.missed, **kept}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
-        self._missed = state_dict["missed"]
+        self.missed = state_dict["missed"]
         if "kept" in state_dict:
             self._block = self._hold(state_dict["kept"])
 
@@ -210,17 +223,17 @@ class _Tied:
 
     def __init__(self, matrix: RowMatrix, stuck: Floats) -> None:
         """Keep W and T0."""
-        self._matrix, self._stuck = matrix, stuck
+        self.matrix, self._stuck = matrix, stuck
 
     def solve(
         self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float
     ) -> Correction:
         """See `Corrections.solve`; ``changed`` are the points where T is not T0."""
-        known = self._matrix.product(residual, np.flatnonzero(residual))
+        known = self.matrix.product(residual, np.flatnonzero(residual))
         coupled, turned, products = known, residual, 0
         if len(changed):
             rows = _rows_of(changed)
-            block = self._matrix.block(rows)
+            block = self.matrix.block(rows)
             change = tangent[changed].copy()
             change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
             y, products = gmres(
@@ -232,7 +245,7 @@ class _Tied:
             taken = np.zeros_like(residual)
             taken[rows] = _turned(change, y)
             turned = residual - taken
-            coupled = known - self._matrix.product(taken, rows)
+            coupled = known - self.matrix.product(taken, rows)
         return Correction(step=turned - self._stuck * coupled, coupled=coupled, products=products)
 
 

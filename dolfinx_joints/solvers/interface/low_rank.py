@@ -126,6 +126,9 @@ class LowRankMatrix:
         shape: Rows and columns.
         nbytes: Memory of the blocks [bytes].
         symmetric: Whether only one of two mirrored blocks is kept.
+        order: Unknowns in the order of the columns, shape (3 n,).
+        blocks: Top, left, height, width, rank, whether mirrored, and first entry of each block.
+        data: Their entries, one after the other.
     """
 
     def __init__(
@@ -151,27 +154,27 @@ class LowRankMatrix:
         if not self.symmetric:
             labels = None if joint is None else np.asarray(joint)[kept]
             down, self._trees = clusters(points[kept], leaf, labels)
-        self._down, self._across = _unknowns(down), _unknowns(order)
+        self._down, self.order = _unknowns(down), _unknowns(order)
         scale = np.where(
             scale > 0.0, scale, 1.0
         )  # clamped points do not move: zero rows and columns
-        self._scales = scale[_unknowns(kept)][self._down], scale[self._across]
+        self._scales = scale[_unknowns(kept)][self._down], scale[self.order]
         self._start_over()
         for tree in across:
             for panel in tree.leaves():
-                self._take(panel, columns(self._across[panel.unknowns]))
+                self._take(panel, columns(self.order[panel.unknowns]))
         self._close()
 
     def _start_over(self) -> None:
         """No blocks yet."""
         self._table: list[tuple[int, ...]] = []
-        self._data, self._filled = np.empty(0, self._dtype), 0
+        self.data, self._filled = np.empty(0, self._dtype), 0
 
     def _close(self) -> None:
         """Give back what the blocks did not fill."""
-        self._data.resize(self._filled, refcheck=False)
-        self.nbytes = self._data.nbytes
-        self._blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
+        self.data.resize(self._filled, refcheck=False)
+        self.nbytes = self.data.nbytes
+        self.blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
 
     def _take(self, panel: Cluster, columns: Floats) -> None:
         """Cut the rows of a panel into blocks."""
@@ -210,10 +213,10 @@ class LowRankMatrix:
         """Put the entries of a block behind those of the others."""
         for part in parts:
             end = self._filled + part.size
-            if end > len(self._data):
+            if end > len(self.data):
                 # In place: a copy of all blocks would double what they take.
-                self._data.resize(end + GROWTH, refcheck=False)
-            self._data[self._filled : end] = part.ravel()
+                self.data.resize(end + GROWTH, refcheck=False)
+            self.data[self._filled : end] = part.ravel()
             self._filled = end
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
@@ -226,7 +229,7 @@ class LowRankMatrix:
         rough = copy(self)
         rough._tolerance, rough._dtype = tolerance, np.dtype(dtype)
         rough._start_over()
-        for top, left, height, width, rank, mirrored, start in self._blocks:
+        for top, left, height, width, rank, mirrored, start in self.blocks:
             down, across = self._block(height, width, rank, start)
             parts: tuple[Floats, ...] = (across,)
             if rank != DENSE:
@@ -243,9 +246,9 @@ class LowRankMatrix:
 
     def product(self, vector: Floats) -> Floats:
         """The rows times a vector of all unknowns, shape (3 n,) to shape (3 rows,)."""
-        x = (self._scales[1] * vector[self._across]).astype(self._dtype)
+        x = (self._scales[1] * vector[self.order]).astype(self._dtype)
         y = np.zeros(self.shape[0], dtype=self._dtype)
-        _multiply(self._blocks, self._data, x, y)
+        multiply_blocks(self.blocks, self.data, x, y)
         out = np.empty(self.shape[0])
         out[self._down] = self._scales[0] * y
         return out
@@ -254,9 +257,9 @@ class LowRankMatrix:
         """`product` of several vectors, reading the blocks once."""
         if len(vectors) == 1:
             return [self.product(vectors[0])]
-        x = (self._scales[1][:, None] * np.column_stack(vectors)[self._across]).astype(self._dtype)
+        x = (self._scales[1][:, None] * np.column_stack(vectors)[self.order]).astype(self._dtype)
         y = np.zeros((self.shape[0], len(vectors)), dtype=self._dtype)
-        _multiply_all(self._blocks, self._data, x, y)
+        _multiply_all(self.blocks, self.data, x, y)
         out = np.empty((len(vectors), self.shape[0]))
         out[:, self._down] = (self._scales[0][:, None] * y).T
         return list(out)
@@ -267,7 +270,7 @@ class LowRankMatrix:
         place[self._down] = np.arange(self.shape[0])
         places = place[numbers]
         out = np.zeros((len(numbers), self.shape[1]))
-        for top, left, height, width, rank, mirrored, start in self._blocks:
+        for top, left, height, width, rank, mirrored, start in self.blocks:
             factors = self._block(height, width, rank, start)
             inside = np.flatnonzero((places >= top) & (places < top + height))
             if len(inside):
@@ -278,17 +281,17 @@ class LowRankMatrix:
                 part = factors[1][:, places[inside] - left].T @ factors[0]
                 out[inside, top : top + height] = part
         result = np.empty_like(out)
-        result[:, self._across] = out * self._scales[1]
+        result[:, self.order] = out * self._scales[1]
         return result * self._scales[0][places, None]
 
     def _block(self, height: int, width: int, rank: int, start: int) -> tuple[Any, Any]:
         """Factors L, R of a block L^T R."""
         if rank == DENSE:
-            dense = self._data[start : start + height * width].reshape(height, width)
+            dense = self.data[start : start + height * width].reshape(height, width)
             return np.eye(height, dtype=self._dtype), dense
-        left = self._data[start : start + rank * height].reshape(rank, height)
+        left = self.data[start : start + rank * height].reshape(rank, height)
         start += rank * height
-        return left, self._data[start : start + rank * width].reshape(rank, width)
+        return left, self.data[start : start + rank * width].reshape(rank, width)
 
 
 def _unknowns(points: Ints) -> Ints:
@@ -312,7 +315,7 @@ def _factors(block: Floats, tolerance: float) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True, fastmath=SUMS)
-def _multiply(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
+def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
     """Add the blocks, and their mirror images, times x to y."""
     for b in range(len(blocks)):
         top, left, height, width, rank, mirrored, start = blocks[b]
@@ -336,7 +339,7 @@ def _multiply(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]
 
 @njit(cache=True)
 def _multiply_all(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """`_multiply` of the columns of x."""
+    """`multiply_blocks` of the columns of x."""
     for b in range(len(blocks)):
         top, left, height, width, rank, mirrored, start = blocks[b]
         x_across, x_down = x[left : left + width], x[top : top + height]

@@ -41,7 +41,7 @@ class RowMatrix:
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector that is zero but for some rows, shape (size,) (collective)."""
         mine = np.zeros(self._columns.shape[1])
-        _add_rows(self._columns, rows, values[rows], mine)
+        add_rows(self._columns, rows, values[rows], mine)
         return gathered(self._comm, mine)
 
     def block(self, rows: Rows) -> Block:
@@ -86,7 +86,7 @@ def gathered(comm: Any, mine: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
+def add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
     """Add up the rows of a matrix times values; four at a time pass over ``out`` once."""
     k = 0
     while k + 4 <= len(rows):

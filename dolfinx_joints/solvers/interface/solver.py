@@ -34,6 +34,8 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
+from dolfinx_joints.solvers.interface.compiled.iteration import Limits
+from dolfinx_joints.solvers.interface.compiled.steps import Solved
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
@@ -118,27 +120,71 @@ class InterfaceSolver:
         if condensed.static:
             self._refine(condensed.matrix, b, x)
         trial_gap = state.gap + self._contact.operator.jump(x)
-        step = JointStep(self._contact, condensed, self._areas, self._mine, trial_gap, state, rule)
-        start = self._smoothed(step, self._start(step))
-        found, iterations, relative = self._iterate(step, start)
-        self._sweeps = iterations >= (EASY if self._sweeps else HARD)
-        nothing = np.zeros_like(found.force)
-        self._last = (condensed, nothing, nothing)
-        for _ in range(1 + REFINEMENTS * condensed.static):
-            self._expand(condensed, found.force - found.residual, x)
-            if not condensed.static:
-                break
+        starts = self._starts(condensed)
+        found = self._compiled(condensed, trial_gap, state, rule, starts)
+        if found is None:
+            step = JointStep(
+                self._contact, condensed, self._areas, self._mine, trial_gap, state, rule
+            )
+            found = self._in_python(step, starts, x)
+        else:
+            self._expand_all(condensed, found.force, x)
+        self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
+        return found.response, SolveReport(
+            iterations=found.iterations,
+            factorizations=int(factored),
+            residual=found.relative,
+            counts=self._contact.counts(found.response.status),
+            solver=self.name,
+        )
+
+    def _compiled(
+        self,
+        condensed: Condensed,
+        trial_gap: Floats,
+        state: JointState,
+        rule: Rule,
+        starts: list[tuple[Floats, Floats]],
+    ) -> Solved | None:
+        """The joint forces by the compiled iteration.
+
+        None where it does not serve, and where it does not converge: in Python it says why.
+        """
+        if condensed.compiled is None:
+            return None
+        sweeps = self._sweeps and condensed.compliance.kind == "dense"
+        limits = Limits(
+            tolerance=self.options.relative_tolerance,
+            enough=0.01 * self.options.relative_tolerance,
+            iterations=self.options.max_iterations,
+            cuts=self.options.max_cuts,
+            inner=INNER_TOLERANCE,
+            poor=POOR if sweeps else np.inf,
+            colours=COLOURS,
+        )
+        return condensed.compiled.solve(trial_gap, state, rule, starts, limits)
+
+    def _in_python(
+        self, step: JointStep, starts: list[tuple[Floats, Floats]], x: PETSc.Vec
+    ) -> Solved:
+        """The joint forces, and x with what they cause (collective)."""
+        condensed = step.condensed
+        tried = [step.evaluate(*start) for start in starts]
+        start = min(tried, key=lambda at: float(np.linalg.norm(at.residual)))
+        found, iterations, relative = self._iterate(step, self._smoothed(step, start))
+        self._expand_all(condensed, found.force - found.residual, x)
+        for _ in range(REFINEMENTS * condensed.static):
             # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
             found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
             if more == 0:
                 break
             iterations += more
-        return found.response, SolveReport(
+            self._expand(condensed, found.force - found.residual, x)
+        return Solved(
+            force=found.force - found.residual,
+            response=found.response,
             iterations=iterations,
-            factorizations=int(factored),
-            residual=relative,
-            counts=self._contact.counts(found.response.status),
-            solver=self.name,
+            relative=relative,
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -182,20 +228,18 @@ class InterfaceSolver:
         self._last, self._before = start("last"), start("before")
         self._sweeps = state_dict["sweeps"]
 
-    def _start(self, step: JointStep) -> Iterate:
-        """The better of two starts: the last step's forces, and the line through the last two."""
+    def _starts(self, condensed: Condensed) -> list[tuple[Floats, Floats]]:
+        """Forces of the last step, and on the line through the last two, each with S f."""
         known, force, coupled = self._last
-        if known is not step.condensed:
+        if known is not condensed:
             if known is not None:
-                force = force / known.compliance.scale * step.condensed.compliance.scale
-            coupled = step.condensed.compliance.split.product(force, np.flatnonzero(force))
-            return step.evaluate(force, coupled)
-        start = step.evaluate(force, coupled)
+                force = force / known.compliance.scale * condensed.compliance.scale
+            coupled = condensed.compliance.split.product(force, np.flatnonzero(force))
+            return [(force, coupled)]
         before, self._before = self._before, self._last
         if before[0] is not known:
-            return start
-        ahead = step.evaluate(2.0 * force - before[1], 2.0 * coupled - before[2])
-        return min(start, ahead, key=lambda at: float(np.linalg.norm(at.residual)))
+            return [(force, coupled)]
+        return [(force, coupled), (2.0 * force - before[1], 2.0 * coupled - before[2])]
 
     def _smoothed(self, step: JointStep, at: Iterate) -> Iterate:
         """A sweep over the points, where the last steps were hard (collective)."""
@@ -213,6 +257,12 @@ class InterfaceSolver:
         parts = self._contact.colours(COLOURS)
         rows = [(3 * points[c::COLOURS, None] + np.arange(3)).ravel() for c in range(COLOURS)]
         return list(zip(parts, rows, strict=True))
+
+    def _expand_all(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements that the joint forces cause (collective)."""
+        nothing = np.zeros_like(force)
+        self._last = (condensed, nothing, nothing)
+        self._expand(condensed, force, x)
 
     def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.

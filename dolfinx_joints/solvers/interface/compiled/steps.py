@@ -1,0 +1,212 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Steps that the compiled iteration takes for one compliance, and what it keeps between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
+from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
+from dolfinx_joints.solvers.interface.compiled.corrections import Memory
+from dolfinx_joints.solvers.interface.compiled.iteration import Iterate, Limits, Points, iterate
+from dolfinx_joints.solvers.interface.compiled.krylov import space_of
+from dolfinx_joints.solvers.interface.compiled.products import (
+    Dense,
+    Kept,
+    LowRank,
+    kept_of,
+    take,
+)
+from dolfinx_joints.solvers.interface.compliance import Compliance, Compressed, Split
+from dolfinx_joints.solvers.interface.corrections import FINEST, MOST_PRODUCTS, Corrections
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+
+Floats = NDArray[np.float64]
+
+# Tolerance that systems with a part in single precision are solved to at best.
+FINEST_SINGLE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """The joint forces of a step.
+
+    Attributes:
+        force: Scaled forces f - r, shape (m,).
+        response: Of the points.
+        iterations: Iterations.
+        relative: Residual relative to the largest force.
+    """
+
+    force: Floats
+    response: Response
+    iterations: int
+    relative: float
+
+
+class CompiledSteps:
+    """Solves steps with one compliance on one rank.
+
+    Args:
+        contact: The joints; all laws have loops.
+        compliance: S and its scale.
+        corrections: Of the same, for W and when it is made.
+        areas: Area of the points, three per point, shape (m,), [m^2].
+    """
+
+    def __init__(
+        self, contact: Contact, compliance: Compliance, corrections: Corrections, areas: Floats
+    ) -> None:
+        """Set the room aside."""
+        self._contact, self._corrections = contact, corrections
+        self._split, self._inner = (_given(s) for s in _splits(compliance))
+        self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
+        self._scale = np.where(dead, 0.0, compliance.scale)
+        self._root = areas * self._scale
+        size = len(areas)
+        self._iterates: tuple[Iterate, ...] | None = None
+        single = isinstance(self._inner, Dense)
+        stuck = corrections.stuck
+        self._memory = Memory(
+            active=kept_of(size // 3, self._inner),
+            changed=kept_of(0 if stuck is None else size // 3, Dense(np.empty((0, 0)))),
+            tied=Dense(np.empty((0, 0))),
+            stuck=np.empty(0) if stuck is None else stuck.ravel(),
+            missed=np.array([corrections.missed]),
+            finest=FINEST_SINGLE if single else FINEST,
+            space=space_of(size, min(MOST_PRODUCTS, size)),
+            step=np.empty(size),
+            coupled=np.empty(size),
+            vectors=np.empty((4, size)),
+            numbers=np.empty(size, dtype=np.int64),
+            found=np.empty((2, size // 3), dtype=np.int64),
+        )
+
+    @staticmethod
+    def serves(contact: Contact, compliance: Compliance) -> bool:
+        """Whether it can: one rank, laws with loops, S kept and not shared with other runs."""
+        if contact.operator.comm.size > 1 or not contact.has_loops:
+            return False
+        return all(
+            isinstance(s, RowMatrix)
+            or (isinstance(s, Compressed) and s.matrix.symmetric and not s.shared)
+            for s in _splits(compliance)
+        )
+
+    def solve(
+        self,
+        trial_gap: Floats,
+        state: JointState,
+        rule: Rule,
+        starts: Sequence[tuple[Floats, Floats]],
+        limits: Limits,
+    ) -> Solved | None:
+        """The joint forces of a step, None where the iteration does not converge.
+
+        Args:
+            trial_gap: Gap without joint forces, shape (n, 3), [m].
+            state: State of the joints at the start.
+            rule: How laws are asked.
+            starts: One or two starts, f and S f.
+            limits: Limits.
+        """
+        self._tie()
+        start, live = self._contact.start_of_loops(rule, state), self._scale > 0.0
+        passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()[live]
+        points = Points(
+            whole_step=rule.name == DISCRETE_GRADIENT.name,
+            start=start,
+            trial_gap=trial_gap,
+            own=self._own,
+            scale=self._scale,
+            root=self._root,
+            reach=float((passed / self._scale[live]).max(initial=0.0)),
+        )
+        iterates = self._room(start)
+        for at, (force, coupled) in zip(iterates, starts, strict=False):
+            at.force[:], at.coupled[:] = force, coupled
+        converged, last, iterations, relative = iterate(
+            points, self._split, self._inner, iterates, len(starts) > 1, limits, self._memory
+        )
+        self._corrections.missed = float(self._memory.missed[0])
+        if not converged:
+            return None
+        found = iterates[last]
+        answer = Answer(*(array.copy() for array in found.answer))
+        return Solved(
+            force=found.force - found.residual,
+            response=self._contact.answered_by_loops(rule, answer),
+            iterations=iterations,
+            relative=relative,
+        )
+
+    def _tie(self) -> None:
+        """Take up W once it pays."""
+        if len(self._memory.stuck) and not len(self._memory.tied.rows):
+            whole = self._corrections.tied()
+            if whole is not None:
+                self._memory = self._memory._replace(tied=Dense(whole))
+            elif self._corrections.stuck is None:
+                self._memory = self._memory._replace(stuck=np.empty(0))
+
+    def _room(self, start: Start) -> tuple[Iterate, ...]:
+        """Three iterates for a history of this length."""
+        known = self._iterates
+        if known is None or known[0].answer.history.shape != start.history.shape:
+            known = tuple(_iterate_of(start) for _ in range(3))
+            self._iterates = known
+        return known
+
+    def state_dict(self) -> dict[str, Any]:
+        """Sets that later corrections depend on; the rest is in that of `Corrections`."""
+        kept = {"kept": self._memory.active, "changed": self._memory.changed}
+        return {
+            name: each.points[: each.count[0]].copy()
+            for name, each in kept.items()
+            if each.count[0] >= 0
+        }
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Take up what another's ``state_dict`` gave."""
+        self._tie()
+        if "kept" in state_dict:
+            take(self._inner, self._memory.active, state_dict["kept"])
+        if "changed" in state_dict and len(self._memory.tied.rows):
+            take(self._memory.tied, self._memory.changed, state_dict["changed"])
+
+
+def _splits(compliance: Compliance) -> tuple[Split, Split]:
+    """S, and S as it is inside corrections."""
+    return compliance.split, compliance.rough or compliance.split
+
+
+def _given(split: Split) -> Dense | LowRank:
+    """S as the compiled functions take it."""
+    if isinstance(split, RowMatrix):
+        return Dense(split.whole())
+    assert isinstance(split, Compressed)
+    matrix = split.matrix
+    return LowRank(
+        matrix.blocks,
+        matrix.data,
+        matrix.order,
+        split.live,
+        np.empty((2, matrix.shape[0]), dtype=matrix.data.dtype),
+    )
+
+
+def _iterate_of(start: Start) -> Iterate:
+    points = len(start.gap)
+    return Iterate(
+        *(np.zeros(3 * points) for _ in range(3)),
+        np.zeros((points, 3, 3)),
+        empty_answer(start.gap, start.history),
+        np.zeros(3),
+    )

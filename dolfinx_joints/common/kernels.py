@@ -18,6 +18,10 @@ from typing import Any, Self
 from numba import config
 from numba import njit as njit
 
+# For functions that only other loops call: they need no way in from Python, which takes long to
+# compile, and are kept with the loops.
+part = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
 _PACKAGE = Path(__file__).resolve().parents[1]
 _OTHERS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator")
 

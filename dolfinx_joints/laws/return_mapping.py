@@ -148,9 +148,12 @@ def law_of(i: int, laws: Floats) -> Coulomb:
 @register_jitable
 def put_nothing(i: int, answer: Answer) -> None:
     """Begin the answer of the point ``i``: it carries nothing."""
-    answer.traction[i, :] = 0.0
-    answer.tangent[i, :, :] = 0.0
-    answer.history[i, :] = 0.0
+    for a in range(3):
+        answer.traction[i, a] = 0.0
+        for b in range(3):
+            answer.tangent[i, a, b] = 0.0
+    for k in range(answer.history.shape[1]):
+        answer.history[i, k] = 0.0
     answer.dissipation[i], answer.status[i] = 0.0, 0
 
 

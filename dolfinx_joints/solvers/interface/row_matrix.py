@@ -41,7 +41,7 @@ class RowMatrix:
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector that is zero but for some rows, shape (size,) (collective)."""
         mine = np.zeros(self._columns.shape[1])
-        add_rows(self._columns, rows, values[rows], mine)
+        add_rows(self._columns, rows, values, mine)
         return gathered(self._comm, mine)
 
     def block(self, rows: Rows) -> Block:
@@ -87,17 +87,18 @@ def gathered(comm: Any, mine: Floats) -> Floats:
 
 @njit(cache=True)
 def add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
-    """Add up the rows of a matrix times values; four at a time pass over ``out`` once."""
+    """Add some rows of a matrix times their values; four at a time pass over ``out`` once."""
     k = 0
     while k + 4 <= len(rows):
         r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
         r_2, r_3 = matrix[rows[k + 2]], matrix[rows[k + 3]]
-        v_0, v_1, v_2, v_3 = values[k], values[k + 1], values[k + 2], values[k + 3]
+        v_0, v_1 = values[rows[k]], values[rows[k + 1]]
+        v_2, v_3 = values[rows[k + 2]], values[rows[k + 3]]
         for j in range(len(out)):
             out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
         k += 4
     while k < len(rows):
-        row, value = matrix[rows[k]], values[k]
+        row, value = matrix[rows[k]], values[rows[k]]
         for j in range(len(out)):
             out[j] += value * row[j]
         k += 1

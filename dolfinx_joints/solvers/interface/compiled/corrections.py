@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import part
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
@@ -37,11 +37,8 @@ class Memory(NamedTuple):
         missed: Entries that W would have saved to be read so far, shape (1,).
         finest: Tolerance that systems of active points are solved to at best.
         space: Room for GMRES.
-        step: d, the correction, shape (m,).
-        coupled: S d.
-        vectors: Room for four more, shape (4, m).
-        numbers: Room for numbers of rows, shape (m,).
-        found: Room for numbers of points, shape (2, n).
+        vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
+        numbers: Room for numbers of active points, changed points and rows, shape (3, m).
     """
 
     active: Kept
@@ -51,21 +48,17 @@ class Memory(NamedTuple):
     missed: Floats
     finest: float
     space: Space
-    step: Floats
-    coupled: Floats
     vectors: Floats
     numbers: Ints
-    found: Ints
 
 
-@njit(cache=True)
+# Rows of the vectors above; the next is r without its small entries.
+STEP, COUPLED, RIGHT = 0, 1, 2
+
+
+@part
 def correct(
-    split: Any,
-    inner: Any,
-    residual: Floats,
-    tangent: Floats,
-    least: float,
-    tolerance: float,
+    split: Any, inner: Any, residual: Floats, tangent: Floats, least: float, tolerance: float,
     memory: Memory,
 ) -> int:
     """Write d and S d to the memory; the number of products.
@@ -79,27 +72,28 @@ def correct(
         tolerance: Of the residual, relative to r.
         memory: What is kept.
     """
-    left, loaded = memory.vectors[0], 0
-    for k in range(len(residual)):
-        left[k] = residual[k] if abs(residual[k]) > least else 0.0
-        loaded += left[k] != 0.0
-    active = _differing(tangent, memory.stuck, False, memory.found[0])
-    if len(memory.stuck):
-        changed = _differing(tangent, memory.stuck, True, memory.found[1])
-        unknowns, others, size = 3 * len(active), 3 * len(changed), len(residual)
-        systems = min(float(unknowns) ** 2, cost(inner, unknowns))
-        first = PRODUCTS * systems + cost(split, unknowns)
-        second = PRODUCTS * float(others) ** 2 + float(loaded + others) * size
+    right, stuck, numbers, loaded = memory.vectors[RIGHT], memory.stuck, memory.numbers, 0
+    for k in range(len(right)):
+        right[k] = residual[k] if abs(residual[k]) > least else 0.0
+        loaded += right[k] != 0.0
+    active = _differing(tangent, stuck, False, numbers[0])
+    if len(stuck):
+        changed = _differing(tangent, stuck, True, numbers[1])
+        systems = min(9.0 * float(active) ** 2, cost(inner, 3 * active))
+        first = PRODUCTS * systems + cost(split, 3 * active)
+        second = PRODUCTS * 9.0 * float(changed) ** 2 + float(loaded + 3 * changed) * len(right)
         if second < first:
             if len(memory.tied.rows):
-                return _correct_changed(left, tangent, changed, tolerance, memory)
+                hold(memory.tied, memory.changed, numbers[1], changed)
+                return _correct_changed(tangent, tolerance, memory)
             memory.missed[0] += first - second
-    return _correct_active(split, inner, left, tangent, active, tolerance, memory)
+    hold(inner, memory.active, numbers[0], active)
+    return _correct_active(split, inner, tangent, max(tolerance, memory.finest), memory)
 
 
-@njit(cache=True)
-def _differing(tangent: Floats, stuck: Floats, from_stuck: bool, found: Ints) -> Ints:
-    """Points whose block differs from zero, or from T0."""
+@part
+def _differing(tangent: Floats, stuck: Floats, from_stuck: bool, found: Ints) -> int:
+    """Points whose block differs from zero, or from T0: their numbers, and how many there are."""
     count = 0
     for i in range(len(tangent)):
         differs, same = False, SAME if from_stuck else 0.0
@@ -110,81 +104,86 @@ def _differing(tangent: Floats, stuck: Floats, from_stuck: bool, found: Ints) ->
         if differs:
             found[count] = i
             count += 1
-    return found[:count]
+    return count
 
 
-@njit(cache=True)
+@part
+def _part_of(points: Ints, values: Floats, part: Floats) -> None:
+    """Values at some points."""
+    for i in range(len(part) // 3):
+        for a in range(3):
+            part[3 * i + a] = values[3 * points[i] + a]
+
+
+@part
+def _spread(points: Ints, part: Floats, values: Floats) -> None:
+    """Values that are zero but at some points."""
+    for k in range(len(values)):
+        values[k] = 0.0
+    for i in range(len(part) // 3):
+        for a in range(3):
+            values[3 * points[i] + a] = part[3 * i + a]
+
+
+@part
 def _correct_active(
-    split: Any,
-    inner: Any,
-    residual: Floats,
-    tangent: Floats,
-    active: Ints,
-    tolerance: float,
-    memory: Memory,
+    split: Any, inner: Any, tangent: Floats, tolerance: float, memory: Memory
 ) -> int:
     """The system of the active points; the others' corrections are their residuals."""
-    kept, space, step, coupled = memory.active, memory.space, memory.step, memory.coupled
-    hold(inner, kept, active)
-    points = kept.points[: kept.count[0]]
-    size = 3 * len(points)
+    kept, space, vectors, rows = memory.active, memory.space, memory.vectors, memory.numbers[2]
+    step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RIGHT], vectors[3]
+    points, size = kept.points, 3 * kept.count[0]
     right, moved, found = space.vectors[1, :size], space.vectors[2, :size], space.vectors[3, :size]
-    step[:], coupled[:], others = residual, 0.0, False
-    for i in range(len(points)):
-        space.blocks[i] = tangent[points[i]]
+    for k in range(len(step)):
+        step[k], coupled[k] = residual[k], 0.0
+    for i in range(kept.count[0]):
         for a in range(3):
-            right[3 * i + a], step[3 * points[i] + a] = residual[3 * points[i] + a], 0.0
+            step[3 * points[i] + a] = 0.0
+            for b in range(3):
+                space.blocks[i, a, b] = tangent[points[i], a, b]
+    _part_of(points, residual, right)
+    others = False
     for k in range(len(step)):
         others = others or step[k] != 0.0
     if others:
-        multiply(split, step, memory.numbers, coupled)
-        for i in range(len(points)):
-            for a in range(3):
-                found[3 * i + a] = coupled[3 * points[i] + a]
-        turn(space.blocks[: len(points)], found, moved)
+        multiply(split, step, rows, coupled)
+        _part_of(points, coupled, found)
+        turn(space.blocks, found, moved)
         for k in range(size):
             right[k] -= moved[k]
-    tolerance = max(tolerance, memory.finest)
-    products = gmres(inner, kept, True, right, tolerance, space, memory.vectors[1], found)
-    here, caused = memory.vectors[2], memory.vectors[3]
-    here[:] = 0.0
-    for i in range(len(points)):
-        for a in range(3):
-            here[3 * points[i] + a] = found[3 * i + a]
-    multiply(split, here, memory.numbers, caused)
+    products = gmres(inner, kept, right, tolerance, space, every, found)
+    caused = vectors[4]
+    _spread(points, found, every)
+    multiply(split, every, rows, caused)
     for k in range(len(step)):
-        step[k] += here[k]
+        step[k] += every[k]
         coupled[k] += caused[k]
     return products
 
 
-@njit(cache=True)
-def _correct_changed(
-    residual: Floats, tangent: Floats, changed: Ints, tolerance: float, memory: Memory
-) -> int:
-    """The system of the points that do not stick: q = r - E y, d = q - T0 W q, S d = W q."""
-    kept, space, tied, stuck = memory.changed, memory.space, memory.tied, memory.stuck
-    step, coupled, taken, known = memory.step, memory.coupled, memory.vectors[2], memory.vectors[3]
-    hold(tied, kept, changed)
-    points = kept.points[: kept.count[0]]
-    size, products = 3 * len(points), 0
-    right, turned, found = space.vectors[1, :size], space.vectors[2, :size], space.vectors[3, :size]
-    multiply(tied, residual, memory.numbers, known)
-    taken[:], coupled[:] = 0.0, 0.0
-    if size:
-        for i in range(len(points)):
-            space.blocks[i] = tangent[points[i]]
-            for a in range(3):
-                k = 3 * points[i] + a
-                space.blocks[i, a, a] -= stuck[k]
-                right[3 * i + a] = known[k]
-        products = gmres(tied, kept, False, right, tolerance, space, memory.vectors[1], found)
-        turn(space.blocks[: len(points)], found, turned)
-        for i in range(len(points)):
-            for a in range(3):
-                taken[3 * points[i] + a] = turned[3 * i + a]
-        multiply(tied, taken, memory.numbers, coupled)
+@part
+def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> int:
+    """The system of the points that do not stick.
+
+    With z = E y: (I + E W) z = E W r, q = r - z, d = q - T0 W q, S d = W q.
+    """
+    kept, space, tied, vectors = memory.changed, memory.space, memory.tied, memory.vectors
+    step, coupled, residual = vectors[STEP], vectors[COUPLED], vectors[RIGHT]
+    known, taken, rows = vectors[4], vectors[5], memory.numbers[2]
+    points, size = kept.points, 3 * kept.count[0]
+    right, moved, found = space.vectors[1, :size], space.vectors[2, :size], space.vectors[3, :size]
+    multiply(tied, residual, rows, known)
+    for i in range(kept.count[0]):
+        for a in range(3):
+            for b in range(3):
+                space.blocks[i, a, b] = tangent[points[i], a, b]
+            space.blocks[i, a, a] -= memory.stuck[3 * points[i] + a]
+    _part_of(points, known, moved)
+    turn(space.blocks, moved, right)
+    products = gmres(tied, kept, right, tolerance, space, vectors[3], found)
+    _spread(points, found, taken)
+    multiply(tied, taken, rows, coupled)
     for k in range(len(step)):
         coupled[k] = known[k] - coupled[k]
-        step[k] = residual[k] - taken[k] - stuck[k] * coupled[k]
+        step[k] = residual[k] - taken[k] - memory.stuck[k] * coupled[k]
     return products

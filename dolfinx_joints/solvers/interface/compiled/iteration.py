@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.laws.discrete_gradient import discrete_gradient_points
 from dolfinx_joints.laws.friction import backward_euler_points
 from dolfinx_joints.laws.return_mapping import Answer, Start
-from dolfinx_joints.solvers.interface.compiled.corrections import Memory, correct
+from dolfinx_joints.solvers.interface.compiled.corrections import COUPLED, STEP, Memory, correct
 from dolfinx_joints.solvers.interface.compiled.products import multiply
 from dolfinx_joints.solvers.line_search import FALL, PATIENCE, WHOLE
 
@@ -37,6 +37,7 @@ class Points(NamedTuple):
         scale: s, zero where a point cannot move, shape (m,).
         root: s w, shape (m,).
         reach: Largest scaled gap, before and in the step.
+        all_colours: 0 and 1: all points are of one colour.
     """
 
     whole_step: bool
@@ -46,18 +47,19 @@ class Points(NamedTuple):
     scale: Floats
     root: Floats
     reach: float
+    all_colours: tuple[int, int] = (0, 1)
 
 
-class Iterate(NamedTuple):
-    """Scaled forces with what follows from them; see `residual.Iterate`.
+class Iterates(NamedTuple):
+    """Three sets of scaled forces with what follows from them; see `residual.Iterate`.
 
     Attributes:
-        force: f, shape (m,).
-        coupled: S f.
-        residual: r.
-        tangent: T, shape (n, 3, 3).
-        answer: Of the laws.
-        sizes: Largest force that the laws give; 2-norm and largest of r, shape (3,).
+        force: f, shape (3, m).
+        coupled: S f, likewise.
+        residual: r, likewise.
+        tangent: T, shape (3, n, 3, 3).
+        answer: Of the laws, its arrays one for each of the three.
+        sizes: Largest force that the laws give; 2-norm and largest of r, shape (3, 3).
     """
 
     force: Floats
@@ -91,130 +93,127 @@ class Limits(NamedTuple):
     colours: int
 
 
-@njit(cache=True)
-def _ask(points: Points, answer: Answer, first: int, stride: int) -> None:
-    if points.whole_step:
-        discrete_gradient_points(points.own, points.start, answer, first, stride)
-    else:
-        backward_euler_points(points.own, points.start, answer, first, stride)
-
-
-@njit(cache=True)
-def evaluate(points: Points, at: Iterate) -> None:
-    """Residual f - s w t and tangent s w T s of the forces of an iterate."""
-    answer, scale, root = at.answer, points.scale, points.root
-    for i in range(len(points.own)):
+@part
+def _ask(points: Points, coupled: Floats, answer: Answer, colour: tuple[int, int]) -> None:
+    """Answer of the laws at the points of a colour, its number and that of all colours."""
+    scale, (first, colours) = points.scale, colour
+    for i in range(first, len(points.own), colours):
         for a in range(3):
             k = 3 * i + a
-            answer.gap[i, a] = points.trial_gap[i, a] - scale[k] * at.coupled[k]
-    _ask(points, answer, 0, 1)
+            answer.gap[i, a] = points.trial_gap[i, a] - scale[k] * coupled[k]
+    if points.whole_step:
+        discrete_gradient_points(points.own, points.start, answer, first, colours)
+    else:
+        backward_euler_points(points.own, points.start, answer, first, colours)
+
+
+@part
+def answer_of(iterates: Iterates, at: int) -> Answer:
+    """The answer of the laws to one of the iterates."""
+    every = iterates.answer
+    return Answer(
+        every.traction[at],
+        every.tangent[at],
+        every.gap[at],
+        every.history[at],
+        every.dissipation[at],
+        every.status[at],
+    )
+
+
+@part
+def evaluate(points: Points, iterates: Iterates, at: int) -> None:
+    """Residual f - s w t and tangent s w T s of the forces of an iterate."""
+    answer, scale, root = answer_of(iterates, at), points.scale, points.root
+    force, residual, tangent = iterates.force[at], iterates.residual[at], iterates.tangent[at]
+    _ask(points, iterates.coupled[at], answer, points.all_colours)
     largest, total, worst = 0.0, 0.0, 0.0
     for i in range(len(points.own)):
         for a in range(3):
             k = 3 * i + a
-            force = root[k] * answer.traction[i, a]
-            left = at.force[k] - force if root[k] > 0.0 else 0.0
-            at.residual[k] = left
-            largest, total = max(largest, abs(force)), total + left * left
+            given = root[k] * answer.traction[i, a]
+            left = force[k] - given if root[k] > 0.0 else 0.0
+            residual[k] = left
+            largest, total = max(largest, abs(given)), total + left * left
             worst = max(worst, abs(left)) if left == left else np.nan
             for b in range(3):
-                at.tangent[i, a, b] = root[k] * answer.tangent[i, a, b] * scale[3 * i + b]
-    at.sizes[0], at.sizes[1], at.sizes[2] = largest, np.sqrt(total), worst
+                tangent[i, a, b] = root[k] * answer.tangent[i, a, b] * scale[3 * i + b]
+    sizes = iterates.sizes[at]
+    sizes[0], sizes[1], sizes[2] = largest, np.sqrt(total), worst
 
 
-@njit(cache=True)
+@part
 def _sweep(
-    points: Points, split: Any, at: Iterate, out: Iterate, colours: int, memory: Memory
+    points: Points, split: Any, iterates: Iterates, at: int, out: int, colours: int, memory: Memory
 ) -> None:
     """Each point solved with the others' forces fixed, one colour after the other."""
-    change, moved = memory.step, memory.coupled
-    scale, root, answer = points.scale, points.root, out.answer
-    out.force[:], out.coupled[:] = at.force, at.coupled
+    change, moved = memory.vectors[STEP], memory.vectors[COUPLED]
+    force, coupled, answer = iterates.force[out], iterates.coupled[out], answer_of(iterates, out)
+    for k in range(len(force)):
+        force[k], coupled[k] = iterates.force[at, k], iterates.coupled[at, k]
     for colour in range(min(colours, len(points.own))):
-        change[:] = 0.0
+        _ask(points, coupled, answer, (colour, colours))
+        for k in range(len(force)):
+            change[k] = 0.0
         for i in range(colour, len(points.own), colours):
             for a in range(3):
                 k = 3 * i + a
-                answer.gap[i, a] = points.trial_gap[i, a] - scale[k] * out.coupled[k]
-        _ask(points, answer, colour, colours)
-        for i in range(colour, len(points.own), colours):
-            for a in range(3):
-                k = 3 * i + a
-                change[k] = root[k] * answer.traction[i, a] - out.force[k]
-                out.force[k] += change[k]
-        multiply(split, change, memory.numbers, moved)
+                change[k] = points.root[k] * answer.traction[i, a] - force[k]
+                force[k] += change[k]
+        multiply(split, change, memory.numbers[2], moved)
         for k in range(len(moved)):
-            out.coupled[k] += moved[k]
-    evaluate(points, out)
+            coupled[k] += moved[k]
+    evaluate(points, iterates, out)
 
 
-@njit(cache=True)
+@part
 def _better(
-    points: Points,
-    split: Any,
-    iterates: tuple[Iterate, ...],
-    here: int,
-    limits: Limits,
-    memory: Memory,
+    points: Points, split: Any, iterates: Iterates, here: int, limits: Limits, memory: Memory
 ) -> int:
     """The iterate, or that after a sweep where it is poor and the sweep better."""
-    at = iterates[here]
-    if not at.sizes[2] > limits.poor * at.sizes[0]:
+    sizes = iterates.sizes
+    if not sizes[here, 2] > limits.poor * sizes[here, 0]:
         return here
     swept = (here + 1) % 3
-    _sweep(points, split, at, iterates[swept], limits.colours, memory)
-    return swept if iterates[swept].sizes[1] < at.sizes[1] else here
+    _sweep(points, split, iterates, here, swept, limits.colours, memory)
+    return swept if sizes[swept, 1] < sizes[here, 1] else here
 
 
-@njit(cache=True)
-def _search(
-    points: Points, iterates: tuple[Iterate, ...], here: int, cuts: int, memory: Memory
-) -> int:
+@part
+def _search(points: Points, iterates: Iterates, here: int, cuts: int, memory: Memory) -> int:
     """Take the correction, halved while it does not make the residual smaller."""
-    at, best, share = iterates[here], -1, 1.0
+    step, coupled, norms = memory.vectors[STEP], memory.vectors[COUPLED], iterates.sizes[:, 1]
+    best, trial, share = -1, (here + 1) % 3, 1.0
     for _ in range(cuts + 1):
-        number = (here + 1) % 3
-        if number == best:
-            number = (here + 2) % 3
-        trial = iterates[number]
-        for k in range(len(at.force)):
-            trial.force[k] = at.force[k] - share * memory.step[k]
-            trial.coupled[k] = at.coupled[k] - share * memory.coupled[k]
-        evaluate(points, trial)
-        if best < 0 or trial.sizes[1] < iterates[best].sizes[1]:
-            best = number
-        if trial.sizes[1] < at.sizes[1]:
+        for k in range(len(step)):
+            iterates.force[trial, k] = iterates.force[here, k] - share * step[k]
+            iterates.coupled[trial, k] = iterates.coupled[here, k] - share * coupled[k]
+        evaluate(points, iterates, trial)
+        if best < 0 or norms[trial] < norms[best]:
+            best, trial = trial, (2 * here + 3 - trial) % 3 if best < 0 else best
+        if norms[best] < norms[here]:
             break
         share *= 0.5
     return best
 
 
-@njit(cache=True)
-def _first(points: Points, iterates: tuple[Iterate, ...], ahead: bool) -> int:
-    """The better of the starts."""
-    evaluate(points, iterates[0])
-    if not ahead:
-        return 0
-    evaluate(points, iterates[1])
-    return 1 if iterates[1].sizes[1] < iterates[0].sizes[1] else 0
-
-
-@njit(cache=True)
-def _rounding(points: Points, at: Iterate) -> float:
+@part
+def _rounding(points: Points, iterates: Iterates, at: int) -> float:
     """Scaled force that rounding of the gaps may leave."""
     force, coupled = 0.0, 0.0
-    for k in range(len(at.force)):
-        force, coupled = max(force, abs(at.force[k])), max(coupled, abs(at.coupled[k]))
+    for k in range(iterates.force.shape[1]):
+        force = max(force, abs(iterates.force[at, k]))
+        coupled = max(coupled, abs(iterates.coupled[at, k]))
     return 64.0 * EPSILON * (points.reach + force + coupled)
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def iterate(
     points: Points,
     split: Any,
-    inner_split: Any,
-    iterates: tuple[Iterate, ...],
-    ahead: bool,
+    inner: Any,
+    iterates: Iterates,
+    starts: int,
     limits: Limits,
     memory: Memory,
 ) -> tuple[bool, int, int, float]:
@@ -223,9 +222,9 @@ def iterate(
     Args:
         points: The points in the step.
         split: S.
-        inner_split: S inside corrections.
-        iterates: Three to work with; the first, with ``ahead`` the second too, holds a start.
-        ahead: Whether there are two starts.
+        inner: S inside corrections.
+        iterates: To work with; the first, or the first two, hold starts.
+        starts: Number of starts.
         limits: Limits.
         memory: What corrections keep, and room to work in.
 
@@ -233,14 +232,17 @@ def iterate(
         Whether it converged, which iterate is the last, iterations, and the residual relative to
         the largest force.
     """
-    here = _better(points, split, iterates, _first(points, iterates, ahead), limits, memory)
-    iteration, last, inner = 0, np.inf, limits.inner
+    sizes, here = iterates.sizes, 0
+    for at in range(starts):
+        evaluate(points, iterates, at)
+        here = at if sizes[at, 1] < sizes[here, 1] else here
+    iteration, last, inner_tolerance = 0, np.inf, limits.inner
     norms, since, whole = np.empty(limits.iterations + 1), 0, 0
     while True:
-        at = iterates[here]
-        size = at.sizes[2]
-        scale = at.sizes[0] or size or 1.0
-        relative, rounding = size / scale, _rounding(points, at) / scale
+        here = _better(points, split, iterates, here, limits, memory)
+        size = sizes[here, 2]
+        scale = sizes[here, 0] or size or 1.0
+        relative, rounding = size / scale, _rounding(points, iterates, here) / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
         done = relative <= limits.enough or (relative <= accepted and size >= 0.5 * last)
@@ -248,19 +250,16 @@ def iterate(
         if done or given_up:
             return done or relative <= accepted, here, iteration, relative
         if iteration:
-            inner = min(limits.inner, (size / last) ** 2)
-        last = size
-        tolerance = max(inner, 0.3 * limits.enough / relative)
-        correct(
-            split, inner_split, at.residual, at.tangent, 0.1 * limits.enough * scale,
-            tolerance, memory,
-        )
+            inner_tolerance = min(limits.inner, (size / last) ** 2)
+        last, least = size, 0.1 * limits.enough * scale
+        tolerance = max(inner_tolerance, 0.3 * limits.enough / relative)
+        residual, tangent = iterates.residual[here], iterates.tangent[here]
+        correct(split, inner, residual, tangent, least, tolerance, memory)
         # As in `LineSearch`.
-        norms[since], since, cuts = at.sizes[1], since + 1, limits.cuts
+        norms[since], since, cuts = sizes[here, 1], since + 1, limits.cuts
         if since > PATIENCE and norms[since - 1] > FALL * norms[since - 1 - PATIENCE]:
             whole = WHOLE
         if whole > 0:
             whole, since, cuts = whole - 1, 0, 0
         here = _search(points, iterates, here, cuts, memory)
-        here = _better(points, split, iterates, here, limits, memory)
         iteration += 1

@@ -13,7 +13,7 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
 from dolfinx_joints.solvers.interface.row_matrix import add_rows
 
@@ -54,13 +54,11 @@ class Kept(NamedTuple):
 
     Attributes:
         points: Their numbers, in order, the first ``count`` entries, shape (points,).
-        inside: Whether a point is among them, shape (points,).
         count: Their number, -1 before the first set, shape (1,).
         part: Their rows and columns of a `Dense` S, the first 9 count^2 entries; not used otherwise.
     """
 
     points: Ints
-    inside: NDArray[np.bool_]
     count: Ints
     part: NDArray[np.float32]
 
@@ -70,7 +68,6 @@ def kept_of(points: int, split: Dense | LowRank) -> Kept:
     entries = 9 * points**2 if isinstance(split, Dense) else 0
     return Kept(
         np.zeros(points, dtype=np.int64),
-        np.zeros(points, dtype=bool),
         np.full(1, -1),
         np.empty(entries, dtype=np.float32),
     )
@@ -79,19 +76,17 @@ def kept_of(points: int, split: Dense | LowRank) -> Kept:
 def _dense_product(split: Dense, values: Floats, nonzero: Ints, out: Floats) -> None:
     count = 0
     for k in range(len(values)):
+        out[k] = 0.0
         if values[k] != 0.0:
             nonzero[count] = k
             count += 1
-    rows = nonzero[:count]
-    out[:] = 0.0
-    add_rows(split.rows, rows, values[rows], out)
+    add_rows(split.rows, nonzero[:count], values, out)
 
 
 def _low_rank_product(split: LowRank, values: Floats, nonzero: Ints, out: Floats) -> None:
-    x, y = split.work
+    x, y = split.work[0], split.work[1]
     for k in range(len(values)):
-        x[k] = values[split.order[k]]
-    y[:] = 0.0
+        x[k], y[k] = values[split.order[k]], 0.0
     multiply_blocks(split.blocks, split.data, x, y)
     for k in range(len(values)):
         at = split.order[k]
@@ -130,10 +125,10 @@ def _(split: Any, unknowns: Any) -> Any:
 def _hold_dense(split: Dense, kept: Kept) -> None:
     count = kept.count[0]
     size = 3 * count
-    part = kept.part[: size * size].reshape(size, size)
+    rows = kept.part[: size * size].reshape(size, size)
     for i in range(count):
         for a in range(3):
-            line, out = split.rows[3 * kept.points[i] + a], part[3 * i + a]
+            line, out = split.rows[3 * kept.points[i] + a], rows[3 * i + a]
             for j in range(count):
                 first, at = 3 * kept.points[j], 3 * j
                 out[at] = line[first]
@@ -154,56 +149,57 @@ def _(split: Any, kept: Any) -> Any:
     return _hold_dense if split.instance_class is Dense else _hold_nothing
 
 
-@njit(cache=True)
-def hold(split: Any, kept: Kept, wanted: Ints) -> None:
-    """Keep a set that holds the points wanted: the one that is kept, or these."""
-    inside = kept.count[0] >= 0
-    for i in wanted:
-        inside = inside and kept.inside[i]
-    if inside and kept.count[0] <= 2 * len(wanted) + 20:
-        return
-    take(split, kept, wanted)
+@part
+def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
+    """Keep a set that holds the points wanted, sorted: the one that is kept, or these."""
+    place, known = 0, kept.count[0]
+    for k in range(count):
+        while place < known and kept.points[place] < wanted[k]:
+            place += 1
+        if place >= known or kept.points[place] != wanted[k]:
+            place = known + 1
+            break
+    if place > known or known < 0 or known > 2 * count + 20:
+        take(split, kept, wanted, count)
 
 
 @njit(cache=True)
-def take(split: Any, kept: Kept, points: Ints) -> None:
+def take(split: Any, kept: Kept, points: Ints, count: int) -> None:
     """Keep these points."""
-    kept.inside[:] = False
-    kept.count[0] = len(points)
-    for k in range(len(points)):
+    kept.count[0] = count
+    for k in range(count):
         kept.points[k] = points[k]
-        kept.inside[points[k]] = True
     _hold(split, kept)
 
 
 def _dense_part(split: Dense, kept: Kept, values: Floats, every: Floats, out: Floats) -> None:
     size = 3 * kept.count[0]
-    part = kept.part[: size * size].reshape(size, size)
+    rows = kept.part[: size * size].reshape(size, size)
     for j in range(size):
         out[j] = 0.0
     k = 0
     while k + 4 <= size:
-        r_0, r_1, r_2, r_3 = part[k], part[k + 1], part[k + 2], part[k + 3]
+        r_0, r_1, r_2, r_3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
         v_0, v_1, v_2, v_3 = values[k], values[k + 1], values[k + 2], values[k + 3]
         for j in range(size):
             out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
         k += 4
     while k < size:
-        row, value = part[k], values[k]
+        row, value = rows[k], values[k]
         for j in range(size):
             out[j] += value * row[j]
         k += 1
 
 
 def _low_rank_part(split: LowRank, kept: Kept, values: Floats, every: Floats, out: Floats) -> None:
-    every[:] = 0.0
+    for k in range(len(every)):
+        every[k] = 0.0
     for i in range(kept.count[0]):
         for a in range(3):
             every[3 * kept.points[i] + a] = values[3 * i + a]
-    x, y = split.work
+    x, y = split.work[0], split.work[1]
     for k in range(len(every)):
-        x[k] = every[split.order[k]]
-    y[:] = 0.0
+        x[k], y[k] = every[split.order[k]], 0.0
     multiply_blocks(split.blocks, split.data, x, y)
     for k in range(len(every)):
         at = split.order[k]

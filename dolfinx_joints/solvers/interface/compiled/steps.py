@@ -15,7 +15,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
 from dolfinx_joints.solvers.interface.compiled.corrections import Memory
-from dolfinx_joints.solvers.interface.compiled.iteration import Iterate, Limits, Points, iterate
+from dolfinx_joints.solvers.interface.compiled.iteration import Iterates, Limits, Points, iterate
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
@@ -71,7 +71,7 @@ class CompiledSteps:
         self._scale = np.where(dead, 0.0, compliance.scale)
         self._root = areas * self._scale
         size = len(areas)
-        self._iterates: tuple[Iterate, ...] | None = None
+        self._iterates: Iterates | None = None
         single = isinstance(self._inner, Dense)
         stuck = corrections.stuck
         self._memory = Memory(
@@ -82,11 +82,8 @@ class CompiledSteps:
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
             space=space_of(size, min(MOST_PRODUCTS, size)),
-            step=np.empty(size),
-            coupled=np.empty(size),
-            vectors=np.empty((4, size)),
-            numbers=np.empty(size, dtype=np.int64),
-            found=np.empty((2, size // 3), dtype=np.int64),
+            vectors=np.empty((6, size)),
+            numbers=np.empty((3, size), dtype=np.int64),
         )
 
     @staticmethod
@@ -130,18 +127,17 @@ class CompiledSteps:
             reach=float((passed / self._scale[live]).max(initial=0.0)),
         )
         iterates = self._room(start)
-        for at, (force, coupled) in zip(iterates, starts, strict=False):
-            at.force[:], at.coupled[:] = force, coupled
+        for i, (force, coupled) in enumerate(starts):
+            iterates.force[i], iterates.coupled[i] = force, coupled
         converged, last, iterations, relative = iterate(
-            points, self._split, self._inner, iterates, len(starts) > 1, limits, self._memory
+            points, self._split, self._inner, iterates, len(starts), limits, self._memory
         )
         self._corrections.missed = float(self._memory.missed[0])
         if not converged:
             return None
-        found = iterates[last]
-        answer = Answer(*(array.copy() for array in found.answer))
+        answer = Answer(*(array[last].copy() for array in iterates.answer))
         return Solved(
-            force=found.force - found.residual,
+            force=iterates.force[last] - iterates.residual[last],
             response=self._contact.answered_by_loops(rule, answer),
             iterations=iterations,
             relative=relative,
@@ -156,12 +152,11 @@ class CompiledSteps:
             elif self._corrections.stuck is None:
                 self._memory = self._memory._replace(stuck=np.empty(0))
 
-    def _room(self, start: Start) -> tuple[Iterate, ...]:
-        """Three iterates for a history of this length."""
+    def _room(self, start: Start) -> Iterates:
+        """Iterates for a history of this length."""
         known = self._iterates
-        if known is None or known[0].answer.history.shape != start.history.shape:
-            known = tuple(_iterate_of(start) for _ in range(3))
-            self._iterates = known
+        if known is None or known.answer.history.shape[1:] != start.history.shape:
+            self._iterates = known = _iterates_of(start)
         return known
 
     def state_dict(self) -> dict[str, Any]:
@@ -177,9 +172,11 @@ class CompiledSteps:
         """Take up what another's ``state_dict`` gave."""
         self._tie()
         if "kept" in state_dict:
-            take(self._inner, self._memory.active, state_dict["kept"])
+            kept = state_dict["kept"]
+            take(self._inner, self._memory.active, kept, len(kept))
         if "changed" in state_dict and len(self._memory.tied.rows):
-            take(self._memory.tied, self._memory.changed, state_dict["changed"])
+            changed = state_dict["changed"]
+            take(self._memory.tied, self._memory.changed, changed, len(changed))
 
 
 def _splits(compliance: Compliance) -> tuple[Split, Split]:
@@ -202,11 +199,12 @@ def _given(split: Split) -> Dense | LowRank:
     )
 
 
-def _iterate_of(start: Start) -> Iterate:
+def _iterates_of(start: Start) -> Iterates:
     points = len(start.gap)
-    return Iterate(
-        *(np.zeros(3 * points) for _ in range(3)),
-        np.zeros((points, 3, 3)),
-        empty_answer(start.gap, start.history),
-        np.zeros(3),
+    one = empty_answer(start.gap, start.history)
+    return Iterates(
+        *np.zeros((3, 3, 3 * points)),
+        np.zeros((3, points, 3, 3)),
+        Answer(*(np.zeros((3, *array.shape), array.dtype) for array in one)),
+        np.zeros((3, 3)),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
+from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
@@ -22,8 +23,12 @@ from dolfinx_joints.solvers.interface.compiled.products import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Products that a correction takes as a rule; a change of T (between 0 and 1) that is none.
-PRODUCTS, SAME = 15, 1e-12
+# Products that a correction takes as a rule, what one in single precision costs beside one in
+# double, and a change of T (between 0 and 1) that is none.
+PRODUCTS, SINGLE, SAME = 10, 0.5, 1e-12
+
+# Tolerance that systems in single precision are solved to at best.
+FINEST_SINGLE = 1e-5
 
 
 class Memory(NamedTuple):
@@ -37,6 +42,8 @@ class Memory(NamedTuple):
         missed: Entries that W would have saved to be read so far, shape (1,).
         finest: Tolerance that systems of active points are solved to at best.
         space: Room for GMRES.
+        deflation: Of S.
+        none: That of W, whose eigenvalues are below one.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
         numbers: Room for numbers of active points, changed points and rows, shape (3, m).
     """
@@ -48,6 +55,8 @@ class Memory(NamedTuple):
     missed: Floats
     finest: float
     space: Space
+    deflation: Deflation
+    none: Deflation
     vectors: Floats
     numbers: Ints
 
@@ -80,12 +89,13 @@ def correct(
     if len(stuck):
         changed = _differing(tangent, stuck, True, numbers[1])
         systems = min(9.0 * float(active) ** 2, cost(inner, 3 * active))
-        first = PRODUCTS * systems + cost(split, 3 * active)
-        second = PRODUCTS * 9.0 * float(changed) ** 2 + float(loaded + 3 * changed) * len(right)
+        first = PRODUCTS * SINGLE * systems + cost(split, 3 * active)
+        second = PRODUCTS * SINGLE * 9.0 * float(changed) ** 2
+        second += float(loaded + 3 * changed) * len(right)
         if second < first:
             if len(memory.tied.rows):
                 hold(memory.tied, memory.changed, numbers[1], changed)
-                return _correct_changed(tangent, tolerance, memory)
+                return _correct_changed(tangent, max(tolerance, FINEST_SINGLE), memory)
             memory.missed[0] += first - second
     hold(inner, memory.active, numbers[0], active)
     return _correct_active(split, inner, tangent, max(tolerance, memory.finest), memory)
@@ -132,32 +142,29 @@ def _correct_active(
     """The system of the active points; the others' corrections are their residuals."""
     kept, space, vectors, rows = memory.active, memory.space, memory.vectors, memory.numbers[2]
     step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RIGHT], vectors[3]
-    points, size = kept.points, 3 * kept.count[0]
-    right, moved, found = space.vectors[1, :size], space.vectors[2, :size], space.vectors[3, :size]
+    points, size, others = kept.points, 3 * kept.count[0], False
+    right, found, caused = vectors[4, :size], vectors[5, :size], vectors[4]
     for k in range(len(step)):
-        step[k], coupled[k] = residual[k], 0.0
+        step[k] = residual[k]
     for i in range(kept.count[0]):
         for a in range(3):
             step[3 * points[i] + a] = 0.0
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]
-    _part_of(points, residual, right)
-    others = False
     for k in range(len(step)):
         others = others or step[k] != 0.0
     if others:
-        multiply(split, step, rows, coupled)
-        _part_of(points, coupled, found)
-        turn(space.blocks, found, moved)
-        for k in range(size):
-            right[k] -= moved[k]
-    products = gmres(inner, kept, right, tolerance, space, every, found)
-    caused = vectors[4]
-    _spread(points, found, every)
-    multiply(split, every, rows, caused)
-    for k in range(len(step)):
-        step[k] += every[k]
-        coupled[k] += caused[k]
+        multiply(inner, step, rows, caused)
+        _part_of(points, caused, every[:size])
+        turn(space.blocks, every[:size], found)
+    _part_of(points, residual, right)
+    for k in range(size):
+        right[k] -= found[k] if others else 0.0
+    products = gmres(inner, kept, right, tolerance, space, memory.deflation, found)
+    for i in range(kept.count[0]):
+        for a in range(3):
+            step[3 * points[i] + a] = found[3 * i + a]
+    multiply(split, step, rows, coupled)
     return products
 
 
@@ -169,18 +176,18 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> int:
     """
     kept, space, tied, vectors = memory.changed, memory.space, memory.tied, memory.vectors
     step, coupled, residual = vectors[STEP], vectors[COUPLED], vectors[RIGHT]
-    known, taken, rows = vectors[4], vectors[5], memory.numbers[2]
+    known, taken, rows = vectors[3], vectors[4], memory.numbers[2]
     points, size = kept.points, 3 * kept.count[0]
-    right, moved, found = space.vectors[1, :size], space.vectors[2, :size], space.vectors[3, :size]
+    right, found = vectors[4, :size], vectors[5, :size]
     multiply(tied, residual, rows, known)
     for i in range(kept.count[0]):
         for a in range(3):
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]
-            space.blocks[i, a, a] -= memory.stuck[3 * points[i] + a]
-    _part_of(points, known, moved)
-    turn(space.blocks, moved, right)
-    products = gmres(tied, kept, right, tolerance, space, vectors[3], found)
+            space.blocks[i, a, a] = tangent[points[i], a, a] - memory.stuck[3 * points[i] + a]
+    _part_of(points, known, found)
+    turn(space.blocks, found, right)
+    products = gmres(tied, kept, right, tolerance, space, memory.none, found)
     _spread(points, found, taken)
     multiply(tied, taken, rows, coupled)
     for k in range(len(step)):

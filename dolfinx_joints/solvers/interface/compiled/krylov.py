@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES on a kept part of S, compiled as a whole; `solvers.interface.gmres` in one function."""
+"""GMRES on a kept part of S, `solvers.interface.gmres` compiled as a whole, in single precision.
+
+Newton corrects what that leaves. Vectors are relative to the right-hand side, whose size may be any.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.common.kernels import part
+from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflate, dot, prepare
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part
-from dolfinx_joints.solvers.interface.gmres import ROUNDING
-from dolfinx_joints.solvers.interface.low_rank import SUMS
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
+
+# What is left of a direction that depends on the others, relative to it.
+ROUNDING = 1e-6
 
 # Columns of `Space.small` behind the triangle.
 LEFT, COLUMN, COSINE, SINE = -1, -2, -3, -4
@@ -29,27 +35,27 @@ class Space(NamedTuple):
         small: R of the Hessenberg matrix; then what is left of the right-hand side, a column of the
             Hessenberg matrix, and its rotations; shape (products + 1, products + 4).
         blocks: Blocks of the points of a set, shape (points, 3, 3).
-        vectors: Vectors of the length of a set, shape (4, m).
+        vectors: Vectors of the length of a set, shape (2, m), and one of all unknowns.
     """
 
-    basis: Floats
+    basis: Singles
     small: Floats
-    blocks: Floats
-    vectors: Floats
+    blocks: Singles
+    vectors: Singles
 
 
 def space_of(size: int, products: int) -> Space:
     """Room for m unknowns."""
     return Space(
-        np.empty((products + 1, size)),
+        np.empty((products + 1, size), dtype=np.float32),
         np.zeros((products + 1, products + 4)),
-        np.empty((size // 3, 3, 3)),
-        np.empty((4, size)),
+        np.empty((size // 3, 3, 3), dtype=np.float32),
+        np.empty((3, size), dtype=np.float32),
     )
 
 
 @part
-def turn(blocks: Floats, values: Floats, out: Floats) -> None:
+def turn(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
     """Blocks, of which there may be more, times a vector (3 n,)."""
     for i in range(len(values) // 3):
         t, a, b, c = blocks[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
@@ -65,7 +71,7 @@ def gmres(
     right: Floats,
     tolerance: float,
     space: Space,
-    every: Floats,
+    deflation: Deflation,
     solution: Floats,
 ) -> int:
     """Solve (I + T P) x = b for the part P of S; the number of products.
@@ -76,55 +82,53 @@ def gmres(
         right: b, shape (3 count,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
         space: T, as ``blocks``, and where to work; its length limits the products.
-        every: Room for a vector of all unknowns.
+        deflation: Its preconditioner, where it has one for the set.
         solution: x, written to.
     """
-    size = len(right)
-    product, small = space.vectors[0, :size], space.small
-    norm, most = np.sqrt(_dot(right, right)), min(len(space.basis) - 1, size)
-    for k in range(size):
-        solution[k] = right[k]
-    if norm == 0.0 or most == 0:
-        return 0
-    for k in range(size):
-        space.basis[0, k] = right[k] / norm
-    small[0, LEFT], count = norm, 0
-    for j in range(most):
-        old, new = space.basis[j, :size], space.basis[j + 1, :size]
-        multiply_part(split, kept, old, every, product)
-        turn(space.blocks, product, new)
+    size, small = len(right), space.small
+    product, deflated, every = space.vectors[0, :size], space.vectors[1, :size], space.vectors[2]
+    norm, most, count = np.sqrt(dot(right, right)), min(len(space.basis) - 1, size), 0
+    if norm > 0.0:
         for k in range(size):
-            new[k] += old[k]
-        ended, count = _orthogonalise(space, size, j), j + 1
-        if ended or abs(small[j + 1, LEFT]) <= tolerance * norm:
-            break
-    _combine(space, count, solution)
+            space.basis[0, k] = right[k] / norm
+        deflates = prepare(deflation, kept, space.blocks)
+        small[0, LEFT] = 1.0
+        while count < most:
+            old, new = space.basis[count, :size], space.basis[count + 1, :size]
+            if deflates:
+                deflate(deflation, old, deflated)
+                old = deflated
+            multiply_part(split, kept, old, every, product)
+            turn(space.blocks, product, new)
+            for k in range(size):
+                new[k] += old[k]
+            ended, count = _orthogonalise(space, size, count), count + 1
+            if ended or abs(small[count, LEFT]) <= tolerance:
+                break
+        _combine(space, count, product)
+        if deflates:
+            deflate(deflation, product, deflated)
+            product = deflated
+    for k in range(size):
+        solution[k] = norm * product[k] if norm > 0.0 else 0.0
     return count
-
-
-@njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _dot(a: Floats, b: Floats) -> float:
-    total = 0.0
-    for k in range(len(a)):
-        total += a[k] * b[k]
-    return total
 
 
 @part
 def _orthogonalise(space: Space, size: int, j: int) -> bool:
     """Take up the direction j + 1 and rotate its column; whether it is the last."""
     new, small = space.basis[j + 1, :size], space.small
-    whole = np.sqrt(_dot(new, new))
+    whole = np.sqrt(dot(new, new))
     for i in range(j + 2):
         small[i, COLUMN] = 0.0
     for _ in range(2):  # twice: a single pass loses orthogonality
         for i in range(j + 1):
             old = space.basis[i, :size]
-            part = _dot(old, new)
-            small[i, COLUMN] += part
+            along = dot(old, new)
+            small[i, COLUMN] += along
             for k in range(size):
-                new[k] -= part * old[k]
-    length = np.sqrt(_dot(new, new))
+                new[k] -= along * old[k]
+    length = np.sqrt(dot(new, new))
     for i in range(j):
         c, s = small[i, COSINE], small[i, SINE]
         a, b = small[i, COLUMN], small[i + 1, COLUMN]
@@ -138,22 +142,24 @@ def _orthogonalise(space: Space, size: int, j: int) -> bool:
     small[j + 1, LEFT] = -s * small[j, LEFT]
     small[j, LEFT] *= c
     if length > 0.0:
+        each = np.float32(1.0 / length)
         for k in range(size):
-            new[k] /= length
+            new[k] *= each
     return not length > ROUNDING * whole
 
 
 @part
-def _combine(space: Space, count: int, solution: Floats) -> None:
+def _combine(space: Space, count: int, solution: Singles) -> None:
     """The solution in the space found so far."""
     small, size = space.small, len(solution)
     for k in range(size):
-        solution[k] = 0.0
+        solution[k] = np.float32(0.0)
     for i in range(count - 1, -1, -1):
         rest = small[i, LEFT]
         for k in range(i + 1, count):
             rest -= small[i, k] * small[k, COLUMN]
         weight = rest / small[i, i] if small[i, i] != 0.0 else 0.0
         small[i, COLUMN] = weight
+        each, direction = np.float32(weight), space.basis[i, :size]
         for k in range(size):
-            solution[k] += weight * space.basis[i, k]
+            solution[k] += each * direction[k]

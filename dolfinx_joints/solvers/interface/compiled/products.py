@@ -19,6 +19,11 @@ from dolfinx_joints.solvers.interface.row_matrix import add_rows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Singles = NDArray[np.float32]
+
+
+# Sets grow to so many times the points wanted and some more before they are taken anew.
+GROWN, SPARE = 1.25, 20
 
 
 class Dense(NamedTuple):
@@ -40,6 +45,8 @@ class LowRank(NamedTuple):
         order: Unknowns in the order of the blocks, shape (m,).
         live: Whether an unknown can move, shape (m,).
         work: Room for a vector and a product, shape (2, m), of the type of the entries.
+        whole: S as it stands for small sets, which read less of it than the blocks have; shape
+            (m, m) or (0, 0).
     """
 
     blocks: Ints
@@ -47,6 +54,7 @@ class LowRank(NamedTuple):
     order: Ints
     live: NDArray[np.bool_]
     work: NDArray[Any]
+    whole: Singles
 
 
 class Kept(NamedTuple):
@@ -55,17 +63,20 @@ class Kept(NamedTuple):
     Attributes:
         points: Their numbers, in order, the first ``count`` entries, shape (points,).
         count: Their number, -1 before the first set, shape (1,).
-        part: Their rows and columns of a `Dense` S, the first 9 count^2 entries; not used otherwise.
+        part: Their rows and columns of S, the first 9 count^2 entries; of a `LowRank` S where that
+            is no more than it has.
     """
 
     points: Ints
     count: Ints
-    part: NDArray[np.float32]
+    part: Singles
 
 
 def kept_of(points: int, split: Dense | LowRank) -> Kept:
     """Room for sets of so many points."""
-    entries = 9 * points**2 if isinstance(split, Dense) else 0
+    entries = 9 * points**2
+    if isinstance(split, LowRank):
+        entries = len(split.data) if len(split.whole) else 0
     return Kept(
         np.zeros(points, dtype=np.int64),
         np.full(1, -1),
@@ -123,44 +134,64 @@ def _(split: Any, unknowns: Any) -> Any:
 
 
 def _hold_dense(split: Dense, kept: Kept) -> None:
-    count = kept.count[0]
-    size = 3 * count
-    rows = kept.part[: size * size].reshape(size, size)
+    _pick(split.rows, kept)
+
+
+def _hold_low_rank(split: LowRank, kept: Kept) -> None:
+    if _is_held(kept):
+        _pick(split.whole, kept)
+
+
+@part
+def _is_held(kept: Kept) -> bool:
+    """Whether the part of a set fits into its room."""
+    return bool(9 * kept.count[0] ** 2 <= len(kept.part))
+
+
+@part
+def _pick(matrix: NDArray[Any], kept: Kept) -> None:
+    """Rows and columns of the points kept."""
+    count, points = kept.count[0], kept.points
+    rows = kept.part[: 9 * count * count].reshape(3 * count, 3 * count)
     for i in range(count):
         for a in range(3):
-            line, out = split.rows[3 * kept.points[i] + a], rows[3 * i + a]
+            line, out = matrix[3 * points[i] + a], rows[3 * i + a]
             for j in range(count):
-                first, at = 3 * kept.points[j], 3 * j
-                out[at] = line[first]
-                out[at + 1] = line[first + 1]
-                out[at + 2] = line[first + 2]
-
-
-def _hold_nothing(split: LowRank, kept: Kept) -> None:
-    pass
+                for b in range(3):
+                    out[3 * j + b] = line[3 * points[j] + b]
 
 
 def _hold(split: Any, kept: Kept) -> None:
-    (_hold_dense if isinstance(split, Dense) else _hold_nothing)(split, kept)
+    (_hold_dense if isinstance(split, Dense) else _hold_low_rank)(split, kept)
 
 
 @overload(_hold, strict=False)
 def _(split: Any, kept: Any) -> Any:
-    return _hold_dense if split.instance_class is Dense else _hold_nothing
+    return _hold_dense if split.instance_class is Dense else _hold_low_rank
 
 
 @part
 def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
-    """Keep a set that holds the points wanted, sorted: the one that is kept, or these."""
-    place, known = 0, kept.count[0]
+    """Keep a set that holds the points wanted, sorted: that kept, with these, or these alone."""
+    points, known, both, place = kept.points, kept.count[0], 0, 0
     for k in range(count):
-        while place < known and kept.points[place] < wanted[k]:
+        while place < known and points[place] < wanted[k]:
             place += 1
-        if place >= known or kept.points[place] != wanted[k]:
-            place = known + 1
-            break
-    if place > known or known < 0 or known > 2 * count + 20:
+        both += place < known and points[place] == wanted[k]
+    union = known + count - both
+    if known >= 0 and both == count and known <= 2 * count + SPARE:
+        return
+    if known < 0 or union > GROWN * count + SPARE:
         take(split, kept, wanted, count)
+        return
+    old, new = known - 1, count - 1
+    for k in range(union - 1, -1, -1):
+        if new < 0 or (old >= 0 and points[old] > wanted[new]):
+            points[k], old = points[old], old - 1
+        else:
+            old -= old >= 0 and points[old] == wanted[new]
+            points[k], new = wanted[new], new - 1
+    take(split, kept, points, union)
 
 
 @njit(cache=True)
@@ -172,28 +203,22 @@ def take(split: Any, kept: Kept, points: Ints, count: int) -> None:
     _hold(split, kept)
 
 
-def _dense_part(split: Dense, kept: Kept, values: Floats, every: Floats, out: Floats) -> None:
+def _dense_part(
+    split: Dense, kept: Kept, values: Singles, every: Singles, out: Singles
+) -> None:
     size = 3 * kept.count[0]
-    rows = kept.part[: size * size].reshape(size, size)
-    for j in range(size):
-        out[j] = 0.0
-    k = 0
-    while k + 4 <= size:
-        r_0, r_1, r_2, r_3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        v_0, v_1, v_2, v_3 = values[k], values[k + 1], values[k + 2], values[k + 3]
-        for j in range(size):
-            out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
-        k += 4
-    while k < size:
-        row, value = rows[k], values[k]
-        for j in range(size):
-            out[j] += value * row[j]
-        k += 1
+    np.dot(values, kept.part[: size * size].reshape(size, size), out)
 
 
-def _low_rank_part(split: LowRank, kept: Kept, values: Floats, every: Floats, out: Floats) -> None:
+def _low_rank_part(
+    split: LowRank, kept: Kept, values: Singles, every: Singles, out: Singles
+) -> None:
+    if _is_held(kept):
+        size = 3 * kept.count[0]
+        np.dot(values, kept.part[: size * size].reshape(size, size), out)
+        return
     for k in range(len(every)):
-        every[k] = 0.0
+        every[k] = np.float32(0.0)
     for i in range(kept.count[0]):
         for a in range(3):
             every[3 * kept.points[i] + a] = values[3 * i + a]
@@ -209,7 +234,7 @@ def _low_rank_part(split: LowRank, kept: Kept, values: Floats, every: Floats, ou
             out[3 * i + a] = every[3 * kept.points[i] + a]
 
 
-def multiply_part(split: Any, kept: Kept, values: Floats, every: Floats, out: Floats) -> None:
+def multiply_part(split: Any, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
     """The kept part of S times values, shape (3 count,), with room for a vector of all unknowns."""
     chosen = _dense_part if isinstance(split, Dense) else _low_rank_part
     chosen(split, kept, values, every, out)

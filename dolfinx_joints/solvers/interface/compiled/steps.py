@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
-from dolfinx_joints.solvers.interface.compiled.corrections import Memory
+from dolfinx_joints.solvers.interface.compiled.corrections import FINEST_SINGLE, Memory
+from dolfinx_joints.solvers.interface.compiled.deflation import deflation_of
 from dolfinx_joints.solvers.interface.compiled.iteration import Iterates, Limits, Points, iterate
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
@@ -30,8 +31,8 @@ from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 
-# Tolerance that systems with a part in single precision are solved to at best.
-FINEST_SINGLE = 1e-6
+# The whole of S is kept in single precision beside a compressed one up to so many unknowns, 0.15 GB.
+LARGEST_WHOLE = 6000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,11 +67,12 @@ class CompiledSteps:
     ) -> None:
         """Set the room aside."""
         self._contact, self._corrections = contact, corrections
-        self._split, self._inner = (_given(s) for s in _splits(compliance))
+        split, inner = _splits(compliance)
+        size = len(areas)
+        self._split, self._inner = _given(split), _given(inner, whole=size <= LARGEST_WHOLE)
         self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
         self._scale = np.where(dead, 0.0, compliance.scale)
         self._root = areas * self._scale
-        size = len(areas)
         self._iterates: Iterates | None = None
         single = isinstance(self._inner, Dense)
         stuck = corrections.stuck
@@ -82,6 +84,8 @@ class CompiledSteps:
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
             space=space_of(size, min(MOST_PRODUCTS, size)),
+            deflation=deflation_of(compliance.split),
+            none=deflation_of(None),
             vectors=np.empty((6, size)),
             numbers=np.empty((3, size), dtype=np.int64),
         )
@@ -184,8 +188,8 @@ def _splits(compliance: Compliance) -> tuple[Split, Split]:
     return compliance.split, compliance.rough or compliance.split
 
 
-def _given(split: Split) -> Dense | LowRank:
-    """S as the compiled functions take it."""
+def _given(split: Split, *, whole: bool = False) -> Dense | LowRank:
+    """S as the compiled functions take it, a compressed one beside its whole if that is wanted."""
     if isinstance(split, RowMatrix):
         return Dense(split.whole())
     assert isinstance(split, Compressed)
@@ -196,6 +200,7 @@ def _given(split: Split) -> Dense | LowRank:
         matrix.order,
         split.live,
         np.empty((2, matrix.shape[0]), dtype=matrix.data.dtype),
+        split.whole().astype(np.float32) if whole else np.empty((0, 0), dtype=np.float32),
     )
 
 

@@ -1,0 +1,142 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Deflation of GMRES by what moves the joints together: the largest eigenvalues of S.
+
+Of (I + T P) x = b, where P is the part of S of a set of points, S = U diag(lambda) U^T + rest with
+few columns in U takes the products: those far from one. P is solved for it by
+
+    (I + T U L U^T)^-1 = I - T U (L^-1 + U^T T U)^-1 U^T,        L = diag(lambda),
+
+with the rows of U of the set, as a preconditioner from the right.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers.interface.compiled.products import Kept
+from dolfinx_joints.solvers.interface.compliance import Split
+from dolfinx_joints.solvers.interface.low_rank import SUMS
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+# Eigenvalues taken; more save fewer products than they cost (measured in docs/decisions).
+VECTORS = 24
+
+# Sets of fewer than this part of the points need few products without.
+LEAST_SHARE = 0.4
+
+
+class Deflation(NamedTuple):
+    """The largest eigenvalues of S, and room for their vectors on a set.
+
+    Attributes:
+        vectors: U, shape (k, m), k = 0 before it is known.
+        inverse: 1 / lambda, shape (k,).
+        here: U on a set, shape (k, m).
+        turned: T U on a set, shape (k, m).
+        small: (L^-1 + U^T T U)^-1, shape (k, k).
+        amounts: Room for two vectors, shape (2, k).
+    """
+
+    vectors: Singles
+    inverse: Floats
+    here: Singles
+    turned: Singles
+    small: Floats
+    amounts: Floats
+
+
+def deflation_of(split: Split | None) -> Deflation:
+    """The largest eigenvalues of S; none of None."""
+    size = 0 if split is None else split.size
+    values, vectors = np.empty(0), np.empty((0, size), dtype=np.float32)
+    if split is not None and size > 4 * VECTORS:
+        every = np.arange(size)
+        product = LinearOperator(
+            (size, size), matvec=lambda x: split.product(x.ravel(), every), dtype=np.float64
+        )
+        values, found = eigsh(product, k=VECTORS, which="LA", v0=np.ones(size), tol=1e-3)
+        vectors = np.ascontiguousarray(found.T, dtype=np.float32)
+    return Deflation(
+        vectors,
+        1.0 / values,
+        np.empty_like(vectors),
+        np.empty_like(vectors),
+        np.empty((len(values), len(values))),
+        np.empty((2, len(values))),
+    )
+
+
+@njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
+    """a . b, summed in any order, in the precision of both."""
+    total = a.dtype.type(0.0)
+    for k in range(len(a)):
+        total += a[k] * b[k]
+    return total
+
+
+@part
+def prepare(deflation: Deflation, kept: Kept, blocks: Singles) -> bool:
+    """Set up the preconditioner of a set with its blocks of T; whether it pays."""
+    count, points = kept.count[0], kept.points
+    if not len(deflation.vectors) or count < LEAST_SHARE * len(points):
+        return False
+    for v in range(len(deflation.vectors)):
+        vector, here, turned = deflation.vectors[v], deflation.here[v], deflation.turned[v]
+        for i in range(count):
+            for a in range(3):
+                here[3 * i + a] = vector[3 * points[i] + a]
+        for i in range(count):
+            for a in range(3):
+                total = np.float32(0.0)
+                for b in range(3):
+                    total += blocks[i, a, b] * here[3 * i + b]
+                turned[3 * i + a] = total
+    small = deflation.small
+    for v in range(len(small)):
+        for w in range(len(small)):
+            small[v, w] = dot(deflation.here[v, : 3 * count], deflation.turned[w, : 3 * count])
+        small[v, v] += deflation.inverse[v]
+    return _invert(small)
+
+
+@part
+def _invert(matrix: Floats) -> bool:
+    """Replace a small matrix by its inverse (Gauss and Jordan, no pivots); whether it has one."""
+    for p in range(len(matrix)):
+        pivot = matrix[p, p]
+        if not abs(pivot) > 0.0:
+            return False
+        matrix[p, p] = 1.0
+        for k in range(len(matrix)):
+            matrix[p, k] /= pivot
+        for i in range(len(matrix)):
+            factor = matrix[i, p]
+            if i != p and factor != 0.0:
+                matrix[i, p] = 0.0
+                for k in range(len(matrix)):
+                    matrix[i, k] -= factor * matrix[p, k]
+    return True
+
+
+@part
+def deflate(deflation: Deflation, values: Singles, out: Singles) -> None:
+    """Values less T U (L^-1 + U^T T U)^-1 U^T values."""
+    size, amounts = len(values), deflation.amounts
+    for v in range(len(deflation.here)):
+        amounts[0, v] = dot(deflation.here[v, :size], values)
+    for k in range(size):
+        out[k] = values[k]
+    for v in range(len(deflation.here)):
+        amount = np.float32(dot(deflation.small[v], amounts[0]))
+        turned = deflation.turned[v]
+        for k in range(size):
+            out[k] -= amount * turned[k]

@@ -80,6 +80,8 @@ class Halves:
 
     def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
         """M x and K x written to ``mass`` and ``stiffness``."""
+        mass.set(0.0)
+        stiffness.set(0.0)
         each = (x.getArray(readonly=True), mass.getArray(), stiffness.getArray())
         _multiply(*self._arrays, *(values.reshape(-1, 3) for values in each))
         if self._rest is not None:
@@ -118,9 +120,7 @@ def _rest(blocks: Any) -> PETSc.Mat | None:
 def _multiply(
     starts: Indices, columns: Indices, blocks: Floats, x: Floats, mass: Floats, stiffness: Floats
 ) -> None:
-    """M x and K x: each block multiplies, and off the diagonal its transpose as well."""
-    mass[:] = 0.0
-    stiffness[:] = 0.0
+    """Add M x and K x: each block multiplies, and off the diagonal its transpose as well."""
     for i in range(len(starts) - 1):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
         first = starts[i]

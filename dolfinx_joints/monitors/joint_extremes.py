@@ -47,6 +47,10 @@ class JointExtremesStream:
         self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
         self._recorded = np.ones((len(model.operator.names), 12), dtype=bool)
         self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
+        self._order = np.argsort(model.operator.joint, kind="stable")
+        self._here, self._starts = np.unique(
+            model.operator.joint[self._order], return_index=True
+        )
         self._first = model.operator.matrix.getOwnershipRange()[0] // 3
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
         self._least = np.finfo(np.float64).eps * float(np.ptp(model.operator.layout.points))
@@ -73,8 +77,10 @@ class JointExtremesStream:
         np.sqrt(np.einsum("ij,ij->i", slip, slip), out=here[:, 1])
         np.maximum(-joints.traction[:, 0], 0.0, out=here[:, 2])
         own = np.zeros((2, len(operator.names), 3))
-        np.maximum.at(own[0], operator.joint, here)
-        np.add.at(own[1], operator.joint, self._forces.sliding(joints))
+        if len(here):
+            own[0, self._here] = np.maximum.reduceat(here[self._order], self._starts)
+        for column, force in zip(own[1].T, self._forces.sliding(joints).T, strict=True):
+            column[:] = np.bincount(operator.joint, force, len(operator.names))
         every = of_ranks(operator.comm, own)
         largest, sums = every[:, 0].max(axis=0), every[:, 1].sum(axis=0)
         places = self._places(here[:, :2], largest[:, :2])

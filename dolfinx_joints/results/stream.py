@@ -25,6 +25,8 @@ class Stream:
     Attributes:
         name: Name of the stream.
         waiting: Number of rows that wait to be written.
+        row_bytes: Size of one record, its time included.
+        chunks: Bytes of one chunk of each dataset.
     """
 
     def __init__(self, parent: h5py.Group, name: str) -> None:
@@ -43,6 +45,7 @@ class Stream:
             else ("s", "time of each record")
         )
         set_texts(self._time, unit=unit, description=text)
+        self.row_bytes, self.chunks = 8, 8 * int(np.prod(self._time.chunks))
 
     @property
     def full(self) -> bool:
@@ -56,6 +59,8 @@ class Stream:
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name] = dataset
+        self.row_bytes += int(np.prod(shape)) * dtype.itemsize
+        self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
 
     def order(self, names: Sequence[str]) -> None:
         """Take the numbers of a record in this order; see `ResultsWriter.order`."""
@@ -116,18 +121,6 @@ class Stream:
         self._room = min(_BUFFER_ROWS, max(1, _BUFFER_BYTES // self.row_bytes))
         for name, dataset in self._datasets.items():
             self._rows[name] = np.empty((self._room, *dataset.shape[1:]), dataset.dtype)
-
-    @property
-    def row_bytes(self) -> int:
-        """Size of one record, its time included."""
-        parts = self._datasets.values()
-        return 8 + sum(int(np.prod(d.shape[1:])) * d.dtype.itemsize for d in parts)
-
-    @property
-    def chunks(self) -> int:
-        """Bytes of one chunk of each dataset."""
-        parts = (*self._datasets.values(), self._time)
-        return sum(int(np.prod(d.chunks)) * d.dtype.itemsize for d in parts)
 
     @property
     def growth(self) -> int:

@@ -368,7 +368,7 @@ def test_the_first_example_is_run_once_and_leaves_what_it_compiled(
     kept.mkdir()
     fake.write_text(f'#!/bin/sh\necho "$PWD $1 $PYTHONPATH"; touch dam.h5; exit {status}\n')
     fake.chmod(0o755)
-    code = f'PATH={tmp_path}:$PATH; run_first_example /wheels env'
+    code = f"PATH={tmp_path}:$PATH; run_first_example /wheels env"
     result = run_function(code, XDG_CACHE_HOME=str(tmp_path))
     assert result.returncode == 0, result.stderr
     assert ("it failed" in result.stderr) == (status == 1)

@@ -48,9 +48,7 @@ class JointExtremesStream:
         self._recorded = np.ones((len(model.operator.names), 12), dtype=bool)
         self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
         self._order = np.argsort(model.operator.joint, kind="stable")
-        self._here, self._starts = np.unique(
-            model.operator.joint[self._order], return_index=True
-        )
+        self._here, self._starts = np.unique(model.operator.joint[self._order], return_index=True)
         self._first = model.operator.matrix.getOwnershipRange()[0] // 3
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
         self._least = np.finfo(np.float64).eps * float(np.ptp(model.operator.layout.points))

@@ -68,8 +68,8 @@ class Stream:
         plain = all(dataset.dtype == np.float64 for dataset in self._datasets.values())
         if sorted(names) != sorted(shapes) or not plain:
             raise ResultsError(
-                f"{self.name!r} holds {listing(shapes)}, of floating-point numbers or not; an "
-                f"order of all numbers cannot be {listing(names)}."
+                f"Numbers of {self.name!r} cannot come as {listing(names)}: it holds "
+                f"{listing(shapes)}, and all must be floating-point numbers."
             )
         self._make_room()
         ends = np.cumsum([int(np.prod(shapes[name])) for name in names])
@@ -77,7 +77,7 @@ class Stream:
         for name, part in zip(names, np.split(self._numbers, ends[:-1], axis=1), strict=True):
             self._rows[name] = part.reshape(self._room, *shapes[name])
 
-    def append(self, time: float, values: Mapping[str, ArrayLike] | NDArray[np.float64]) -> None:
+    def append(self, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]) -> None:
         """Let a row wait to be written; see `ResultsWriter.append`."""
         if not (math.isfinite(time) and time > self._last):
             raise ResultsError(
@@ -108,9 +108,11 @@ class Stream:
                 )
             rows[self.waiting] = value
 
-    def _take_numbers(self, values: NDArray[np.float64]) -> None:
+    def _take_numbers(self, values: NDArray[Any]) -> None:
         if self._numbers is None or values.shape != self._numbers.shape[1:]:
-            wanted = "values by name" if self._numbers is None else f"{self._numbers.shape[1]}"
+            wanted = "values by name"
+            if self._numbers is not None:
+                wanted = f"{self._numbers.shape[1]} numbers"
             raise ResultsError(
                 f"A record of {self.name!r} is {wanted}, got an array of shape {values.shape}."
             )

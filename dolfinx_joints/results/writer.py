@@ -219,7 +219,7 @@ class ResultsWriter:
         self._file.swmr_mode = True
 
     def order(self, stream: str, names: Sequence[str]) -> None:
-        """Let records of a started stream come as one array, which is quicker for many names.
+        """Let records come as one array, which is quicker for many names; before the first.
 
         Args:
             stream: its name; all that it holds are floating-point numbers.
@@ -228,7 +228,7 @@ class ResultsWriter:
         self._streams[stream].order(names)
 
     def append(
-        self, stream: str, time: float, values: Mapping[str, ArrayLike] | NDArray[np.float64]
+        self, stream: str, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]
     ) -> None:
         """Add one record to a stream, later than the one before.
 

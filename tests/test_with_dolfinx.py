@@ -306,6 +306,7 @@ def test_lack_of_space_or_tools_is_one_clear_error_before_the_build(tmp_path: Pa
 
 # Replaces the part that needs PyPI: $1 is the folder that pip would fill.
 FAKE_PIP = """
+run_first_example() { :; }
 fetch_wheels() { mkdir -p "$1/numba"; echo fetched >>"$XDG_CACHE_HOME/count"; %s; }
 PYTHONPATH=/mine; mkdir -p "$1/usr/bin"; ln -sf python3.13 "$1/usr/bin/python3"
 ensure_wheels "$1" env; echo "$PYTHONPATH"
@@ -356,3 +357,21 @@ def test_pip_is_asked_for_the_wheels_alone(tmp_path: Path) -> None:
     names = " ".join(line.partition("==")[0] for line in pip[pip.index("--target") + 2 :])
     needed = "numba llvmlite vtk pyvista scooby plotly narwhals pandas xarray python-dateutil six"
     assert names == f"{needed} shtab"
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_the_first_example_is_run_once_and_leaves_what_it_compiled(
+    tmp_path: Path, status: int
+) -> None:
+    # Its failure is told and is no reason to be without an environment.
+    fake, kept = tmp_path / "python3", tmp_path / "dolfinx_joints"
+    kept.mkdir()
+    fake.write_text(f'#!/bin/sh\necho "$PWD $1 $PYTHONPATH"; touch dam.h5; exit {status}\n')
+    fake.chmod(0o755)
+    code = f"PATH={tmp_path}:$PATH; run_first_example /wheels env"
+    result = run_function(code, XDG_CACHE_HOME=str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    assert ("it failed" in result.stderr) == (status == 1)
+    said = f"{kept}/first_example {PROJECT}/demos/00_first_steps.py {PROJECT}:/wheels\n"
+    assert (kept / "first_example.log").read_text() == said
+    assert not (kept / "first_example").exists()

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.halves import Halves
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, finite, number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
@@ -164,6 +165,23 @@ class MatrixSystem:
             mass + damping * self.rayleigh.mass_factor,
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
+
+    def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
+        """M x and K x written to ``mass`` and ``stiffness`` (collective)."""
+        if self._halves is not None:
+            self._halves.multiply(x, mass, stiffness)
+            return
+        self.mass.mult(x, mass)
+        self.stiffness.mult(x, stiffness)
+
+    @cached_property
+    def _halves(self) -> Halves | None:
+        """What products of M and K are made with, None for PETSc's (collective)."""
+
+        def make() -> Halves | None:
+            return Halves.of(self.mass, self.stiffness)
+
+        return make() if self.shared is None else self.shared.halves(make)
 
     def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
         """C v written to ``out`` [N] (collective)."""

@@ -18,11 +18,16 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]
 
-_LARGEST = (("opening", "m"), ("slip", "m"), ("pressure", "Pa"))
-_FORCES = {
-    "compression": "integral of the pressure, of tension too where a bond holds",
-    "shear_sum": "integral of the magnitude of the shear traction",
-    "bond": "cohesion times the area whose bond is intact",
+_PLACE = "where the {} is the largest, NaN where it is zero to rounding"
+_SERIES = {
+    "opening": ((), "m", "largest opening of the points"),
+    "slip": ((), "m", "largest slip of the points"),
+    "pressure": ((), "Pa", "largest pressure of the points"),
+    "opening_at": ((3,), "m", _PLACE.format("opening")),
+    "slip_at": ((3,), "m", _PLACE.format("slip")),
+    "compression": ((), "N", "integral of the pressure, of tension too where a bond holds"),
+    "shear_sum": ((), "N", "integral of the magnitude of the shear traction"),
+    "bond": ((), "N", "cohesion times the area whose bond is intact"),
 }
 
 
@@ -40,6 +45,10 @@ class JointExtremesStream:
         assert model.contact is not None
         self._operator, self._gap = model.operator, gap.copy()
         self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
+        self._recorded = np.ones((len(model.operator.names), 12), dtype=bool)
+        self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
+        self._order = np.argsort(model.operator.joint, kind="stable")
+        self._here, self._starts = np.unique(model.operator.joint[self._order], return_index=True)
         self._first = model.operator.matrix.getOwnershipRange()[0] // 3
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
         self._least = np.finfo(np.float64).eps * float(np.ptp(model.operator.layout.points))
@@ -47,43 +56,34 @@ class JointExtremesStream:
     def declare(self, writer: ResultsWriter) -> None:
         """Declare the stream; on the rank that writes."""
         for joint in self._operator.names:
-            for name, unit in _LARGEST:
-                text = f"largest {name} of the points"
-                writer.series("joints", f"{joint}/{name}", (), unit, text)
-            for name in ("opening", "slip"):
-                text = f"where the {name} is the largest, NaN where it is zero to rounding"
-                writer.series("joints", f"{joint}/{name}_at", (3,), "m", text)
-            for name in self._forces_of(joint):
-                writer.series("joints", f"{joint}/{name}", (), "N", _FORCES[name])
+            for name, (shape, unit, text) in _SERIES.items():
+                if name != "bond" or joint in self._bonded:
+                    writer.series("joints", f"{joint}/{name}", shape, unit, text)
 
-    def _forces_of(self, joint: str) -> list[str]:
-        return [name for name in _FORCES if name != "bond" or joint in self._bonded]
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers that `values` gives."""
+        pairs = [(joint, name) for joint in self._operator.names for name in _SERIES]
+        return [f"{j}/{name}" for j, name in pairs if name != "bond" or j in self._bonded]
 
-    def values(self, joints: Response) -> dict[str, Any]:
-        """Values of a step (collective)."""
+    def values(self, joints: Response) -> Floats:
+        """Numbers of a step in the order of `names` (collective)."""
         operator, gap = self._operator, joints.state.gap
-        here = np.column_stack(
-            [
-                np.maximum(gap[:, 0], 0.0),
-                np.linalg.norm(gap[:, 1:] - self._gap[:, 1:], axis=1),
-                np.maximum(-joints.traction[:, 0], 0.0),
-            ]
-        )
+        here = np.empty((len(gap), 3))
+        np.maximum(gap[:, 0], 0.0, out=here[:, 0])
+        slip = gap[:, 1:] - self._gap[:, 1:]
+        np.sqrt(np.einsum("ij,ij->i", slip, slip), out=here[:, 1])
+        np.maximum(-joints.traction[:, 0], 0.0, out=here[:, 2])
         own = np.zeros((2, len(operator.names), 3))
-        np.maximum.at(own[0], operator.joint, here)
-        np.add.at(own[1], operator.joint, self._forces.sliding(joints))
+        if len(here):
+            own[0, self._here] = np.maximum.reduceat(here[self._order], self._starts)
+        for column, force in zip(own[1].T, self._forces.sliding(joints).T, strict=True):
+            column[:] = np.bincount(operator.joint, force, len(operator.names))
         every = of_ranks(operator.comm, own)
         largest, sums = every[:, 0].max(axis=0), every[:, 1].sum(axis=0)
         places = self._places(here[:, :2], largest[:, :2])
-        found: dict[str, Any] = {}
-        for i, joint in enumerate(operator.names):
-            for k, (name, _) in enumerate(_LARGEST):
-                found[f"{joint}/{name}"] = largest[i, k]
-            for k, name in enumerate(("opening", "slip")):
-                found[f"{joint}/{name}_at"] = places[i, k]
-            for k, name in enumerate(self._forces_of(joint)):
-                found[f"{joint}/{name}"] = sums[i, k]
-        return found
+        rows = np.concatenate([largest, places.reshape(-1, 6), sums], axis=1)
+        return rows[self._recorded]
 
     def _places(self, here: Floats, largest: Floats) -> Floats:
         """Where values (n, m) of the points are the largest of their joint, (joints, m, 3)."""

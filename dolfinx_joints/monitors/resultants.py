@@ -95,6 +95,7 @@ class JointForces:
         bonded = broken_joints(model.contact)
         cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
         self._cohesion = np.array(cohesion)[self._operator.joint]
+        self._bonds = bool(bonded)
 
     def __call__(
         self, joints: Response, pressure: Floats | None = None
@@ -147,7 +148,9 @@ class JointForces:
         Columns: pressure, tension too where a bond holds; magnitude of the shear; cohesion of an
         intact bond; each times the area.
         """
-        cohesion = self._cohesion * (1 - broken(self._contact, joints))
+        cohesion = self._cohesion
+        if self._bonds:
+            cohesion = cohesion * (1 - broken(self._contact, joints))
         forces = [*compression_and_shear(joints.traction, cohesion > 0.0), cohesion]
         return np.column_stack(forces) * self._operator.areas[:, None]
 

@@ -183,6 +183,7 @@ class ResultsMonitor(Monitor):
             if self._envelopes is not None:
                 declare_envelopes(writer, *self._envelopes.directions)
             writer.start()
+            self._order(first)
 
         try:
             on_root(self._comm, create)
@@ -302,6 +303,18 @@ class ResultsMonitor(Monitor):
                 if self._aside.exists():
                     self._aside.replace(self._path)
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
+                self._order(last)
+
+    def _order(self, record: Record) -> None:
+        """Tell the writer in which order numbers come that a step has many of, on rank 0."""
+        assert self._writer is not None
+        joints = () if self._model.operator is None else self._model.operator.names
+        names = [f"joints/{joint}/{term}" for joint in joints for term in JOINT_ENERGY_TERMS]
+        loads = [f"loads/{name}" for name in record.energy.input_by_load]
+        further = further_energies(self._model, record)
+        self._writer.order("energy", [*ENERGY_TERMS, *names, *loads, *further])
+        if self._extremes is not None:
+            self._writer.order("joints", self._extremes.names)
 
     def record(self, record: Record) -> None:
         """Append a step (collective)."""
@@ -318,18 +331,8 @@ class ResultsMonitor(Monitor):
         history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
         for group in self._supports:
             history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
-        energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
-        names = [] if contact is None else contact.operator.names
-        for i, name in enumerate(names):
-            for term in JOINT_ENERGY_TERMS:
-                value = getattr(record.energy, f"joint_{term}")[i]
-                energies[f"joints/{name}/{term}"] = value
-        for term in further_energies(self._model, record):
-            energies[term] = getattr(record.energy, term)
-        for name, work in record.energy.input_by_load.items():
-            energies[f"loads/{name}"] = work
         self._append("histories", record.time, history)
-        self._append("energy", record.time, energies)
+        self._append("energy", record.time, self._energies(record))
         if self._extremes is not None and record.joints is not None:
             self._append("joints", record.time, self._extremes.values(record.joints))
         if self._resultants is not None:
@@ -340,6 +343,19 @@ class ResultsMonitor(Monitor):
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
+
+    def _energies(self, record: Record) -> Floats:
+        """Numbers of the stream ``energy``, in the order of `_order`."""
+        row = record.energy
+        of_joints = np.array([getattr(row, f"joint_{term}") for term in JOINT_ENERGY_TERMS])
+        return np.array(
+            [
+                *(getattr(row, term) for term in ENERGY_TERMS),
+                *of_joints.T.ravel().tolist(),
+                *row.input_by_load.values(),
+                *(getattr(row, term) for term in further_energies(self._model, record)),
+            ]
+        )
 
     def _motion(self, record: Record) -> dict[str, Floats]:
         """Displacement and acceleration of the points, motion of the ground.
@@ -364,7 +380,7 @@ class ResultsMonitor(Monitor):
         still = first.free_surface is None and not self._model.constraints.moves
         return first.motion is not None or still
 
-    def _append(self, stream: str, time: float, values: dict[str, Any]) -> None:
+    def _append(self, stream: str, time: float, values: dict[str, Any] | Floats) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""
         with raised_together(self._comm):
             if self._writer is not None:

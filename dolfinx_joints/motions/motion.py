@@ -93,6 +93,11 @@ class Motion(Summarised):
         Returns:
             Shape (..., 3), [m/s^2].
         """
+        if isinstance(time, float) and 0.0 <= time <= self.duration:  # of each step
+            passed = time / self.dt
+            last = min(int(passed), len(self.acceleration) - 2)
+            before, after = self.acceleration[last : last + 2]
+            return before + (passed - last) * (after - before)
         times, samples = np.asarray(time, dtype=np.float64), self.time
         columns = [np.interp(times, samples, c, left=0.0, right=0.0) for c in self.acceleration.T]
         return np.stack(columns, axis=-1)

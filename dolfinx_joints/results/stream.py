@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quantities of a results file that are recorded at the same times, row by row."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +25,8 @@ class Stream:
     Attributes:
         name: Name of the stream.
         waiting: Number of rows that wait to be written.
+        row_bytes: Size of one record, its time included.
+        chunks: Bytes of one chunk of each dataset.
     """
 
     def __init__(self, parent: h5py.Group, name: str) -> None:
@@ -32,6 +35,7 @@ class Stream:
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
         self._rows: dict[str, NDArray[Any]] = {}  # waiting ones, shape (room, ...) each
+        self._numbers: NDArray[np.float64] | None = None  # the same, shape (room, numbers)
         self._times: list[float] = []
         self._room = 0
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
@@ -41,6 +45,7 @@ class Stream:
             else ("s", "time of each record")
         )
         set_texts(self._time, unit=unit, description=text)
+        self.row_bytes, self.chunks = 8, 8 * int(np.prod(self._time.chunks))
 
     @property
     def full(self) -> bool:
@@ -54,20 +59,46 @@ class Stream:
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name] = dataset
+        self.row_bytes += int(np.prod(shape)) * dtype.itemsize
+        self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
 
-    def append(self, time: float, values: Mapping[str, ArrayLike]) -> None:
+    def order(self, names: Sequence[str]) -> None:
+        """Take the numbers of a record in this order; see `ResultsWriter.order`."""
+        shapes = {name: dataset.shape[1:] for name, dataset in self._datasets.items()}
+        plain = all(dataset.dtype == np.float64 for dataset in self._datasets.values())
+        if sorted(names) != sorted(shapes) or not plain:
+            raise ResultsError(
+                f"Numbers of {self.name!r} cannot come as {listing(names)}: it holds "
+                f"{listing(shapes)}, and all must be floating-point numbers."
+            )
+        self._make_room()
+        ends = np.cumsum([int(np.prod(shapes[name])) for name in names])
+        self._numbers = np.empty((self._room, ends[-1]))
+        for name, part in zip(names, np.split(self._numbers, ends[:-1], axis=1), strict=True):
+            self._rows[name] = part.reshape(self._room, *shapes[name])
+
+    def append(self, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]) -> None:
         """Let a row wait to be written; see `ResultsWriter.append`."""
-        if not (np.isfinite(time) and time > self._last):
+        if not (math.isfinite(time) and time > self._last):
             raise ResultsError(
                 f"Times of the stream {self.name!r} must be finite and increase, got {time} s "
                 f"after {self._last} s."
             )
+        if not self._rows:
+            self._make_room()
+        if isinstance(values, np.ndarray):
+            self._take_numbers(values)
+        else:
+            self._take(values)
+        self._last = time
+        self._times.append(time)
+        self.waiting += 1
+
+    def _take(self, values: Mapping[str, ArrayLike]) -> None:
         if values.keys() != self._datasets.keys():
             raise ResultsError(
                 f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
             )
-        if not self._rows:
-            self._make_room()
         for name, rows in self._rows.items():
             value = values[name]
             if np.shape(value) != rows.shape[1:]:
@@ -76,27 +107,22 @@ class Stream:
                     f"got {np.shape(value)}."
                 )
             rows[self.waiting] = value
-        self._last = time
-        self._times.append(time)
-        self.waiting += 1
+
+    def _take_numbers(self, values: NDArray[Any]) -> None:
+        if self._numbers is None or values.shape != self._numbers.shape[1:]:
+            wanted = "values by name"
+            if self._numbers is not None:
+                wanted = f"{self._numbers.shape[1]} numbers"
+            raise ResultsError(
+                f"A record of {self.name!r} is {wanted}, got an array of shape {values.shape}."
+            )
+        self._numbers[self.waiting] = values
 
     def _make_room(self) -> None:
         """Arrays for the rows that wait; memory is taken as they come."""
         self._room = min(_BUFFER_ROWS, max(1, _BUFFER_BYTES // self.row_bytes))
         for name, dataset in self._datasets.items():
             self._rows[name] = np.empty((self._room, *dataset.shape[1:]), dataset.dtype)
-
-    @property
-    def row_bytes(self) -> int:
-        """Size of one record, its time included."""
-        parts = self._datasets.values()
-        return 8 + sum(int(np.prod(d.shape[1:])) * d.dtype.itemsize for d in parts)
-
-    @property
-    def chunks(self) -> int:
-        """Bytes of one chunk of each dataset."""
-        parts = (*self._datasets.values(), self._time)
-        return sum(int(np.prod(d.chunks)) * d.dtype.itemsize for d in parts)
 
     @property
     def growth(self) -> int:

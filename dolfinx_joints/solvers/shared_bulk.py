@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dolfinx_joints.solvers.rounds import Rounds
 
 if TYPE_CHECKING:
+    from dolfinx_joints.body.halves import Halves
     from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
     from dolfinx_joints.solvers.interface.compliance import Compliance
 
@@ -31,6 +32,7 @@ class SharedBulk:
         self.lowest_modes: dict[int, Any] = {}
         self._matrices: dict[Hashable, EffectiveMatrix] = {}
         self._compliances: dict[Hashable, Compliance] = {}
+        self._halves: list[Halves | None] = []
 
     def matrix(self, key: Hashable, make: Callable[[], EffectiveMatrix]) -> EffectiveMatrix:
         """The matrix of a key, made if need be (collective)."""
@@ -43,6 +45,12 @@ class SharedBulk:
         if key not in self._compliances:
             self._compliances[key] = make()
         return self._compliances[key]
+
+    def halves(self, make: Callable[[], Halves | None]) -> Halves | None:
+        """The halves of M and K, made if need be (collective)."""
+        if not self._halves:
+            self._halves.append(make())
+        return self._halves[0]
 
     def destroy(self) -> None:
         """Free all of it."""

@@ -40,8 +40,7 @@ class Products:
     ) -> None:
         """Multiply (collective)."""
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
-        system.mass.mult(x, self.mass)
-        system.stiffness.mult(x, self.stiffness)
+        system.multiply(x, self.mass, self.stiffness)
         residual = combination(
             (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )

@@ -28,6 +28,8 @@ def test_a_motion_is_linear_between_samples_and_zero_outside() -> None:
     np.testing.assert_allclose(motion(0.05), [2.0, 1.0, -4.0])
     np.testing.assert_allclose(motion([[-0.01, 0.0], [0.1, 0.11]])[:, :, 0], [[0, 1], [3, 0]])
     np.testing.assert_allclose(motion.peak, [3.0, 2.0, 5.0])
+    at_once = motion(times := [-0.01, 0.0, 0.03, 0.1, 0.11])
+    np.testing.assert_allclose([motion(time) for time in times], at_once, rtol=1e-14)
     assert motion.duration == pytest.approx(0.1)
     np.testing.assert_allclose(motion.time, [0.0, 0.1])
 

@@ -46,6 +46,8 @@ SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mat
 	'jupytext==1.19.*' 'nbclient==0.11.*' 'ipykernel==7.*'
 STUDIES_TOOL := studies-1
 STUDIES_NEEDS := 'dask[distributed]==2026.*' 'submitit==1.5.*'
+PEERS_TOOL := peers-1
+PEERS_NEEDS := 'openseespy==3.8.*'
 MUTANTS_TOOL := mutants-2
 MUTANTS_NEEDS := 'cosmic-ray==8.7.*' 'coverage==7.*'
 RUFF = $(RUN) "$(TOOLS)/$(RUFF_TOOL)/bin/ruff"
@@ -70,7 +72,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms bench-studies lint dist docs clean
+.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms bench-studies bench-peers lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -176,6 +178,10 @@ bench-forms: ## Joint integrals against the operator on 1, 2, 3 ranks, with both
 bench-studies: ## A study on processes, MPI ranks, dask and submitit, each also killed and resumed
 	@$(call install_tool,$(STUDIES_TOOL),$(STUDIES_NEEDS))
 	$(call with_tool,$(STUDIES_TOOL)) -m benchmarks.study_engines
+
+bench-peers: ## The jointed wall also in OpenSees: motion and time per step side by side
+	@$(call install_tool,$(PEERS_TOOL),$(PEERS_NEEDS))
+	$(call with_tool,$(PEERS_TOOL)) -m benchmarks.opensees_wall
 
 lint: ## Check style, imports between wings, and types
 	@$(call install_tool,$(RUFF_TOOL),$(RUFF_NEEDS))

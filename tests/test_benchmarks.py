@@ -28,6 +28,7 @@ from benchmarks import (
     jointed_wall,
     large,
     motion_suite,
+    opensees_wall,
     scaling,
     stiffness_range,
 )
@@ -158,6 +159,44 @@ def test_motion_suite(capsys):
     assert (row["motions"], row["steps"]) == (3, 20)
     assert row["ratio"] == pytest.approx(row["together_s"] / row["alone_s"])
     assert row["difference"] < 1e-9
+
+
+def test_the_wall_for_opensees():
+    scene = wall("tiny")
+    with scene.mesh_file() as mesh:
+        model = scene.model(scene.read(mesh), scene.law())
+    found = opensees_wall.arrays(scene, model)
+    # 3 joints of 3 x 9 points and 4 x 20 m; the + node is the one in the block at larger x.
+    minus, plus = found["pairs"].T
+    nodes, cells = found["nodes"], found["cells"]
+    assert found["areas"].sum() == pytest.approx(3 * 4.0 * 20.0)
+    np.testing.assert_allclose(nodes[minus], nodes[plus], atol=1e-12)
+    middle = np.zeros(len(nodes))
+    middle[cells.ravel()] = np.repeat(nodes[cells].mean(axis=1)[:, 0], 8)
+    side = np.sign(found["normals"][:, 0])
+    assert len(np.unique(found["pairs"])) == 2 * 3 * 3 * 9
+    assert np.all(side * (middle[plus] - middle[minus]) > 0.0)
+    # Corners 0, 1, 2, 3 go round the bottom, 4 is above 0; cells of 2.5 x 2 x 2.5 m.
+    edges = nodes[cells[:, [1, 3, 4]]] - nodes[cells[:, :1]]
+    np.testing.assert_allclose(np.linalg.det(edges), 2.5 * 2.0 * 2.5)
+    across = nodes[cells[:, 2]] - nodes[cells[:, 0]]
+    np.testing.assert_allclose(across, edges[:, 0] + edges[:, 1], atol=1e-12)
+
+
+def test_opensees_wall(capsys):
+    if reason := opensees_wall.missing():
+        pytest.skip(reason)
+    assert opensees_wall.main(["--quick", "--json"]) == 0  # its bounds hold
+    linear, jointed, _ = printed(capsys)
+    assert linear["static_difference"] < 1e-9
+    assert jointed["static_difference"] < 1e-6
+
+
+def test_without_opensees(capsys, monkeypatch):
+    monkeypatch.setattr(opensees_wall, "missing", lambda: "no such module")
+    assert opensees_wall.main(["--quick"]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line == "OpenSees is left out (no such module); make bench-peers brings it."
 
 
 @pytest.mark.slow

@@ -1,0 +1,224 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The wall of `jointed_wall` in OpenSees: motion of the crest and time per step, side by side.
+
+`make bench-peers` brings OpenSees and runs this. Both codes have the same nodes, bricks with full
+integration, consistent mass, damping and joint points: in OpenSees a `zeroLengthContactASDimplex`
+at each pair of nodes, with stiffness times area. Self weight, then the motion from its beginning.
+
+Without joints the two are to agree to 1e-6: average acceleration and the midpoint rule give the
+same displacements but for how the load is averaged. With joints to 1e-2: the laws are the same,
+but OpenSees takes contact at the end of a step and its tangent from differences. With contact
+extrapolated from the last steps, a step of OpenSees is one linear system, and its joints lag
+behind: of that run the time alone is of use.
+
+Processor times, medians of all steps but the first; each code in a process of its own, in turn.
+OpenSees keeps the factor in linear steps; its solvers are the fastest of those it has here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_joints as dj
+from benchmarks.shared.measure import March, StepWatch, load_average, march
+from benchmarks.shared.scenes import DIVISIONS, GRAVITY, TIME_STEP, Scene, wall
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.simulation.record import Record
+
+Row = dict[str, Any]
+
+KINDS = ("linear", "jointed", "extrapolated")
+BOUNDS = {"linear": 1e-6, "jointed": 1e-2, "extrapolated": np.inf}
+TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # corners in tensor order to two rounds, below and above
+
+
+class SceneFile(StepWatch):
+    """Watch that also writes the model for OpenSees, and keeps displacements of all nodes.
+
+    Attributes:
+        top: Nodes at the point on the crest, two if it is on a joint.
+        static: Displacements of the static state, shape (nodes, 3), [m].
+        last: Those of the last step from it, shape (nodes, 3), [m].
+    """
+
+    def __init__(self, scene: Scene, path: Path, steps: int) -> None:
+        """Take where to write."""
+        super().__init__(scene)
+        self._path, self._motion = path, scene.shaking(steps * TIME_STEP)
+        self._steps = steps
+
+    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
+        """Write the arrays."""
+        self.static = first.displacement.getArray(readonly=True).reshape(-1, 3).copy()
+        ground = [self._motion(i * TIME_STEP) for i in range(self._steps + 1)]
+        given = arrays(self._scene, model)
+        np.savez(self._path, **given, acceleration=np.array(ground), dt=TIME_STEP)
+        distance = np.linalg.norm(given["nodes"] - np.array(self._scene.crest), axis=1)
+        self.top = np.flatnonzero(distance < distance.min() + 1e-9 * np.ptp(given["nodes"]))
+        super().start(model, stage, steps, first)
+
+    def record(self, record: Record) -> None:
+        """Keep the displacements."""
+        super().record(record)
+        self.last = record.displacement.getArray(readonly=True).reshape(-1, 3) - self.static
+
+
+def arrays(scene: Scene, model: dj.Model) -> dict[str, Any]:
+    """What OpenSees needs of a wall on one rank: nodes, bricks, pairs of nodes at joints."""
+    nodes = model.V.tabulate_dof_coordinates()
+    found: dict[str, Any] = {
+        "nodes": nodes,
+        "cells": model.V.dofmap.list[:, TO_BRICK],
+        "clamped": np.flatnonzero(nodes[:, 2] < 1e-9 * np.ptp(nodes[:, 2])),
+        "material": [scene.material.young, scene.material.poisson, scene.material.density],
+        "gravity": np.array([0.0, 0.0, -GRAVITY]),
+        "damping": model.rayleigh.stiffness_factor,
+        "pairs": np.zeros((0, 2), dtype=int),
+        "areas": np.zeros(0),
+        "normals": np.zeros((0, 3)),
+        "law": np.zeros(3),
+    }
+    operator = model.operator
+    if operator is None:
+        return found
+    law = scene.law()
+    angle = np.radians(law.friction_angle_deg)
+    found["law"] = [law.normal_stiffness, law.shear_stiffness, np.tan(angle)]
+    found |= {"areas": operator.areas, "normals": operator.frames[:, 0]}
+    # A row of the normal gap, n . (u+ - u-), is -n at one node and n at the other.
+    pairs = []
+    for point, normal in enumerate(found["normals"]):
+        columns, values = operator.matrix.getRow(3 * point)
+        along = np.argsort(values * normal[columns % 3])
+        pairs.append(columns[along[[0, -1]]] // 3)
+    return found | {"pairs": np.array(pairs)}
+
+
+def missing() -> str:
+    """Why OpenSees cannot be imported, in one line; empty if it can."""
+    code = "import openseespy.opensees"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    return done.stderr.strip().splitlines()[-1] if done.returncode else ""
+
+
+def opensees(kind: str, scene: Path) -> dict[str, np.ndarray]:
+    """A run of OpenSees in a process of its own.
+
+    Raises:
+        SystemExit: It failed.
+    """
+    found = scene.with_name(f"{kind}_found.npz")
+    command = [sys.executable, "-m", "benchmarks.shared.opensees", kind, str(scene), str(found)]
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=root)
+    if done.returncode:
+        raise SystemExit(f"OpenSees, {kind}: {done.stderr.strip()[-2000:]}")
+    with np.load(found) as numbers:
+        return dict(numbers)
+
+
+def compare(scene: Scene, steps: int, repeat: int) -> list[Row]:
+    """A row for each kind of run."""
+    ours: dict[str, list[March]] = {"linear": [], "jointed": []}
+    theirs: dict[str, list[dict[str, np.ndarray]]] = {kind: [] for kind in KINDS}
+    with TemporaryDirectory() as name, scene.mesh_file() as mesh:
+        for _ in range(repeat):
+            for kind, runs in ours.items():
+                law = scene.law() if kind == "jointed" else None
+                path = Path(name) / f"{kind}.npz"
+                runs.append(march(scene, mesh, steps, law=law, watch=SceneFile(scene, path, steps)))
+                theirs[kind].append(opensees(kind, path))
+            theirs["extrapolated"].append(opensees("extrapolated", path))
+    same = {"linear": "linear", "jointed": "jointed", "extrapolated": "jointed"}
+    return [row(kind, ours[same[kind]], theirs[kind], steps) for kind in KINDS]
+
+
+def row(kind: str, ours: list[March], theirs: list[dict[str, np.ndarray]], steps: int) -> Row:
+    """Times, iterations and displacements of one kind of run."""
+    watch: Any = ours[-1].watch
+    last, crest = theirs[-1], watch.top
+    off = {name: last[name] - getattr(watch, name) for name in ("static", "last")}
+    fast = statistics.median(run.step_cpu_ms for run in ours)
+    slow = statistics.median(float(np.median(run["cpu_ms"][1:])) for run in theirs)
+    return {
+        "kind": kind,
+        "dofs": ours[-1].dofs,
+        "joint_points": ours[-1].points,
+        "steps": steps,
+        "ours_cpu_ms": fast,
+        "opensees_cpu_ms": slow,
+        "factor": slow / fast,
+        "ours_iterations": float(np.mean(watch.iterations)),
+        "opensees_iterations": max(1.0, float(np.mean(last["iterations"]))),
+        "ours_crest_um": list(1e6 * watch.last[crest[0]]),
+        "opensees_crest_um": list(1e6 * last["last"][crest[0]]),
+        "static_difference": float(np.abs(off["static"]).max() / np.abs(watch.static).max()),
+        "crest_difference": float(
+            np.linalg.norm(off["last"][crest], axis=1).max()
+            / np.linalg.norm(watch.last[crest], axis=1).max()
+        ),
+    }
+
+
+def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    """Options of the command line."""
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mesh", default="coarse", choices=sorted(DIVISIONS))
+    parser.add_argument("--steps", type=at_least(2), default=12)
+    parser.add_argument("--repeat", type=at_least(1), default=3, help="runs for medians")
+    parser.add_argument("--quick", action="store_true", help="the tiny wall, once")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a line for each kind of run; 1 if the codes disagree."""
+    options = parse_arguments(arguments)
+    if MPI.COMM_WORLD.size > 1:
+        raise SystemExit("opensees_wall: OpenSees runs on one rank; start this on one.")
+    reason = missing()
+    if reason:
+        print(f"OpenSees is left out ({reason}); make bench-peers brings it.")
+        return 0
+    if options.quick:
+        options.mesh, options.repeat = "tiny", 1
+    rows = compare(wall(options.mesh), options.steps, options.repeat)
+    print(
+        f"{options.mesh} wall, {rows[0]['dofs']} dofs tied, {rows[1]['dofs']} with "
+        f"{rows[1]['joint_points']} joint points, {options.steps} steps, {options.repeat} "
+        f"repeat(s), load average {load_average():.1f}\n\n"
+        "               ms per step            factor  iterations      difference of\n"
+        "                  ours   OpenSees              ours OpenSees   static   crest"
+        "    crest at the end, ours | OpenSees [um]"
+    )
+    for each in rows:
+        places = " | ".join(
+            ", ".join(f"{value:.2f}" for value in each[f"{code}_crest_um"])
+            for code in ("ours", "opensees")
+        )
+        print(
+            f"{each['kind']:13} {each['ours_cpu_ms']:8.2f} {each['opensees_cpu_ms']:10.1f} "
+            f"{each['factor']:9.0f} {each['ours_iterations']:9.1f} "
+            f"{each['opensees_iterations']:8.1f} {each['static_difference']:8.0e} "
+            f"{each['crest_difference']:7.0e}    {places}"
+        )
+    if options.json:
+        print(json.dumps(rows))
+    return int(any(each["crest_difference"] > BOUNDS[each["kind"]] for each in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

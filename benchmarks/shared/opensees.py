@@ -1,0 +1,156 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A body with joints in OpenSees: a program that reads arrays and writes arrays.
+
+    python3 -m benchmarks.shared.opensees KIND SCENE.npz FOUND.npz
+
+It imports neither DOLFINx nor mpi4py, whose MPI does not live in one process with that of OpenSees.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Arrays = Mapping[str, Any]
+
+# Of an increment's norm over that of the first in the step.
+TOLERANCE, MOST_ITERATIONS = 1e-6, 60
+LINE_SEARCH = ("NewtonLineSearch", "-type", "Bisection")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """How OpenSees solves.
+
+    Attributes:
+        system: Linear solver: the fastest of those that fit the tangent.
+        static: Algorithm of the static state.
+        repeats: Static steps, all under the whole load.
+        steps: Algorithms of a time step, the next where one does not converge.
+        extrapolated: Whether contact is that of the last steps extrapolated (IMPL-EX), so that a
+            step is one linear system, or that at the end of the step.
+    """
+
+    system: str
+    static: Sequence[str]
+    repeats: int = 1
+    steps: Sequence[Sequence[str]]
+    extrapolated: bool = False
+
+
+KINDS = {
+    "linear": Kind(system="SparseSYM", static=["Linear"], steps=[("Linear", "-factorOnce")]),
+    "jointed": Kind(system="SuperLU", static=LINE_SEARCH, steps=[("KrylovNewton",), LINE_SEARCH]),
+    "extrapolated": Kind(
+        system="SparseSYM",
+        static=["Linear"],
+        repeats=10,
+        steps=[("Linear",)],
+        extrapolated=True,
+    ),
+}
+
+
+def build(ops: Any, scene: Arrays, kind: Kind) -> None:
+    """Nodes, bricks with their weight, and a contact element at each pair of nodes."""
+    ops.model("basic", "-ndm", 3, "-ndf", 3)
+    for tag, place in enumerate(scene["nodes"].tolist(), 1):
+        ops.node(tag, *place)
+    for node in scene["clamped"].tolist():
+        ops.fix(node + 1, 1, 1, 1)
+    young, poisson, density = scene["material"].tolist()
+    ops.nDMaterial("ElasticIsotropic", 1, young, poisson, density)
+    weight = (density * scene["gravity"]).tolist()
+    for tag, cell in enumerate((scene["cells"] + 1).tolist(), 1):
+        ops.element("stdBrick", tag, *cell, 1, *weight)
+    first = len(scene["cells"]) + 1
+    normal, shear, friction = scene["law"].tolist()
+    pairs = zip(scene["pairs"].tolist(), scene["areas"], scene["normals"].tolist(), strict=True)
+    for tag, ((minus, plus), area, direction) in enumerate(pairs, first):
+        ops.element(
+            "zeroLengthContactASDimplex",
+            *(tag, minus + 1, plus + 1),
+            *(normal * area, shear * area, friction),
+            *("-orient", *direction, "-intType", int(kind.extrapolated)),
+        )
+
+
+def prepare(ops: Any, kind: Kind) -> None:
+    """What static and time steps have in common."""
+    ops.constraints("Plain")
+    ops.numberer("RCM")
+    ops.system(kind.system)
+    ops.test("RelativeNormDispIncr", TOLERANCE, MOST_ITERATIONS, 0)
+
+
+def displacements(ops: Any, count: int) -> np.ndarray:
+    """Of all nodes, shape (count, 3), [m]."""
+    return np.array([ops.nodeDisp(tag) for tag in range(1, count + 1)])
+
+
+def statics(ops: Any, kind: Kind) -> None:
+    """The static state; the weight of the bricks acts as a whole in each step."""
+    prepare(ops, kind)
+    ops.algorithm(*kind.static)
+    ops.integrator("LoadControl", 1.0)
+    ops.analysis("Static")
+    if ops.analyze(kind.repeats):
+        raise SystemExit("OpenSees found no static state.")
+    ops.loadConst("-time", 0.0)
+    ops.wipeAnalysis()
+
+
+def dynamics(ops: Any, scene: Arrays, kind: Kind) -> tuple[list[float], list[int]]:
+    """Processor time [ms] and iterations of each step, by the average acceleration method."""
+    dt, ground = float(scene["dt"]), scene["acceleration"]
+    ops.rayleigh(0.0, 0.0, float(scene["damping"]), 0.0)  # of the first stiffness of the bricks
+    for axis in (1, 2, 3):
+        ops.timeSeries(
+            "Path", axis, "-dt", dt, "-values", *ground[:, axis - 1].tolist(), "-useLast"
+        )
+        ops.pattern("UniformExcitation", axis, axis, "-accel", axis)
+    prepare(ops, kind)
+    ops.algorithm(*kind.steps[0])
+    ops.integrator("Newmark", 0.5, 0.25)
+    ops.analysis("Transient")
+    spent, iterations = [], []
+    for step in range(1, len(ground)):
+        began = time.process_time()
+        if ops.analyze(1, dt):
+            for other in kind.steps[1:]:
+                ops.algorithm(*other)
+                if ops.analyze(1, dt) == 0:
+                    break
+            else:
+                raise SystemExit(f"OpenSees did not converge in step {step}.")
+            ops.algorithm(*kind.steps[0])
+        spent.append(1e3 * (time.process_time() - began))
+        iterations.append(ops.testIter())
+    return spent, iterations
+
+
+def main() -> None:
+    """Read, run, write."""
+    import openseespy.opensees as ops
+
+    name, given, found = sys.argv[1:]
+    kind = KINDS[name]
+    with np.load(given) as scene:
+        arrays = dict(scene)
+    build(ops, arrays, kind)
+    statics(ops, kind)
+    count = len(arrays["nodes"])
+    static = displacements(ops, count)
+    spent, iterations = dynamics(ops, arrays, kind)
+    last = displacements(ops, count) - static
+    np.savez(found, static=static, last=last, cpu_ms=spent, iterations=iterations)
+
+
+if __name__ == "__main__":
+    main()

@@ -249,7 +249,7 @@ class Contact:
             return self._laws[0].answered(rule, answer)
         response = _empty_response(len(answer.gap), self._variables)
         for part in self._laws:
-            here = Answer(*(array[part.points] for array in answer))
+            here = Answer._make(array[part.points] for array in answer)
             part.put(part.answered(rule, here), response)
         return response
 

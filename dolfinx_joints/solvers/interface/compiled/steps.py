@@ -20,7 +20,6 @@ from dolfinx_joints.solvers.interface.compiled.iteration import Iterates, Limits
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
-    Kept,
     LowRank,
     kept_of,
     take,
@@ -31,7 +30,7 @@ from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 
-# The whole of S is kept in single precision beside a compressed one up to so many unknowns, 0.15 GB.
+# The whole of S is kept in single precision beside a compressed one up to so many unknowns: 0.15 GB
 LARGEST_WHOLE = 6000
 
 
@@ -84,7 +83,7 @@ class CompiledSteps:
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
             space=space_of(size, min(MOST_PRODUCTS, size)),
-            deflation=deflation_of(compliance.split),
+            deflation=deflation_of(compliance.split if compliance.effective.symmetric else None),
             none=deflation_of(None),
             vectors=np.empty((6, size)),
             numbers=np.empty((3, size), dtype=np.int64),
@@ -139,7 +138,7 @@ class CompiledSteps:
         self._corrections.missed = float(self._memory.missed[0])
         if not converged:
             return None
-        answer = Answer(*(array[last].copy() for array in iterates.answer))
+        answer = Answer._make(array[last].copy() for array in iterates.answer)
         return Solved(
             force=iterates.force[last] - iterates.residual[last],
             response=self._contact.answered_by_loops(rule, answer),
@@ -167,9 +166,9 @@ class CompiledSteps:
         """Sets that later corrections depend on; the rest is in that of `Corrections`."""
         kept = {"kept": self._memory.active, "changed": self._memory.changed}
         return {
-            name: each.points[: each.count[0]].copy()
+            name: each.points[: each.number[0]].copy()
             for name, each in kept.items()
-            if each.count[0] >= 0
+            if each.number[0] >= 0
         }
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
@@ -207,9 +206,12 @@ def _given(split: Split, *, whole: bool = False) -> Dense | LowRank:
 def _iterates_of(start: Start) -> Iterates:
     points = len(start.gap)
     one = empty_answer(start.gap, start.history)
+    force, coupled, residual = np.zeros((3, 3, 3 * points))
     return Iterates(
-        *np.zeros((3, 3, 3 * points)),
+        force,
+        coupled,
+        residual,
         np.zeros((3, points, 3, 3)),
-        Answer(*(np.zeros((3, *array.shape), array.dtype) for array in one)),
+        Answer._make(np.zeros((3, *array.shape), array.dtype) for array in one),
         np.zeros((3, 3)),
     )

@@ -33,6 +33,7 @@ from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
+from dolfinx_joints.loads.water.reservoir_waves import ReservoirWaves
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
@@ -40,6 +41,7 @@ from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redi
 from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.with_water import BodyAndWater
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
@@ -66,6 +68,7 @@ class Model(Summarised):
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
         added_mass: Masses that move with a face, `WestergaardMass` or `ReservoirMass`, added to M.
+        reservoir: Water with waves, coupled with the body in dynamic stages, instead of its mass.
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
             tractions do not ring (`redistribution`); gravity acts where the mass then is.
@@ -86,6 +89,7 @@ class Model(Summarised):
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that viscous boundaries are, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
+        both: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.
 
     Raises:
@@ -109,6 +113,7 @@ class Model(Summarised):
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
         added_mass: Sequence[AddedMass] = (),
+        reservoir: ReservoirWaves | None = None,
         symmetric: bool = True,
         redistribute_mass: bool = False,
     ) -> None:
@@ -123,7 +128,11 @@ class Model(Summarised):
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
+        known = isinstance(reservoir, ReservoirWaves | None)
+        check_kind_of("reservoir", reservoir, known, "a ReservoirWaves")
+        water = [] if reservoir is None else [reservoir]
+        acting = [*loads, *added_mass, *water]
+        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
@@ -149,6 +158,10 @@ class Model(Summarised):
         )
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
+        self.reservoir, self.both = reservoir, None
+        if reservoir is not None:
+            unknowns = self.stiffness.createVecRight()
+            self.both = BodyAndWater(unknowns, reservoir.water(self), self.gdim)
 
     _summary = model_rows
 
@@ -293,6 +306,7 @@ class Model(Summarised):
         *,
         only: Sequence[Load] | None = None,
         static: bool = False,
+        waves: bool = False,
         shared: Any = None,
     ) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective).
@@ -301,6 +315,7 @@ class Model(Summarised):
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
             static: Hold viscous boundaries, as static stages do.
+            waves: Have the waves in the reservoir among the unknowns, as dynamic stages do.
             shared: What it shares with others, see `MatrixSystem`.
         """
         _check_loads(self.jointed, extra_loads)
@@ -313,8 +328,9 @@ class Model(Summarised):
         by_name = dict(zip(load_names(loads), loads, strict=True))
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
-        constraints = self.constraints
-        return MatrixSystem(
+        constraints, both = self.constraints, self.both if waves else None
+        joined = self.joined if both is not None else _alone
+        system = MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
             rayleigh=self.rayleigh,
@@ -328,10 +344,15 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following) if following else None,
+            water=JointWaters(self, following, joined) if following else None,
             in_joints=water_in_joints(loads),
             shared=shared,
         )
+        return system if both is None else both.system(system, by_name)
+
+    def joined(self, force: PETSc.Vec) -> PETSc.Vec:
+        """A vector of the body's unknowns among those of a dynamic stage (collective)."""
+        return force if self.both is None else self.both.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
         """Patterns of a load; what is wrong with a user-defined form says with which."""
@@ -350,7 +371,9 @@ class Model(Summarised):
         in each of them.
         """
         nodes = self.nodes(group)
-        local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
+        owned = self.V.dofmap.index_map.size_local
+        values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
+        local = values[nodes].sum(axis=0)
         return np.asarray(of_ranks(self.jointed.mesh.comm, local).sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
@@ -362,10 +385,10 @@ class Model(Summarised):
         return self._nodes[group]
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
-        """A vector of the space as a DOLFINx function (collective)."""
+        """A vector of the space, or of a dynamic stage, as a DOLFINx function (collective)."""
         u = fem.Function(self.V, name=name)
-        owned = vector.getLocalSize()
-        u.x.array[:owned] = vector.getArray(readonly=True)
+        owned = self.V.dofmap.index_map.size_local * self.gdim
+        u.x.array[:owned] = vector.getArray(readonly=True)[:owned]
         u.x.scatter_forward()
         return u
 
@@ -373,6 +396,11 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _alone(force: PETSc.Vec) -> PETSc.Vec:
+    """The vector, where the body's unknowns are all."""
+    return force
 
 
 def _check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:

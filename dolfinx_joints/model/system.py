@@ -46,11 +46,12 @@ class MatrixSystem:
         load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
-        symmetric: Whether K and C are symmetric.
+        symmetric: Whether K and C are symmetric, the coupling with waves in water aside.
         components: Displacement components per node.
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
+        both: Order of the unknowns (`BodyAndWater`) where waves in water are among them, else None.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
 
@@ -70,6 +71,7 @@ class MatrixSystem:
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
     shared: Any = None
+    both: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -241,6 +243,11 @@ class MatrixSystem:
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
+
+
+def unknowns(system: MatrixSystem, body: PETSc.Vec) -> PETSc.Vec:
+    """A copy of a nodal vector of the body among all unknowns of a system (collective)."""
+    return body.copy() if system.both is None else system.both.joined(body).copy()
 
 
 def check_system(system: Any) -> None:

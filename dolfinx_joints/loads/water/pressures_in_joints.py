@@ -8,7 +8,7 @@ gives all pressures. Within a static solve and within a time step it is given.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,8 +43,13 @@ class JointWaters:
         joints: Names of all joints of the body.
     """
 
-    def __init__(self, model: LoadedBody, loads: Mapping[str, FollowsJoints]) -> None:
-        """Begin with closed joints (collective)."""
+    def __init__(
+        self,
+        model: LoadedBody,
+        loads: Mapping[str, FollowsJoints],
+        joined: Callable[[PETSc.Vec], PETSc.Vec],
+    ) -> None:
+        """Begin with closed joints; ``joined`` puts forces among all unknowns (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
@@ -52,7 +57,7 @@ class JointWaters:
                     f"The joint {joint!r} has {joints.count(joint)} loads that follow it."
                 )
         self.names = list(loads)
-        self._model = model
+        self._model, self._joined = model, joined
         self._parts = [load.in_joint(name, model) for name, load in loads.items()]
         self._known: list[_End] = []
         operator = model.operator
@@ -128,7 +133,8 @@ class JointWaters:
         for known in self._known:
             if not self.toggled(codes, known.codes).any():
                 return known
-        forces = [opening_force(self._model, part.pressure(codes)) for part in self._parts]
+        pressures = (part.pressure(codes) for part in self._parts)
+        forces = [self._joined(opening_force(self._model, each)) for each in pressures]
         found = _End(codes.copy(), forces)
         self._known = [found, *self._known[:2]]
         return found

@@ -15,15 +15,15 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body import matrices
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.elasticity import ElasticBody
-from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import lasting, of_ranks
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
 from dolfinx_joints.joints.contact import Contact, InitialGap
@@ -130,8 +130,7 @@ class Model(Summarised):
         check_temperatures(jointed, by_group, loads)
         known = isinstance(reservoir, ReservoirWaves | None)
         check_kind_of("reservoir", reservoir, known, "a ReservoirWaves")
-        water = [] if reservoir is None else [reservoir]
-        acting = [*loads, *added_mass, *water]
+        acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
         self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
@@ -148,7 +147,8 @@ class Model(Summarised):
             self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
             self.contact = Contact(self.operator, joints, initial_gaps)
         self.stiffness = self._stiffness(extra_stiffness)
-        self.stiffness.setNearNullSpace(self._rigid_modes())
+        modes = matrices.rigid_modes(self.stiffness, self.V.tabulate_dof_coordinates())
+        self.stiffness.setNearNullSpace(modes)
         self.body_mass, self.mass = self._masses(extra_mass, added_mass)
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
@@ -160,8 +160,7 @@ class Model(Summarised):
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
         self.reservoir, self.both = reservoir, None
         if reservoir is not None:
-            unknowns = self.stiffness.createVecRight()
-            self.both = BodyAndWater(unknowns, reservoir.water(self), self.gdim)
+            self.both = BodyAndWater(self.mass.createVecRight(), reservoir.water(self), self.gdim)
 
     _summary = model_rows
 
@@ -170,14 +169,14 @@ class Model(Summarised):
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
         extras = self._extra("extra_stiffness", extra)
-        return blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
+        return matrices.blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
 
     def _masses(
         self, extra: BilinearForm | None, added_mass: Sequence[AddedMass]
     ) -> tuple[PETSc.Mat, PETSc.Mat]:
         """M of the body, and with the extra form and added masses."""
         form = self.body.mass_form(*self._arguments)
-        self.mass = body = without_zeros(self._matrix(form))
+        self.mass = body = matrices.without_zeros(self._matrix(form))
         if extra is None and not added_mass:
             return body, body
         total = self._matrix(form, *self._extra("extra_mass", extra))
@@ -187,7 +186,7 @@ class Model(Summarised):
             moved = added.matrix(self)
             total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             moved.destroy()
-        return body, without_zeros(total)
+        return body, matrices.without_zeros(total)
 
     def _redistribute(self, operator: JointOperator, extra: BilinearForm | None) -> None:
         """Give the mass of joint nodes to the body behind them."""
@@ -227,7 +226,7 @@ class Model(Summarised):
         if rest is not None and absorption is not None:
             rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         dashpots = absorption if rest is None else rest
-        return rayleigh, absorption, None if dashpots is None else blocked(dashpots)
+        return rayleigh, absorption, None if dashpots is None else matrices.blocked(dashpots)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
@@ -254,34 +253,15 @@ class Model(Summarised):
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
         """Assembled matrix of the sum of some forms."""
-        return self._kept(fem_petsc.assemble_matrix(self.jointed.form(sum(forms[1:], forms[0]))))
-
-    def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
-        """The matrix on a communicator that outlives the mesh, which frees its own."""
-        assembled.assemble()
-        matrix = PETSc.Mat().createAIJ(
-            assembled.getSizes(),
-            bsize=self.gdim,
-            csr=assembled.getValuesCSR(),
-            comm=lasting(self.jointed.mesh.comm),
-        )
-        matrix.assemble()
-        assembled.destroy()
-        return matrix
-
-    def _rigid_modes(self) -> PETSc.NullSpace:
-        """Translations and rotations, which multigrid takes to its coarse levels (collective)."""
-        places = self.stiffness.createVecRight()
-        points = self.V.tabulate_dof_coordinates()[: places.getLocalSize() // self.gdim]
-        places.setArray(points[:, : self.gdim].ravel())
-        return PETSc.NullSpace().createRigidBody(places)
+        form = self.jointed.form(sum(forms[1:], forms[0]))
+        return matrices.kept(fem_petsc.assemble_matrix(form), self.gdim)
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
         check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(self.jointed.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return without_ghosts(vector, self.mass)
+        return matrices.without_ghosts(vector, self.mass)
 
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
@@ -329,7 +309,6 @@ class Model(Summarised):
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         constraints, both = self.constraints, self.both if waves else None
-        joined = self.joined if both is not None else _alone
         system = MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -344,7 +323,7 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following, joined) if following else None,
+            water=JointWaters(self, following, waves=waves) if following else None,
             in_joints=water_in_joints(loads),
             shared=shared,
         )
@@ -396,11 +375,6 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
-
-
-def _alone(force: PETSc.Vec) -> PETSc.Vec:
-    """The vector, where the body's unknowns are all."""
-    return force
 
 
 def _check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:

@@ -245,8 +245,13 @@ class MatrixSystem:
         return scale * self.values(time)
 
 
-def unknowns(system: MatrixSystem, body: PETSc.Vec) -> PETSc.Vec:
-    """A copy of a nodal vector of the body among all unknowns of a system (collective)."""
+def unknowns(system: MatrixSystem, body: PETSc.Vec | None) -> PETSc.Vec:
+    """A copy of a nodal vector of the body, zero if none, among all unknowns (collective)."""
+    found: PETSc.Vec
+    if body is None:
+        found = system.stiffness.createVecRight()
+        found.set(0.0)
+        return found
     return body.copy() if system.both is None else system.both.joined(body).copy()
 
 

@@ -140,8 +140,8 @@ class BodyAndWater:
         driven = self.water.impedance * self.water.driven[self.numbers]
         for name, load in loads.items():
             if isinstance(load, BaseMotion):
-                for along, velocity in zip(driven.T, load.velocities(driven.shape[1]), strict=True):
-                    patterns.append((self.joined(None, along), velocity))
+                for axis, velocity in enumerate(load.velocities(driven.shape[1])):
+                    patterns.append((self.joined(None, driven[:, axis]), velocity))
                     names.append(name)
         rows = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(

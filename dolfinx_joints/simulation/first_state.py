@@ -75,10 +75,7 @@ def first_state(
     # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
     # and asked again, round-off would decide.
     joints: Response | JointState | None = None if static is None else static.joints
-    if static is None:
-        u = system.stiffness.createVecRight()
-    else:
-        u = unknowns(system, static.displacement)
+    u = unknowns(system, None if static is None else static.displacement)
     if added is not None:
         if system.internal_forces is not None:
             before = static.joints if static else None

@@ -316,7 +316,8 @@ class Simulation:
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         acting, motion = shaken_by(motion, loads), ground_motion(self.model, motion, loads)
-        shaking = [] if motion is None else [self._shaking(motion, dt)]
+        ground = None if motion is None else velocity_of(motion, dt)
+        shaking = [] if motion is None else [BaseMotion(acceleration=motion, velocity=ground)]
         if not resume and start is None:
             check_grouted(self.static)
             check_complete(self.static)
@@ -364,11 +365,6 @@ class Simulation:
                 self._save(keeper, run)
             self._watch.warn(f"by t = {run.state.time:.4g} s")
         return run.outcome()
-
-    def _shaking(self, motion: Callable[[float], Any], dt: float) -> BaseMotion:
-        """The ground motion as a load, with its velocity where the water needs it."""
-        velocity = None if self.model.both is None else velocity_of(motion, dt)
-        return BaseMotion(acceleration=motion, velocity=velocity)
 
     def _step(self, run: DynamicRun, dt: float, end: float) -> None:
         """One step, recorded by the monitors (collective)."""

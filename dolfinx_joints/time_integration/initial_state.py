@@ -47,13 +47,9 @@ def initial_state(
         water: `DynamicState.water`; by the openings unless given.
     """
     system = solver.system
-    u = system.stiffness.createVecRight() if displacement is None else unknowns(system, displacement)
-    v = u.duplicate() if velocity is None else unknowns(system, velocity)
+    u, v = unknowns(system, displacement), unknowns(system, velocity)
     if displacement is None:
-        u.set(0.0)
         u.getArray()[system.constrained] = system.prescribed(time)
-    if velocity is None:
-        v.set(0.0)
     moving = u.duplicate()
     moving.set(0.0)
     if dt is None and system.values is not None:

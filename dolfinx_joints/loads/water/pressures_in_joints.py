@@ -8,7 +8,7 @@ gives all pressures. Within a static solve and within a time step it is given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,12 +44,9 @@ class JointWaters:
     """
 
     def __init__(
-        self,
-        model: LoadedBody,
-        loads: Mapping[str, FollowsJoints],
-        joined: Callable[[PETSc.Vec], PETSc.Vec],
+        self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool
     ) -> None:
-        """Begin with closed joints; ``joined`` puts forces among all unknowns (collective)."""
+        """Begin with closed joints; with ``waves`` forces are among all unknowns (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
@@ -57,7 +54,7 @@ class JointWaters:
                     f"The joint {joint!r} has {joints.count(joint)} loads that follow it."
                 )
         self.names = list(loads)
-        self._model, self._joined = model, joined
+        self._model, self._waves = model, waves
         self._parts = [load.in_joint(name, model) for name, load in loads.items()]
         self._known: list[_End] = []
         operator = model.operator
@@ -133,8 +130,9 @@ class JointWaters:
         for known in self._known:
             if not self.toggled(codes, known.codes).any():
                 return known
-        pressures = (part.pressure(codes) for part in self._parts)
-        forces = [self._joined(opening_force(self._model, each)) for each in pressures]
+        forces = [opening_force(self._model, part.pressure(codes)) for part in self._parts]
+        if self._waves:
+            forces = [self._model.joined(force) for force in forces]
         found = _End(codes.copy(), forces)
         self._known = [found, *self._known[:2]]
         return found

@@ -154,7 +154,7 @@ class _Moved:
         face = wet.face
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / float(sides.mean())))
-        self._s = np.linspace(0.0, waves.length, count + 1)
+        self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
         self._bottom, self._floor = _edges(face, wet.upstream)
 
@@ -163,9 +163,8 @@ class _Moved:
         size = count * len(self._s)
         rows, dofs, values = self._wet.coupling
         coupling = coo_array((values, (rows, dofs)), shape=(size, self._dofs)).tocsr()
-        driven = np.kron(_lengths(self._s)[:, None], self._floor)
+        floor = np.multiply.outer(_lengths(self._s), self._floor).reshape(size, self._gdim)
         uniform = np.tile(np.eye(self._gdim), (self._dofs // self._gdim, 1))
-        driven -= coupling @ uniform
         places = np.zeros((count, self._gdim))
         wet = self._wet.face.nodes != SURFACE
         places[self._wet.face.nodes[wet]] = self._wet.face.corners[wet]
@@ -174,7 +173,7 @@ class _Moved:
             impedance=waves.density * waves.sound_speed,
             rows=self._rows,
             coupling=coupling,
-            driven=driven,
+            driven=floor - coupling @ uniform,
             face=np.arange(count),
             places=places,
         )
@@ -232,7 +231,7 @@ def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[c
         weight: Factor of N N at places, taken in the middle of elements.
     """
     size, h = len(s), np.diff(s)
-    factor = np.ones_like(h) if weight is None else weight((s[1:] + s[:-1]) / 2.0)
+    factor = np.ones_like(h) if weight is None else weight(s[:-1] + h / 2.0)
     elements = (
         np.multiply.outer(factor * h / 6.0, [[2.0, 1.0], [1.0, 2.0]]),
         np.multiply.outer(1.0 / h, [[1.0, -1.0], [-1.0, 1.0]]),

@@ -50,17 +50,19 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 
 
 class MovedFace(Protocol):
-    """A reservoir with the cross-section of its wet face; its text names it in error messages.
+    """A reservoir with the cross-section of its wet face; its text names it in error messages."""
 
-    Attributes:
-        group: Name of the facet group.
-        level: Height of the water [m].
-        upstream: Horizontal vector along which it extends, None for the face's mean normal.
-    """
+    @property
+    def group(self) -> str:
+        """Name of the facet group."""
 
-    group: str
-    level: float
-    upstream: Vector | None
+    @property
+    def level(self) -> float:
+        """Height of the water [m]."""
+
+    @property
+    def upstream(self) -> Vector | None:
+        """Horizontal vector along which it extends, None for the face's mean normal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,15 +90,13 @@ def check_upstream(water: MovedFace) -> None:
         )
 
 
-def wet_face(
-    model: LoadedBody, water: MovedFace, nodes: NodeNumbering | None = None
-) -> WetFace:
+def wet_face(model: LoadedBody, water: MovedFace, order: NodeNumbering | None = None) -> WetFace:
     """The wet face of a reservoir (collective).
 
     Args:
         model: The body.
         water: The reservoir.
-        nodes: Numbers the nodes of the body; those of the water are then in the same order.
+        order: Numbers the nodes of the body; those of the water are then in the same order.
 
     Raises:
         ValueError: The face ends below the level, or a part of it does not look upstream.
@@ -105,8 +105,8 @@ def wet_face(
     comm = model.jointed.mesh.comm
     face = _Face(wetted_facets(model.V, model.jointed, water.group, float(water.level)))
     numbers, count = face.numbers(comm, water)
-    if nodes is not None:
-        numbers = face.in_order(comm, numbers, count, nodes)
+    if order is not None:
+        numbers = face.in_order(comm, numbers, count, order)
     parts = face.wet_parts(numbers)
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, np.sum(comm.allgather(areas.sum(axis=0)), axis=0))

@@ -223,7 +223,7 @@ class _Face:
         np.minimum.at(least, pairs[:, 0], pairs[:, 1])
         place = np.empty(count, dtype=np.int64)
         place[np.argsort(least)] = np.arange(count)
-        return np.where(wet, place[numbers], SURFACE)
+        return np.append(place, SURFACE)[numbers]
 
     def wet_parts(self, numbers: Ints) -> _WetParts:
         """The parts below the level."""

@@ -33,7 +33,7 @@ from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
-from dolfinx_joints.loads.water.reservoir_waves import ReservoirWaves
+from dolfinx_joints.loads.water.water import Reservoir
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
@@ -113,7 +113,7 @@ class Model(Summarised):
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
         added_mass: Sequence[AddedMass] = (),
-        reservoir: ReservoirWaves | None = None,
+        reservoir: Reservoir | None = None,
         symmetric: bool = True,
         redistribute_mass: bool = False,
     ) -> None:
@@ -128,8 +128,8 @@ class Model(Summarised):
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        known = isinstance(reservoir, ReservoirWaves | None)
-        check_kind_of("reservoir", reservoir, known, "a ReservoirWaves")
+        known = reservoir is None or offers(reservoir, "water")
+        check_kind_of("reservoir", reservoir, known, "a ReservoirWaves or a MeshedReservoir")
         acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
         self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim

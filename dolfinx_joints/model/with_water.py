@@ -27,7 +27,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.ground_motion import BaseMotion
-from dolfinx_joints.loads.water.reservoir_waves import Water
+from dolfinx_joints.loads.water.water import Water
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 
 Floats = NDArray[np.float64]

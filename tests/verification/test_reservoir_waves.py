@@ -27,12 +27,14 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary, meshtags
-from shaken_wall import CONCRETE, LAW, shaking, wall
+from scipy.linalg import eigh
+from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.simulation.monitor import Monitor
 
-pytestmark = pytest.mark.mpi
+mpi = pytest.mark.mpi
 
 H, RHO, C = 100.0, 1000.0, 1440.0
 FIRST = C / (4.0 * H)
@@ -113,7 +115,8 @@ def test_force_on_a_rigid_face(comm):
         )
         found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())
-    assert errors[1] < 0.01 and errors[1] < errors[0] / 4.0
+    assert errors[1] < 0.01
+    assert errors[1] < errors[0] / 4.0
 
 
 def test_floor_that_shakes_upwards(comm):
@@ -138,6 +141,7 @@ def leaning(x):
     return place
 
 
+@mpi
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_a_linear_field_flows_through_face_and_floor(comm, cell):
     mesh = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 12.0]], [1, 5, 6], cell)
@@ -148,7 +152,7 @@ def test_a_linear_field_flows_through_face_and_floor(comm, cell):
     )
     water = waves.water(dj.Model(jointed, material=CONCRETE))
     rows = water.rows(0, water.size)
-    depth = np.tile(water.places[:, 2] - level, 4)
+    depth = water.places[:, 2] - level
     inner = water.size - len(water.face)  # the far end has a flux of its own
     flux = RHO * C**2 * water.driven[:, 2]
     np.testing.assert_allclose(
@@ -168,13 +172,92 @@ def test_energies_of_a_box_of_water(comm):
     jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9})
     waves = dj.ReservoirWaves(group="up", level=10.0, length=20.0, bottom_reflection=0.0)
     water = waves.water(dj.Model(jointed, material=CONCRETE))
-    rows, count = water.rows(0, water.size), len(water.face)
-    y = np.tile(10.0 - water.places[:, 2], water.size // count)
+    rows, y = water.rows(0, water.size), 10.0 - water.places[:, 2]
     volume, floor = 20.0 * 12.0, 20.0 * 12.0 * 10.0**2
     banks, end = 2 * 20.0 * 10.0**3 / 3.0, 12.0 * 10.0**3 / 3.0
     assert y @ (rows.mass @ y) == pytest.approx(RHO * volume * 10.0**3 / 3.0)
     assert y @ (rows.stiffness @ y) == pytest.approx(RHO * C**2 * volume * 10.0)
     assert y @ (rows.losses @ y) == pytest.approx(RHO * C * (floor + banks + end))
+
+
+def meshed(mesh, groups, place=None, **options):
+    bottom = [name for name in groups if name == "floor" or "bank" in name]
+    jointed = tagged(mesh, groups, place)
+    return dj.MeshedReservoir(group="up", mesh=jointed, face="face", bottom=bottom, **options)
+
+
+def test_meshed_water_is_the_moved_face_where_both_have_the_same_elements(comm):
+    """Bilinear squares in a mesh of their own, in an order of their own."""
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-2.0 * H, 0.0], [0.0, H]], [32, 16], CellType.quadrilateral
+    )
+    groups = {
+        "face": lambda x: x[0] > -1e-9,
+        "floor": lambda x: x[1] < 1e-9,
+        "far": lambda x: x[0] < 1e-9 - 2.0 * H,
+    }
+    water = meshed(mesh, groups, far_end="far", bottom_reflection=0.5)
+    moved = dj.ReservoirWaves(group="up", level=H, length=2.0 * H, bottom_reflection=0.5, layers=32)
+    forces = []
+    for waves in (water, moved):
+        kept = Kept()
+        dj.Simulation(rigid_dam(comm, waves), monitors=[kept]).dynamics(
+            dt=2e-3, steps=50, motion=lambda t: np.array([np.sin(9.0 * t), 0.0, np.sin(7.0 * t)])
+        )
+        forces.append(np.array(kept.forces))
+    np.testing.assert_allclose(forces[0], forces[1], atol=1e-9 * np.abs(forces[1]).max())
+
+
+def rising(x):
+    """A floor that rises from the dam on and a face that leans."""
+    place = x.copy()
+    place[:, 2] = 10.0 - (10.0 - x[:, 2]) * (1.0 + 0.02 * x[:, 0] + 0.01 * x[:, 1])
+    place[:, 0] = x[:, 0] + 0.2 * (10.0 - x[:, 2]) * (1.0 + x[:, 0] / 20.0)
+    return place
+
+
+@mpi
+def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
+    """Before a dam with other nodes on its face."""
+    mesh = create_box(
+        MPI.COMM_SELF, [[-20.0, 0.0, 0.0], [0.0, 12.0, 10.0]], [4, 3, 3], CellType.tetrahedron
+    )
+    groups = {
+        "face": lambda x: x[0] > -1e-9,
+        "floor": lambda x: x[2] < 1e-9,
+        "left bank": lambda x: x[1] < 1e-9,
+        "right bank": lambda x: x[1] > 12.0 - 1e-9,
+        "far": lambda x: x[0] < 1e-9 - 20.0,
+    }
+    waves = meshed(mesh, groups, rising, far_end="far")
+    body = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 10.0]], [1, 3, 3], CellType.tetrahedron)
+    bent = lambda x: rising(x * [0.0, 1.0, 1.0]) + x * [1.0, 0.0, 0.0]  # noqa: E731
+    model = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}, bent), material=CONCRETE)
+    water = waves.water(model)
+    rows = water.rows(0, water.size)
+    flux = rows.stiffness @ (water.places[:, 2] - 10.0)
+    inner = water.places[:, 0] > water.places[:, 0].min() + 4.0  # the far end has its own flux
+    expected = RHO * C**2 * water.driven[:, 2]
+    assert 0 < inner.sum() < water.size
+    np.testing.assert_allclose(flux[inner], expected[inner], atol=1e-9 * abs(expected).max())
+
+
+def test_waves_on_the_surface_of_a_basin(comm):
+    """Slow ones of a rigid basin: omega^2 = g k tanh k H, k = n pi / L."""
+    length, depth = 40.0, 10.0
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-length, 0.0], [0.0, depth]], [40, 20], CellType.quadrilateral
+    )
+    groups = {"face": lambda x: x[0] > -1e-9, "floor": lambda x: x[1] < 1e-9}
+    waves = meshed(mesh, groups, gravity_waves=True, sound_speed=1e5)
+    body = create_rectangle(comm, [[0.0, 0.0], [4.0, depth]], [1, 20], CellType.quadrilateral)
+    dam = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}), material=CONCRETE)
+    water = waves.water(dam)
+    rows = water.rows(0, water.size)
+    squares = eigh(rows.stiffness.toarray(), rows.mass.toarray(), eigvals_only=True)
+    k = np.arange(1, 4) * np.pi / length
+    exact = STANDARD_GRAVITY * k * np.tanh(k * depth)
+    np.testing.assert_allclose(squares[1:4], exact, rtol=5e-3)
 
 
 @pytest.fixture(scope="module")
@@ -186,27 +269,24 @@ def jointed_dam(wall_file, read):
     return make
 
 
+@mpi
 @pytest.mark.parametrize("solver", ["condensed", "monolithic"])
 @pytest.mark.parametrize(
     "scheme", [dj.EnergyConsistent(), dj.EnergyConsistent(spectral_radius=0.8)], ids=["1", "0.8"]
 )
 def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, scheme):
     """The ledger with the energy and losses of the water closes, at joints that slide and open."""
-    kept = Kept()
-    simulation = dj.Simulation(jointed_dam(), solver=solver, monitors=[kept])
+    simulation = dj.Simulation(jointed_dam(), solver=solver)
     simulation.statics()
     outcome = simulation.dynamics(dt=4e-3, steps=100, motion=shaking, scheme=scheme)
-    assert outcome.energy_error < 1e-10 and outcome.imbalance < 1e-10
+    assert outcome.energy_error < 1e-10
+    assert outcome.imbalance < 1e-10
     last = outcome.energy
-    assert last.friction > 0.0 and last.water > 0.0 and last.absorbed > 0.0
-    assert last.error == pytest.approx(
-        last.kinetic + last.strain + last.joint + last.water - kept.energies[0].stored
-        - last.input + last.viscous + last.friction + last.dissipation,
-        abs=1e-9 * last.stored,
-    )  # fmt: skip
-    assert 0.0 < last.absorbed < last.viscous
+    assert min(last.friction, last.water, last.absorbed) > 0.0
+    assert last.absorbed < last.viscous
 
 
+@mpi
 def test_results_do_not_depend_on_the_ranks(comm, jointed_dam):
     def run(on):
         kept = Kept()
@@ -226,6 +306,7 @@ def test_water_stays_at_rest_before_a_dam_at_rest(comm, jointed_dam):
     assert outcome.energy.water < 1e-12 * outcome.energy.strain
 
 
+@mpi
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -244,14 +325,25 @@ def test_errors(comm, wall_file, read, given, message):
         )
 
 
+@mpi
+def test_water_that_is_not_before_the_dam(comm):
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-50.0, 0.0], [-2.0, H]], [4, 4], CellType.quadrilateral
+    )
+    water = meshed(mesh, {"face": lambda x: x[0] > -2.1, "floor": lambda x: x[1] < 1e-9})
+    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m lies outside of the water"):
+        rigid_dam(comm, water)
+
+
+@mpi
 def test_what_waves_do_not_go_with(comm, jointed_dam):
     model = jointed_dam()
     run = {"dt": 4e-3, "steps": 1, "motion": shaking}
     with pytest.raises(dj.JointsError, match="coupled with the water"):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
+    options = dj.SolverOptions(linear="iterative")
     with pytest.raises(ValueError, match="without waves in"):
-        options = dj.SolverOptions(linear="iterative")
         dj.Simulation(model, options=options).dynamics(**run)
+    given = dj.BaseMotion(acceleration=shaking)
     with pytest.raises(ValueError, match="needs the velocity of the ground"):
-        given = dj.BaseMotion(acceleration=shaking)
         dj.Simulation(model).dynamics(dt=4e-3, steps=1, loads=[given])

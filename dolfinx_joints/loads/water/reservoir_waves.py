@@ -1,10 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves in a reservoir of compressible water, by finite elements and in time.
-
-The unknown is y = phi / c, the velocity potential over the speed of sound [m], with the pressure
-p = -rho c dy/dt: like a displacement it has a mass, a stiffness and dashpots, (12h) to (12l).
-"""
+"""Waves in a reservoir that keeps its cross-section, by finite elements and in time."""
 
 from __future__ import annotations
 
@@ -22,6 +18,7 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, face_matrices
+from dolfinx_joints.loads.water.water import Water, WaterRows, reflected
 from dolfinx_joints.loads.water.wet_face import (
     WetFace,
     check_reaches_level,
@@ -34,46 +31,6 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 # Of the shortest of some edges: the same edge of two triangles has its middle nearer than this.
 SAME_EDGE = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class WaterRows:
-    """Some rows of the water's matrices; columns are those of all its unknowns.
-
-    Attributes:
-        mass: Of the pressure's energy [kg].
-        stiffness: Of the energy of motion [N/m].
-        losses: Dashpots of the bottom, of the far end and before it [N s/m].
-    """
-
-    mass: csr_array
-    stiffness: csr_array
-    losses: csr_array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Water:
-    """Water with a potential, before a body.
-
-    Attributes:
-        size: Number of its unknowns.
-        impedance: rho c [Pa s/m].
-        rows: Makes the rows from one unknown up to another.
-        coupling: Unknowns times dofs of the body, the integral of shape functions times the
-            outward normal of the body, shape (size, dofs), [m^2].
-        driven: That of shape functions times the outward normal of the water over all that moves
-            with the ground, shape (size, gdim), [m^2].
-        face: Unknowns on the face of the body, shape (n,).
-        places: Their coordinates, shape (n, gdim), [m].
-    """
-
-    size: int
-    impedance: float
-    rows: Callable[[int, int], WaterRows]
-    coupling: csr_array
-    driven: Floats
-    face: Ints
-    places: Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,8 +131,10 @@ class _Moved:
             rows=self._rows,
             coupling=coupling,
             driven=floor - coupling @ uniform,
+            places=(places + np.multiply.outer(self._s, self._wet.upstream)[:, None]).reshape(
+                size, -1
+            ),
             face=np.arange(count),
-            places=places,
         )
 
     def _rows(self, first: int, last: int) -> WaterRows:
@@ -192,8 +151,7 @@ class _Moved:
         whole, stretch, slope = _line(self._s)
         stiffness = along(whole, in_face) + along(slope, mixed) + along(slope.T.tocsr(), mixed.T)
         stiffness = stiffness + along(stretch, across)
-        alpha = waves.bottom_reflection
-        losses = (1.0 - alpha) / (1.0 + alpha) * along(whole, self._bottom)
+        losses = reflected(waves.bottom_reflection) * along(whole, self._bottom)
         if waves.far_end == "radiating":
             end = len(self._s) - 1
             losses = losses + along(_single(end, end + 1), mass)

@@ -32,7 +32,7 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    F = -M iota a_g(t) for each axis; waves in water are pushed by the velocity of its bounds (12k).
+    F = -M iota a_g(t) for each axis; waves in water are pushed by the velocity of its bounds (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.

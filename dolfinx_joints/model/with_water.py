@@ -3,7 +3,7 @@
 """A body and the waves in its water as one system, of the unknowns [u; y] with y = phi / c.
 
     [M     ] [u'']   [C         -rho c Q] [u']   [K     ] [u]   [F                     ]
-    [   M_w] [y''] + [rho c Q^T  C_w    ] [y'] + [   K_w] [y] = [rho c (n . v_ground)  ]    (12k)
+    [   M_w] [y''] + [rho c Q^T  C_w    ] [y'] + [   K_w] [y] = [rho c (n . v_ground)  ]    (12v)
 
 M and K are symmetric without negative energies, and the coupling does no work, as it is skew: what
 holds for a body alone holds for both. With the sign of the water's rows changed the matrix of a

@@ -32,6 +32,7 @@ from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.postprocessing.energy_lines import energy_lines
 from dolfinx_joints.simulation.monitor import Monitor
 
 mpi = pytest.mark.mpi
@@ -297,6 +298,25 @@ def test_results_do_not_depend_on_the_ranks(comm, jointed_dam):
 
     for found, expected in zip(run(comm), run(MPI.COMM_SELF), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
+    """The force is that of the pressures on the face."""
+    path, kept = tmp_path / "waves.h5", Kept()
+    monitor = dj.ResultsMonitor(path, points={"crest": (10.0, 0.0, 20.0)})
+    model = jointed_dam()
+    simulation = dj.Simulation(model, monitors=[monitor, kept])
+    simulation.statics()
+    outcome = simulation.dynamics(dt=4e-3, steps=20, motion=shaking)
+    with dj.Results(path) as results:
+        forces = results.series("histories", "reservoir_force")
+        np.testing.assert_array_equal(forces, kept.forces)
+        lines = energy_lines(results)
+        assert lines["water"][-1] == outcome.energy.water
+        np.testing.assert_array_equal(lines["waves"], -results.series("energy", "absorbed"))
+    pressures, water = model.both.pressure(outcome.state.velocity), model.both.water
+    area = -water.driven[water.face, 1]  # of the banks and the floor nothing is along y
+    assert forces[-1, 1] == pytest.approx(-pressures @ area, rel=1e-12)
 
 
 def test_water_stays_at_rest_before_a_dam_at_rest(comm, jointed_dam):

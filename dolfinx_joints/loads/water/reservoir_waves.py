@@ -29,6 +29,9 @@ from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
+# Of the mean edge on the face: length of an element along the reservoir.
+LAYER = 2.0
+
 # Of the shortest of some edges: the same edge of two triangles has its middle nearer than this.
 SAME_EDGE = 0.01
 
@@ -54,8 +57,8 @@ class ReservoirWaves:
         far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``.
         absorbing_length: Of the part before the far end in which waves are damped more and more,
             which takes the slow ones near the frequencies of the cross-section as well [m].
-        layers: Number of elements along the reservoir; as long as the edges on the face are in the
-            mean unless given.
+        layers: Number of elements along the reservoir; twice as long as the edges on the face are
+            in the mean unless given.
     """
 
     group: str
@@ -110,7 +113,7 @@ class _Moved:
         self._dofs = model.V.dofmap.index_map.size_global * model.gdim
         face = wet.face
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
-        count = waves.layers or max(1, round(waves.length / float(sides.mean())))
+        count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
         self._bottom, self._floor = _edges(face, wet.upstream)
@@ -164,7 +167,7 @@ class _Moved:
         )
 
     def _damping(self, s: Floats) -> Floats:
-        """Damping over c before the far end, by which fast waves fall by e on the way, [1/m]."""
+        """Damping over c before the far end, (12x), [1/m]."""
         length = self._waves.absorbing_length
         way = np.maximum(s - self._waves.length + length, 0.0) / length
         return 6.0 / length * way**2

@@ -3,7 +3,7 @@
 """Water with a potential, as matrices: what a body is coupled with, whatever they are made of.
 
 The unknown is y = phi / c, the velocity potential over the speed of sound [m], with the pressure
-p = -rho c dy/dt: like a displacement it has a mass, a stiffness and dashpots, (12h) to (12k).
+p = -rho c dy/dt: like a displacement it has a mass, a stiffness and dashpots, (12t) to (12w).
 """
 
 from __future__ import annotations
@@ -66,5 +66,5 @@ class Reservoir(Protocol):
 
 
 def reflected(alpha: float) -> float:
-    """Dashpot over rho c of a bound that reflects the share alpha of a wave's pressure, (12i)."""
+    """Dashpot over rho c of a bound that reflects the share alpha of a wave's pressure, (12s)."""
     return (1.0 - alpha) / (1.0 + alpha)

@@ -286,7 +286,7 @@ class Model(Summarised):
         *,
         only: Sequence[Load] | None = None,
         static: bool = False,
-        waves: bool = False,
+        waves: float | None = None,
         shared: Any = None,
     ) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective).
@@ -295,7 +295,7 @@ class Model(Summarised):
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
             static: Hold viscous boundaries, as static stages do.
-            waves: Have the waves in the reservoir among the unknowns, as dynamic stages do.
+            waves: Step [s] of a stage with the waves in the reservoir among its unknowns.
             shared: What it shares with others, see `MatrixSystem`.
         """
         _check_loads(self.jointed, extra_loads)
@@ -308,7 +308,7 @@ class Model(Summarised):
         by_name = dict(zip(load_names(loads), loads, strict=True))
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
-        constraints, both = self.constraints, self.both if waves else None
+        constraints, both = self.constraints, self.both if waves is not None else None
         system = MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -323,11 +323,11 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following, waves=waves) if following else None,
+            water=JointWaters(self, following, waves=both is not None) if following else None,
             in_joints=water_in_joints(loads),
             shared=shared,
         )
-        return system if both is None else both.system(system, by_name)
+        return system if both is None or waves is None else both.system(system, by_name, waves)
 
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
         """A vector of the body's unknowns among those of a dynamic stage (collective)."""

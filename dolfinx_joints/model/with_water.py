@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.loads.water.water import Water
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 
@@ -120,12 +122,13 @@ class BodyAndWater:
         mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
         return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
 
-    def system(self, dry: MatrixSystem, loads: Mapping[str, Any]) -> MatrixSystem:
+    def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
         """The system of both (collective).
 
         Args:
             dry: That of the body.
             loads: Its loads by name, of which a `BaseMotion` moves the bounds of the water.
+            step: Step of the stage [s].
 
         Raises:
             JointsError: The body has plastic cells.
@@ -138,11 +141,16 @@ class BodyAndWater:
         patterns = [(self.joined(vector), factor) for vector, factor in dry.patterns]
         names = list(dry.load_names)
         driven = self.water.impedance * self.water.driven[self.numbers]
+        gdim, velocities = driven.shape[1], []
         for name, load in loads.items():
             if isinstance(load, BaseMotion):
-                for axis, velocity in enumerate(load.velocities(driven.shape[1])):
+                velocities.append(load.velocities(gdim))
+                for axis, velocity in enumerate(velocities[-1]):
                     patterns.append((self.joined(None, driven[:, axis]), velocity))
                     names.append(name)
+        section, far_field = self.water.section, None
+        if section is not None and velocities:
+            far_field = FarFieldLoad(self, FarField(section, velocities, step))
         rows = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(
             dry,
@@ -154,6 +162,7 @@ class BodyAndWater:
             contact=None if dry.contact is None else self._contact(dry.contact),
             patterns=patterns,
             load_names=names,
+            far_field=far_field,
             both=self,
         )
 
@@ -209,6 +218,31 @@ class BodyAndWater:
         """Numbers among both of unknowns of the water."""
         rank = np.searchsorted(self._of_water, numbers, side="right") - 1
         return np.asarray(numbers + self._of_body[rank + 1])
+
+
+class FarFieldLoad:
+    """Forces of a `FarField` in the order of both.
+
+    Attributes:
+        names: Its name in the ledger.
+    """
+
+    names = ("FarField_reservoir",)
+
+    def __init__(self, both: BodyAndWater, far_field: FarField) -> None:
+        """Keep the last times."""
+        self._both = both
+        self._at = lru_cache(maxsize=2)(lambda time: far_field.force(time)[both.numbers])
+
+    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
+        """Add the forces at a time [s], times ``scale``, [N]."""
+        out.getArray()[self._both.dry :] += scale * self._at(time)
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        moved = x.getArray(readonly=True)[self._both.dry :]
+        mine = 0.5 * float(moved @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:

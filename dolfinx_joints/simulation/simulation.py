@@ -325,7 +325,7 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            system = self.model.system([*shaking, *kept, *loads], waves=True, shared=self.shared)
+            system = self.model.system([*shaking, *kept, *loads], waves=dt, shared=self.shared)
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}

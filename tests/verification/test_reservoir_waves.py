@@ -32,6 +32,7 @@ from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.postprocessing.energy_lines import energy_lines
 from dolfinx_joints.simulation.monitor import Monitor
 
@@ -120,7 +121,9 @@ def test_force_on_a_rigid_face(comm):
     assert errors[1] < errors[0] / 4.0
 
 
-def test_floor_that_shakes_upwards(comm):
+@pytest.mark.parametrize("far_end", ["rigid", "radiating"])
+def test_floor_that_shakes_upwards(comm, far_end):
+    """However near the far end is: it takes nothing of the wave of the cross-section."""
     frequencies = np.linspace(0.1, 3.0, 60) * FIRST
     omega = 2.0 * np.pi * frequencies
     k, damped = omega / C, 1j * omega * 0.25 / (1.75 * C)
@@ -128,7 +131,7 @@ def test_floor_that_shakes_upwards(comm):
     # The face is pushed away from the water, along x.
     exact = RHO * top / (k * np.cos(k * H) + damped * np.sin(k * H))
     waves = dj.ReservoirWaves(
-        group="up", level=H, length=50.0, bottom_reflection=0.75, far_end="rigid", layers=4
+        group="up", level=H, length=50.0, bottom_reflection=0.75, far_end=far_end, layers=4
     )
     found = response(rigid_dam(comm, waves), 2, frequencies, 2500)
     assert np.abs(found - exact).max() < 0.01 * np.abs(exact).max()
@@ -159,12 +162,36 @@ def test_a_linear_field_flows_through_face_and_floor(comm, cell):
     np.testing.assert_allclose(
         (rows.stiffness @ depth)[:inner], flux[:inner], atol=1e-9 * abs(flux).max()
     )
+    # The same field q all along feels its cross-section, and what the far end is told of it.
+    section, q = water.section, np.random.default_rng(1).normal(size=len(water.face))
+    widths = length / 3.0 * np.array([0.5, 1.0, 1.0, 0.5])
+    alike, beyond = np.tile(q, 4), len(water.face)
+    rest = rows.losses @ alike - np.kron(widths, section.losses @ q)
+    np.testing.assert_allclose(rest, section.by_rate @ q, atol=1e-9 * abs(rest).max())
+    rest = (rows.stiffness @ alike - np.kron(widths, section.stiffness @ q))[beyond:]
+    expected = (section.by_place @ q)[beyond:]
+    np.testing.assert_allclose(rest, expected, atol=1e-9 * abs(rest).max())
     # Rows made in parts, as ranks make them, are those of the whole.
     parts = [water.rows(*ends) for ends in ((0, 17), (17, water.size))]
     for name in ("mass", "stiffness", "losses"):
         whole = getattr(rows, name).toarray()
         found = np.concatenate([getattr(part, name).toarray() for part in parts])
         np.testing.assert_array_equal(found, whole)
+
+
+def test_far_field_is_of_second_order_at_its_steps_and_between_them(comm):
+    """Under a smooth motion, against a march of much shorter steps; in any order of the times."""
+    waves = dj.ReservoirWaves(group="up", level=H, length=50.0, bottom_reflection=0.5)
+    section = waves.water(rigid_dam(comm, waves)).section
+    upwards = [[lambda _: 0.0, lambda time: np.sin(9.0 * time) ** 4]]
+    times = [0.122, 0.013, 0.16, 0.159, 0.2]
+    exact, *found = (
+        np.array([field.force(time) for time in times])
+        for field in (FarField(section, upwards, step) for step in (1e-4, 4e-3, 1e-3))
+    )
+    errors = [np.abs(each - exact).max() for each in found]
+    assert errors[0] < 0.005 * np.abs(exact).max()
+    assert errors[1] < errors[0] / 14.0
 
 
 def test_energies_of_a_box_of_water(comm):
@@ -313,7 +340,9 @@ def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
         np.testing.assert_array_equal(forces, kept.forces)
         lines = energy_lines(results)
         assert lines["water"][-1] == outcome.energy.water
-        np.testing.assert_array_equal(lines["waves"], -results.series("energy", "absorbed"))
+        brought = results.series("energy", "loads/FarField_reservoir")
+        absorbed = results.series("energy", "absorbed")
+        np.testing.assert_array_equal(lines["waves"], brought - absorbed)
     pressures, water = model.both.pressure(outcome.state.velocity), model.both.water
     area = -water.driven[water.face, 1]  # of the banks and the floor nothing is along y
     assert forces[-1, 1] == pytest.approx(-pressures @ area, rel=1e-12)

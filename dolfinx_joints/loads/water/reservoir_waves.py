@@ -17,6 +17,7 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, face_matrices
 from dolfinx_joints.loads.water.water import Water, WaterRows, reflected
 from dolfinx_joints.loads.water.wet_face import (
@@ -138,7 +139,36 @@ class _Moved:
                 size, -1
             ),
             face=np.arange(count),
+            section=self._section(),
         )
+
+    def _section(self) -> Section | None:
+        """The cross-section, and what its wave exerts on what absorbs at the far end."""
+        waves, end = self._waves, len(self._s) - 1
+        if waves.far_end == "rigid" and not waves.absorbing_length:
+            return None
+        rho, c = waves.density, waves.sound_speed
+        in_face, mixed, _, mass = self._face_matrices
+        whole = csr_array(np.ones((end + 1, 1)))
+        last = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
+        return Section(
+            mass=rho * mass,
+            stiffness=rho * c**2 * in_face,
+            losses=rho * c * reflected(waves.bottom_reflection) * self._bottom,
+            driven=rho * c * self._floor,
+            by_rate=rho * c * kron(self._absorbing() @ whole, mass, format="csr"),
+            by_place=rho * c**2 * kron(last, mixed.T, format="csr"),
+        )
+
+    def _absorbing(self) -> csr_array:
+        """Dashpots of the far end and before it along the reservoir, over rho c times D."""
+        end = len(self._s) - 1
+        found = csr_array((end + 1, end + 1))
+        if self._waves.far_end == "radiating":
+            found = found + csr_array(([1.0], ([end], [end])), shape=found.shape)
+        if self._waves.absorbing_length:
+            found = found + _line(self._s, self._damping)[0]
+        return found
 
     def _rows(self, first: int, last: int) -> WaterRows:
         """Rows of the unknowns from one up to another, those of a layer behind each other."""
@@ -155,11 +185,7 @@ class _Moved:
         stiffness = along(whole, in_face) + along(slope, mixed) + along(slope.T.tocsr(), mixed.T)
         stiffness = stiffness + along(stretch, across)
         losses = reflected(waves.bottom_reflection) * along(whole, self._bottom)
-        if waves.far_end == "radiating":
-            end = len(self._s) - 1
-            losses = losses + along(_single(end, end + 1), mass)
-        if waves.absorbing_length:
-            losses = losses + along(_line(self._s, self._damping)[0], mass)
+        losses = losses + along(self._absorbing(), mass)
         return WaterRows(
             mass=(rho * along(whole, mass))[rows],
             stiffness=(rho * c**2 * stiffness)[rows],
@@ -171,11 +197,6 @@ class _Moved:
         length = self._waves.absorbing_length
         way = np.maximum(s - self._waves.length + length, 0.0) / length
         return 6.0 / length * way**2
-
-
-def _single(at: int, size: int) -> csr_array:
-    """A matrix with 1 at one place of its diagonal."""
-    return csr_array(([1.0], ([at], [at])), shape=(size, size))
 
 
 def _lengths(s: Floats) -> Floats:

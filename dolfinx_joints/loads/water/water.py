@@ -15,6 +15,7 @@ from typing import Protocol
 from scipy.sparse import csr_array
 
 from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 
@@ -47,6 +48,7 @@ class Water:
             with the ground, shape (size, gdim), [m^2].
         places: Coordinates of the unknowns, shape (size, gdim), [m].
         face: Those on the face of the body, shape (n,).
+        section: Its cross-section where the far end takes waves, None where that is not known.
     """
 
     size: int
@@ -56,6 +58,7 @@ class Water:
     driven: Floats
     places: Floats
     face: Ints
+    section: Section | None = None
 
 
 class Reservoir(Protocol):

@@ -42,7 +42,7 @@ class LowestModes:
 
     def __init__(self, system: MatrixSystem, count: int) -> None:
         """Find the modes (collective)."""
-        if system.both is not None:
+        if system.coupled is not None:
             raise JointsError(
                 "exact_modes are those of a body by itself; with ReservoirWaves they are coupled "
                 "with the water."

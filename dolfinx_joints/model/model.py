@@ -89,7 +89,7 @@ class Model(Summarised):
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that viscous boundaries are, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
-        both: Order of the unknowns of dynamic stages with a reservoir, None without one.
+        coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.
 
     Raises:
@@ -158,9 +158,11 @@ class Model(Summarised):
         )
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
-        self.reservoir, self.both = reservoir, None
+        self.reservoir, self.coupled = reservoir, None
         if reservoir is not None:
-            self.both = BodyAndWater(self.mass.createVecRight(), reservoir.water(self), self.gdim)
+            self.coupled = BodyAndWater(
+                self.mass.createVecRight(), reservoir.water(self), self.gdim
+            )
 
     _summary = model_rows
 
@@ -308,7 +310,7 @@ class Model(Summarised):
         by_name = dict(zip(load_names(loads), loads, strict=True))
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
-        constraints, both = self.constraints, self.both if waves is not None else None
+        constraints = self.constraints
         system = MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -323,15 +325,17 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following, waves=both is not None) if following else None,
+            water=JointWaters(self, following, waves=waves is not None) if following else None,
             in_joints=water_in_joints(loads),
             shared=shared,
         )
-        return system if both is None or waves is None else both.system(system, by_name, waves)
+        if waves is None or self.coupled is None:
+            return system
+        return self.coupled.system(system, by_name, waves)
 
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
         """A vector of the body's unknowns among those of a dynamic stage (collective)."""
-        return force if self.both is None else self.both.joined(force)
+        return force if self.coupled is None else self.coupled.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
         """Patterns of a load; what is wrong with a user-defined form says with which."""

@@ -53,7 +53,7 @@ class MatrixSystem:
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
         far_field: Forces on the far end of water with waves (`FarFieldLoad`), None without any.
-        both: Order of the unknowns (`BodyAndWater`) where waves in water are among them, else None.
+        coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
 
@@ -74,7 +74,7 @@ class MatrixSystem:
     in_joints: Sequence[Any] = ()
     shared: Any = None
     far_field: Any = None
-    both: Any = None
+    coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -260,7 +260,7 @@ def unknowns(system: MatrixSystem, body: PETSc.Vec | None) -> PETSc.Vec:
         found = system.stiffness.createVecRight()
         found.set(0.0)
         return found
-    return body.copy() if system.both is None else system.both.joined(body).copy()
+    return body.copy() if system.coupled is None else system.coupled.joined(body).copy()
 
 
 def check_system(system: Any) -> None:

@@ -163,7 +163,7 @@ class BodyAndWater:
             patterns=patterns,
             load_names=names,
             far_field=far_field,
-            both=self,
+            coupled=self,
         )
 
     def _matrix(

@@ -175,9 +175,9 @@ class DynamicRun:
     def _record(
         self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
     ) -> Record:
-        in_joints, both = self._solver.system.in_joints, self._solver.system.both
+        in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
         moved, velocity, reaction = (
-            vector if both is None else both.body(vector)
+            vector if coupled is None else coupled.body(vector)
             for vector in (self.state.displacement, self.state.velocity, self.state.reaction)
         )
         return Record(
@@ -187,7 +187,7 @@ class DynamicRun:
             displacement=moved,
             velocity=velocity,
             reaction=reaction,
-            reservoir_force=None if both is None else both.force(self.state.velocity),
+            reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,

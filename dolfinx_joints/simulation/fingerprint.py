@@ -169,8 +169,8 @@ class _NodalSums:
         self._comm, self._field = model.jointed.mesh.comm, system.stiffness.createVecRight()
         owned = nodes.number[: model.V.dofmap.index_map.size_local]
         self._dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
-        if system.both is not None:
-            self._dofs = np.append(self._dofs, model.num_dofs + system.both.numbers)
+        if system.coupled is not None:
+            self._dofs = np.append(self._dofs, model.num_dofs + system.coupled.numbers)
         self.weights = 1.5 + np.sin(self._dofs.astype(np.float64))
         self._field.setArray(self.weights)
 

@@ -84,7 +84,7 @@ class EffectiveMatrix:
         added: PETSc.Mat | None = None,
     ) -> None:
         """Add the matrices up (collective)."""
-        if linear == "iterative" and (system.both is not None or not system.symmetric):
+        if linear == "iterative" and (system.coupled is not None or not system.symmetric):
             raise ValueError(
                 "linear is 'iterative', which needs symmetric, positive matrices, without waves in "
                 "water; take 'direct' or 'auto'."
@@ -98,7 +98,7 @@ class EffectiveMatrix:
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self.symmetric, self._moves = system.symmetric, system.values is not None
         self._linear, self._components = linear, system.components
-        self._signs = None if system.both is None else system.both.signs
+        self._signs = None if system.coupled is None else system.coupled.signs
         self.rounds: Rounds | None = None if system.shared is None else system.shared.rounds
         self._answered = False
         self._near = system.stiffness.getNearNullSpace()

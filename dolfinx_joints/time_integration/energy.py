@@ -212,11 +212,11 @@ class EnergyLedger:
 
     def _of_state(self, state: DynamicState) -> tuple[float, float, float]:
         """Kinetic and strain energy of the body, and energy of the water."""
-        kinetic, strain, both = state.kinetic_energy, self._strain(state), self._system.both
-        if both is None:
+        kinetic, strain, coupled = state.kinetic_energy, self._strain(state), self._system.coupled
+        if coupled is None:
             return kinetic, strain, 0.0
-        of_pressure = both.energy(state.velocity, state.momentum)
-        of_motion = both.energy(state.displacement, state.elastic_force)
+        of_pressure = coupled.energy(state.velocity, state.momentum)
+        of_motion = coupled.energy(state.displacement, state.elastic_force)
         return kinetic - of_pressure, strain - of_motion, of_pressure + of_motion
 
     def _strain(self, state: DynamicState) -> float:

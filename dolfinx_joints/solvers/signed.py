@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class SignedSolver(DirectSolver):
-    """L D L^T of D_s A, D_s the signs, instead of L U of A: half the work and memory.
+    """L D L^T of D_s A, D_s the signs, instead of L U of A: half the memory and factorization.
 
     A has a positive symmetric part and a skew one that couples the two kinds of rows, so that D_s A
     is quasi-definite: its factors exist in any order of the unknowns (Vanderbei 1995).

@@ -375,6 +375,7 @@ def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
         np.testing.assert_array_equal(forces, kept.forces)
         lines = energy_lines(results)
         assert lines["water"][-1] == outcome.energy.water
+        assert "bottom_reflection=0.8" in results.metadata["manifest"]["reservoir"]
         brought = results.series("energy", "loads/FarField_reservoir")
         absorbed = results.series("energy", "absorbed")
         np.testing.assert_array_equal(lines["waves"], brought - absorbed)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import annotated_types as at
@@ -59,7 +59,7 @@ class MeshedReservoir:
     """
 
     group: str
-    mesh: JointedMesh
+    mesh: JointedMesh = field(repr=False)
     face: str
     bottom: Sequence[str] = ()
     far_end: str | None = None

@@ -84,10 +84,14 @@ class EffectiveMatrix:
         added: PETSc.Mat | None = None,
     ) -> None:
         """Add the matrices up (collective)."""
-        if linear == "iterative" and (system.coupled is not None or not system.symmetric):
+        if linear == "iterative" and not system.symmetric:
             raise ValueError(
-                "linear is 'iterative', which needs symmetric, positive matrices, without waves in "
-                "water; take 'direct' or 'auto'."
+                "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
+            )
+        if linear == "iterative" and system.coupled is not None:
+            raise ValueError(
+                "linear is 'iterative', which needs positive matrices, without waves in water; "
+                "take 'direct' or 'auto'."
             )
         self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:

@@ -44,7 +44,7 @@ class JointWaters:
     """
 
     def __init__(
-        self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool
+        self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
     ) -> None:
         """Begin with closed joints; with ``waves`` forces are among all unknowns (collective)."""
         joints = [load.joint for load in loads.values()]

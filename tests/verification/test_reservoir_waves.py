@@ -19,6 +19,8 @@ K y is the flux of its gradient there, for any shape of the face and wherever th
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -421,6 +423,19 @@ def test_water_that_is_not_before_the_dam(comm):
 
 
 @mpi
+@mpi
+def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
+    waves = dj.ReservoirWaves(group="y_min", level=19.0, length=50.0)
+    mass = dj.WestergaardMass(group="y_min", level=19.0)
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        model = wall(read(wall_file()), reservoir=waves, added_mass=[mass])
+    expected = [
+        "WestergaardMass on 'y_min': the water before it has waves already, with a mass of "
+    ]
+    assert [text[: len(expected[0])] for text in model.doubts] == expected * (comm.rank == 0)
+
+
 def test_what_waves_do_not_go_with(comm, jointed_dam):
     model = jointed_dam()
     run = {"dt": 4e-3, "steps": 1, "motion": shaking}

@@ -54,6 +54,8 @@ from .loads.water.joint_water import JointWater as JointWater
 from .loads.water.joint_water import SeepageLine as SeepageLine
 from .loads.water.joint_water import Uplift as Uplift
 from .loads.water.reservoir import ReservoirMass as ReservoirMass
+from .loads.water.reservoir_mesh import MeshedReservoir as MeshedReservoir
+from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic

@@ -33,7 +33,12 @@ def further_energies(model: Model, record: Record) -> dict[str, str]:
         ("plastic", model.bulk is not None, "plastic work of the bulk"),
         ("impact", stops, "lost by joint points that strike and do not rebound"),
         ("dissipation", record.dissipates, "taken out of the body by the spectral radius"),
-        ("absorbed", model.absorbing, "part of viscous energy that viscous boundaries took"),
+        ("water", model.coupled, "of waves in the reservoir, pressure and motion"),
+        (
+            "absorbed",
+            model.absorbing or model.coupled,
+            "part of viscous energy taken at boundaries",
+        ),
     )
     return {name: text for name, there, text in lines if there}
 

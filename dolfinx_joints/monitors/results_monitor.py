@@ -168,6 +168,9 @@ class ResultsMonitor(Monitor):
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
+            if first.reservoir_force is not None:
+                text = "force of the reservoir's waves on its face"
+                writer.series("histories", "reservoir_force", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
@@ -331,6 +334,8 @@ class ResultsMonitor(Monitor):
         history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
         for group in self._supports:
             history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
+        if record.reservoir_force is not None:
+            history["reservoir_force"] = record.reservoir_force
         self._append("histories", record.time, history)
         self._append("energy", record.time, self._energies(record))
         if self._extremes is not None and record.joints is not None:

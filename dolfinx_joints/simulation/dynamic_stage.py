@@ -175,14 +175,19 @@ class DynamicRun:
     def _record(
         self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
     ) -> Record:
-        in_joints = self._solver.system.in_joints
+        in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
+        moved, velocity, reaction = (
+            vector if coupled is None else coupled.body(vector)
+            for vector in (self.state.displacement, self.state.velocity, self.state.reaction)
+        )
         return Record(
             stage="dynamic",
             step=step,
             time=self.state.time,
-            displacement=self.state.displacement,
-            velocity=self.state.velocity,
-            reaction=self.state.reaction,
+            displacement=moved,
+            velocity=velocity,
+            reaction=reaction,
+            reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,

@@ -62,6 +62,7 @@ class Record:
         energy: Energies.
         dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
+        reservoir_force: Of waves in the reservoir on the face, (gdim,), [N]; None without any.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
@@ -82,6 +83,7 @@ class Record:
     substeps: int
     dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
+    reservoir_force: NDArray[np.float64] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)

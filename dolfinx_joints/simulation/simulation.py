@@ -25,7 +25,7 @@ from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.free_field import SupportForces
-from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.ground_motion import BaseMotion, velocity_of
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
@@ -316,7 +316,8 @@ class Simulation:
         if resume and checkpoint is None:
             raise ValueError("resume is True, but no checkpoint is given to go on from.")
         acting, motion = shaken_by(motion, loads), ground_motion(self.model, motion, loads)
-        shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        ground = None if motion is None else velocity_of(motion, dt)
+        shaking = [] if motion is None else [BaseMotion(acceleration=motion, velocity=ground)]
         if not resume and start is None:
             check_grouted(self.static)
             check_complete(self.static)
@@ -324,7 +325,7 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            system = self.model.system([*shaking, *kept, *loads], shared=self.shared)
+            system = self.model.system([*shaking, *kept, *loads], waves=dt, shared=self.shared)
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}

@@ -233,7 +233,7 @@ def _low_rank_part(
 
 
 def multiply_part(split: Any, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
-    """The kept part of S times values, shape (3 number,), with room for a vector of all unknowns."""
+    """The kept part of S times values, shape (3 number,); ``every`` is room for all unknowns."""
     chosen = _dense_part if isinstance(split, Dense) else _low_rank_part
     chosen(split, kept, values, every, out)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
 from dolfinx_joints.solvers.interface.compiled.corrections import FINEST_SINGLE, Memory
-from dolfinx_joints.solvers.interface.compiled.deflation import deflation_of
+from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflation_of
 from dolfinx_joints.solvers.interface.compiled.iteration import Iterates, Limits, Points, iterate
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
@@ -66,9 +66,8 @@ class CompiledSteps:
     ) -> None:
         """Set the room aside."""
         self._contact, self._corrections = contact, corrections
-        split, inner = _splits(compliance)
-        size = len(areas)
-        self._split, self._inner = _given(split), _given(inner, whole=size <= LARGEST_WHOLE)
+        size, forms = len(areas), _forms_of(compliance)
+        self._split, self._inner = forms.split, forms.inner
         self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
         self._scale = np.where(dead, 0.0, compliance.scale)
         self._root = areas * self._scale
@@ -83,7 +82,7 @@ class CompiledSteps:
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
             space=space_of(size, min(MOST_PRODUCTS, size)),
-            deflation=deflation_of(compliance.split if compliance.effective.symmetric else None),
+            deflation=forms.deflation,
             none=deflation_of(None),
             vectors=np.empty((6, size)),
             numbers=np.empty((3, size), dtype=np.int64),
@@ -91,12 +90,11 @@ class CompiledSteps:
 
     @staticmethod
     def serves(contact: Contact, compliance: Compliance) -> bool:
-        """Whether it can: one rank, laws with loops, S kept and not shared with other runs."""
+        """Whether it can: one rank, laws with loops, S kept."""
         if contact.operator.comm.size > 1 or not contact.has_loops:
             return False
         return all(
-            isinstance(s, RowMatrix)
-            or (isinstance(s, Compressed) and s.matrix.symmetric and not s.shared)
+            isinstance(s, RowMatrix) or (isinstance(s, Compressed) and s.matrix.symmetric)
             for s in _splits(compliance)
         )
 
@@ -180,6 +178,27 @@ class CompiledSteps:
         if "changed" in state_dict and len(self._memory.tied.rows):
             changed = state_dict["changed"]
             take(self._memory.tied, self._memory.changed, changed, len(changed))
+
+
+class _Forms(NamedTuple):
+    """S, S inside corrections, and its largest eigenvalues, as the compiled functions take them.
+
+    Runs that share a compliance share these, room included: they iterate one after the other.
+    """
+
+    split: Dense | LowRank
+    inner: Dense | LowRank
+    deflation: Deflation
+
+
+def _forms_of(compliance: Compliance) -> _Forms:
+    if compliance.forms is None:
+        split, inner = _splits(compliance)
+        known = compliance.split if compliance.effective.symmetric else None
+        whole = split.size <= LARGEST_WHOLE
+        compliance.forms = _Forms(_given(split), _given(inner, whole=whole), deflation_of(known))
+    forms: _Forms = compliance.forms
+    return forms
 
 
 def _splits(compliance: Compliance) -> tuple[Split, Split]:

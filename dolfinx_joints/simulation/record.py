@@ -22,6 +22,8 @@ from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.time_integration.reduced_steps import Expanded
+from dolfinx_joints.time_integration.states import DynamicState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,9 +53,11 @@ class Record:
         stage: ``dynamic``; of static stages monitors see a `StageRecord`.
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
-        displacement: u [m].
-        velocity: v [m/s].
-        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
+        vectors: Gives the three below.
+        displacement: u [m] (collective).
+        velocity: v [m/s] (collective).
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N]
+            (collective).
         joints: Response of the joints, None without joints.
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
@@ -72,9 +76,7 @@ class Record:
     stage: str
     step: int
     time: float
-    displacement: PETSc.Vec
-    velocity: PETSc.Vec
-    reaction: PETSc.Vec
+    vectors: DynamicState | Expanded
     joints: Response | None
     motion: Callable[[float], Any] | None
     solve: SolveReport | None
@@ -86,6 +88,21 @@ class Record:
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     stages: Sequence[StageRecord] = ()
+
+    @property
+    def displacement(self) -> PETSc.Vec:
+        """U."""
+        return self.vectors.displacement
+
+    @property
+    def velocity(self) -> PETSc.Vec:
+        """V."""
+        return self.vectors.velocity
+
+    @property
+    def reaction(self) -> PETSc.Vec:
+        """Of the supports."""
+        return self.vectors.reaction
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

@@ -52,6 +52,7 @@ from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.time_integration.reduced_steps import ReducedBulk, ReducedSteps
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, ends_of_steps, located
@@ -271,6 +272,7 @@ class Simulation:
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
         control: StepControl | None = None,
+        reduced: ReducedBulk | None = None,
         velocity: NodalField | None = None,
         displacement: NodalField | None = None,
         start: DynamicState | None = None,
@@ -287,6 +289,8 @@ class Simulation:
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
+            reduced: Take steps in few shapes of the body where that misses little; not unless
+                given. For bodies of some 1e5 dofs; without checkpoints.
             velocity: Initial velocity [m/s], zero unless given: a function of the nodes (n, 3)
                 that returns (n, gdim), a UFL expression or DOLFINx function, a vector of the
                 unknowns, or a number for each axis. At supports it must be theirs.
@@ -310,6 +314,13 @@ class Simulation:
         check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
         known = isinstance(start, DynamicState | None)
         check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
+        known = isinstance(reduced, ReducedBulk | None)
+        check_kind_of("reduced", reduced, known, "a ReducedBulk")
+        if reduced is not None and checkpoint is not None:
+            raise ValueError(
+                "checkpoint is given, but a reduced run keeps its basis in memory alone; run it "
+                "without checkpoint, or without reduced."
+            )
         known = isinstance(checkpoint, Checkpoints | None)
         check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
@@ -328,6 +339,7 @@ class Simulation:
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
+            facts |= {"reduced bulk": reduced} if reduced is not None else {}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             times = ends_of_steps(start.time if start else 0.0, dt, steps)
             keeper = None
@@ -338,6 +350,13 @@ class Simulation:
                 self.static = saved.static
             if kept and self.static is not None:
                 kept[0].take(self.static.reaction, system.constrained)
+            if saved is not None:
+                state = saved.state
+            else:
+                state = first_state(solver, dt, self.static, start, given)
+            if reduced is not None:
+                scheme = ReducedSteps(reduced, scheme, solver, state, dt)
+                state = scheme.start
             run = DynamicRun(
                 model=self.model,
                 monitors=self.monitors,
@@ -346,7 +365,7 @@ class Simulation:
                 scheme=scheme,
                 solver=solver,
                 control=control,
-                state=saved.state if saved else first_state(solver, dt, self.static, start, given),
+                state=state,
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),

@@ -8,24 +8,20 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
-from weakref import WeakKeyDictionary
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.linalg import eigh
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import Rule
 from dolfinx_joints.model.modes import whole_groups
-from dolfinx_joints.model.reduced_system import Basis, Projection, as_columns, share
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.reduced_error import ReducedError
+from dolfinx_joints.solvers.reduced_basis import ReducedBasis, as_columns
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.dissipation import midpoint_coefficients
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent, ImplicitContact, exact_square
@@ -34,29 +30,24 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 Floats = NDArray[np.float64]
 
-# Of the norm of a shape, what of it counts as held by the others when a basis is begun.
-HELD = 1e-6
-
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ReducedBulk:
     """Steps in which the body moves in few shapes, where that misses little of the whole body.
 
-    The basis begins with the displacement at the start of the stage, the lowest modes of the body
-    cut at its joints, its responses to the loads, and those to the patterns of joint forces that
-    move it most. A step whose error is larger than the tolerance is taken by the whole body
-    instead, and what it moved by becomes one more shape.
+    The shapes are the body's responses to a force at every joint unknown, so that joints feel the
+    compliance that they feel of the whole body, the lowest modes of the body cut at its joints, and
+    its responses to the loads. A step whose error is larger than the tolerance is taken by the
+    whole body instead, and what it moved by becomes one more shape.
 
     Attributes:
         modes: Number of lowest modes.
-        joint_forces: Number of patterns of joint forces.
         tolerance: Largest error of a step, the root of its energy over that of the largest energy
             of motion so far; both kinetic and strain energy, of the part from the start.
     """
 
-    modes: Annotated[int, at.Ge(0)] = 100
-    joint_forces: Annotated[int, at.Ge(0)] = 100
+    modes: Annotated[int, at.Ge(1)] = 100
     tolerance: Annotated[float, at.Gt(0), at.Lt(1)] = 1e-3
 
 
@@ -115,15 +106,20 @@ class ReducedSteps:
         assert isinstance(solver, InterfaceSolver)
         self._options, self._scheme, self._solver = options, scheme, solver
         self.rule: Rule = scheme.rule
-        self.basis = Basis(system)
-        self._projection = Projection(system, self.basis)
-        self._reduced: InterfaceSolver | None = None
-        self._errors: WeakKeyDictionary[Condensed, ReducedError] = WeakKeyDictionary()
-        self.counts = ReducedCounts(dofs=system.mass.getSize()[0])
-        self._begin(state, dt)
+        self._effective = _coefficients(dt)
+        shapes = whole_groups(replace(system, contact=None), options.modes).shapes
+        factors = system.coefficients(
+            self._effective.mass, self._effective.damping, self._effective.stiffness
+        )
+        condensed = solver.condensed(self._effective, self.rule)
+        self.basis = ReducedBasis(system, condensed, factors, as_columns(shapes))
+        for vector in (state.displacement, state.velocity, state.acceleration):
+            self.basis.add(vector)
+        self._factors, self._reduced = factors, None
+        self.counts = ReducedCounts(shapes=self.basis.size, dofs=system.mass.getSize()[0])
         self._largest, self._go_on_whole = 0.0, False
         self.start = self._in_coordinates(state)
-        self._known: list[tuple[DynamicState, DynamicState]] = [(self.start, state)]
+        self._known = self.start, state
         self._before = self.start
 
     def conserves(self, system: MatrixSystem) -> bool:
@@ -133,90 +129,70 @@ class ReducedSteps:
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s], of a state of coordinates (collective)."""
-        if not self._go_on_whole:
-            state = self._renewed(state)
-            try:
-                after, report = self._scheme.advance(self._in_basis(), state, dt)
-            except ConvergenceError:
-                return self._by_whole_body(state, dt)
-            error = self._relative(self._missed(state, after), after)
-            if error <= self._options.tolerance:
-                self.counts.reduced += 1
-                self.counts.largest_error = max(self.counts.largest_error, error)
-                self._before = state
-                return after, report
-        return self._by_whole_body(state, dt)
+        """One step of length dt [s], of a state of coordinates (collective).
 
-    def _by_whole_body(
-        self, state: DynamicState, dt: float
-    ) -> tuple[DynamicState, StepReport]:
+        Responses to joint forces are those of steps of one length: the whole body takes all others.
+        """
+        if self._go_on_whole or _coefficients(dt) != self._effective:
+            return self._by_whole_body(state, dt)
+        state = self._renewed(state)
+        if self._reduced is None:
+            self._reduced = InterfaceSolver(self.basis.system(), self._solver.options)
+        try:
+            after, report = self._scheme.advance(self._reduced, state, dt)
+        except ConvergenceError:
+            return self._by_whole_body(state, dt)
+        error = self._relative(self._missed(state, after), after)
+        if error > self._options.tolerance:
+            return self._by_whole_body(state, dt)
+        self.counts.reduced += 1
+        self.counts.largest_error = max(self.counts.largest_error, error)
+        self._before = state
+        return after, report
+
+    def _by_whole_body(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
         """The step of the whole body; the basis grows by what it moved by (collective)."""
         whole = self.whole(state)
         after, report = self._scheme.advance(self._solver, whole, dt)
         x = after.displacement.copy()
         x.axpy(-1.0, whole.displacement)
-        missed = self._error(self._coefficients(dt)).missed(x)
-        self.basis.add(x.array_r[:, None])
-        self._projection.update()
-        self._reduced = None
+        missed, size = self.basis.missed(x), self.basis.size
+        self.basis.add(x)
+        if self.basis.size > size:
+            self._reduced = None
         reduced = self._in_coordinates(after)
-        self._known = [(reduced, after)]
+        self._known = reduced, after
         self._go_on_whole = self._relative(missed, reduced) > self._options.tolerance
         self.counts.whole += 1
         self.counts.shapes = self.basis.size
-        return reduced, report
-
-    # ------------------------------------------------------------ errors
-
-    def _error(self, effective: MatrixCoefficients) -> ReducedError:
-        """That of steps with some coefficients, as long as the solver keeps them (collective)."""
-        condensed = self._solver.condensed(effective, self.rule)
-        if condensed not in self._errors:
-            factors = self._solver.system.coefficients(
-                effective.mass, effective.damping, effective.stiffness
-            )
-            self._errors[condensed] = ReducedError(self._projection, condensed, factors)
-        return self._errors[condensed]
-
-    def _coefficients(self, dt: float) -> MatrixCoefficients:
-        return midpoint_coefficients(exact_square(2.0 / dt), 1.0, 0)
+        change = self._every(reduced.acceleration) - self._every(state.acceleration)
+        error = float(np.linalg.norm(change)) * dt**2 / 12.0
+        return reduced, replace(report, local_error=error)
 
     def _missed(self, before: DynamicState, after: DynamicState) -> float:
         """Energy of the error of a step in the basis [J] (collective)."""
-        error = self._error(midpoint_coefficients(after.rate, 1.0, 0))
-        error.update()
-        contact, joints = self._solver.system.contact, after.joints
-        assert contact is not None
-        assert joints is not None
-        mine = (contact.operator.areas[:, None] * joints.traction).ravel()
-        forces = np.concatenate(contact.operator.comm.allgather(mine))
-        factors = self._solver.system.mean_factors(before.time, after.time)
-        velocity, displacement = self._whole_array(before.velocity), self._whole_array(before.displacement)
-        return error.energy(after.rate * velocity, displacement, factors, forces)
+        of_mass, of_stiffness = self._factors
+        inertia = after.rate * self._every(before.velocity)
+        inertia += of_mass / of_stiffness * self._every(before.displacement)
+        loads = self._solver.system.mean_factors(before.time, after.time)
+        return self.basis.error(inertia, loads)
 
     def _relative(self, energy: float, after: DynamicState) -> float:
         """Root of an energy over that of the largest of motion, ``after`` included."""
-        moved = self._whole_array(after.displacement) - self._whole_array(self.start.displacement)
-        motion = after.kinetic_energy + 0.5 * float(moved @ (self._projection.stiffness @ moved))
-        largest = max(self._largest, motion)
-        self._largest = largest
-        return math.sqrt(max(energy, 0.0) / largest) if largest > 0.0 else 0.0
-
-    def _in_basis(self) -> InterfaceSolver:
-        """Solver of the system in the basis as it is (collective)."""
-        if self._reduced is None:
-            options = replace(self._solver.options, linear="direct", compliance="dense")
-            self._reduced = InterfaceSolver(self._projection.reduced(), options)
-        return self._reduced
+        moved = self._every(after.displacement) - self._every(self.start.displacement)
+        stretch = (moved @ moved - self._factors[0] * moved @ (self.basis.mass @ moved)) / (
+            2.0 * self._factors[1]
+        )
+        self._largest = largest = max(self._largest, after.kinetic_energy + float(stretch))
+        return math.sqrt(energy / largest) if largest > 0.0 else 0.0
 
     # ------------------------------------------------------------ states
 
     def whole(self, state: DynamicState) -> DynamicState:
         """State of the whole body, from one of coordinates (collective)."""
-        for reduced, known in self._known:
-            if state.displacement is reduced.displacement:
-                return replace(known, time=state.time)
+        reduced, known = self._known
+        if state.displacement is reduced.displacement:
+            return replace(known, time=state.time)
         system, shown = self._solver.system, Expanded(self, state)
         momentum, elastic_force = (shown.displacement.duplicate() for _ in range(2))
         system.mass.mult(shown.velocity, momentum)
@@ -236,18 +212,15 @@ class ReducedSteps:
 
     def expanded(self, *vectors: PETSc.Vec) -> list[PETSc.Vec]:
         """Vectors of the body, V times coordinates (collective)."""
-        return self.basis.expand(np.column_stack([self._whole_array(v) for v in vectors]))
+        return self.basis.expand(np.column_stack([self._every(v) for v in vectors]))
 
     def reaction(self, state: DynamicState) -> PETSc.Vec:
         """Mean forces of the supports over the step that led to a state [N] (collective)."""
         system, before, rate = self._solver.system, self._before, state.rate
-        effective = midpoint_coefficients(rate, 1.0, 0)
-        of_mass, of_stiffness = system.coefficients(
-            effective.mass, effective.damping, effective.stiffness
-        )
-        start = self._whole_array(before.displacement)
-        x = self._whole_array(state.displacement) - start
-        inertia = of_mass * x - rate * self._whole_array(before.velocity)
+        of_mass, of_stiffness = self._factors
+        start = self._every(before.displacement)
+        x = self._every(state.displacement) - start
+        inertia = of_mass * x - rate * self._every(before.velocity)
         parts = self.basis.expand(np.column_stack([inertia, of_stiffness * x + start]))
         force, work = parts[0].duplicate(), parts[0].duplicate()
         assert system.contact is not None
@@ -264,13 +237,13 @@ class ReducedSteps:
         return force
 
     def distance(self, state: DynamicState) -> float:
-        """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
-        moved = self._whole_array(state.displacement) - self._whole_array(self.start.displacement)
+        """Norm of the displacement from the start of the stage, that of coordinates (collective)."""
+        moved = self._every(state.displacement) - self._every(self.start.displacement)
         return float(np.linalg.norm(moved))
 
     def shown(self, state: DynamicState) -> DynamicState | Expanded:
         """Vectors of the body, made when they are asked for."""
-        known = any(state.displacement is reduced.displacement for reduced, _ in self._known)
+        known = state.displacement is self._known[0].displacement
         return self.whole(state) if known else Expanded(self, state)
 
     def _renewed(self, state: DynamicState) -> DynamicState:
@@ -281,51 +254,27 @@ class ReducedSteps:
 
     def _in_coordinates(self, state: DynamicState) -> DynamicState:
         """State of coordinates, from one of the body that is in the basis (collective)."""
-        names = ["displacement", "velocity", "acceleration", "load", "momentum", "elastic_force"]
-        if state.remainder is not None:
-            names.append("remainder")
-        every = self.basis.coordinates(as_columns(getattr(state, name) for name in names))
-        like = self._projection.coordinate_vector
-        vectors = {n: share(one, like()) for n, one in zip(names, every.T, strict=True)}
-        return replace(state, **vectors, reaction=share(np.zeros(0), like()))
+        basis, vector, system = self.basis, self.basis.coordinate_vector, self._solver.system
+        u, v, a = (
+            basis.coordinates(each)
+            for each in (state.displacement, state.velocity, state.acceleration)
+        )
+        return replace(
+            state,
+            displacement=vector(u),
+            velocity=vector(v),
+            acceleration=vector(a),
+            load=vector(basis.loads @ system.mean_factors(state.time, state.time)),
+            reaction=vector(np.zeros(basis.size)),
+            momentum=vector(basis.mass @ v),
+            elastic_force=vector(basis.stiffness @ u),
+            remainder=None,
+        )
 
-    def _whole_array(self, vector: PETSc.Vec) -> Floats:
+    def _every(self, vector: PETSc.Vec) -> Floats:
         """Coordinates on every rank, with zeros for what the basis has grown by (collective)."""
         every = np.concatenate(self.basis.comm.allgather(vector.array_r))
         return np.append(every, np.zeros(self.basis.size - len(every)))
-
-    # ------------------------------------------------------------ first basis
-
-    def _begin(self, state: DynamicState, dt: float) -> None:
-        """The basis that the run begins with (collective)."""
-        options, system = self._options, self._solver.system
-        for vector in (state.displacement, state.velocity, state.acceleration):
-            self.basis.add(vector.array_r[:, None])
-        if options.modes:
-            shapes = whole_groups(replace(system, contact=None), options.modes).shapes
-            self.basis.add(as_columns(shapes), HELD)
-        error = self._error(self._coefficients(dt))
-        self.basis.add(error.load_responses, HELD)
-        if options.joint_forces:
-            error.update()
-            self.basis.add(error.responses(self._strongest(error, options.joint_forces)), HELD)
-        self._projection.update()
-        self.counts.shapes = self.basis.size
-
-    def _strongest(self, error: ReducedError, count: int) -> Floats:
-        """Patterns of joint forces whose responses the basis misses most, shape (3 points, k).
-
-        Of those of equal square mean over the joints' areas.
-        """
-        contact = self._solver.system.contact
-        assert contact is not None
-        areas = np.concatenate(contact.operator.comm.allgather(contact.operator.areas))
-        roots = np.sqrt(np.repeat(areas, 3))
-        size = len(roots)
-        weighted = roots[:, None] * error.of_forces * roots
-        last = [max(size - count, 0), size - 1]
-        patterns: Floats = roots[:, None] * eigh(weighted, subset_by_index=last)[1]
-        return patterns
 
 
 class Expanded:
@@ -356,6 +305,11 @@ class Expanded:
         Before the next step is taken.
         """
         return self._steps.reaction(self._state)
+
+
+def _coefficients(dt: float) -> MatrixCoefficients:
+    """Those of a midpoint step of length dt [s]."""
+    return midpoint_coefficients(exact_square(2.0 / dt), 1.0, 0)
 
 
 def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:

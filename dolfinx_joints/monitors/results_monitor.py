@@ -317,7 +317,7 @@ class ResultsMonitor(Monitor):
         iterations = record.solve.iterations if record.solve else 0
         history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
         for group in self._supports:
-            history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
+            history[f"reaction/{group}"] = record.resultant(self._model, group)
         energies = {term: getattr(record.energy, term) for term in ENERGY_TERMS}
         names = [] if contact is None else contact.operator.names
         for i, name in enumerate(names):
@@ -347,7 +347,7 @@ class ResultsMonitor(Monitor):
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
         """
-        velocity = self._probe.read(record.velocity)
+        displacement, velocity = record.read(self._probe)
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before
@@ -356,7 +356,6 @@ class ResultsMonitor(Monitor):
         ground = {"ground_acceleration": record.ground_acceleration}
         if record.free_surface is not None:
             ground = {"free_surface_velocity": record.free_surface(record.time)}
-        displacement = self._probe.read(record.displacement)
         return {"displacement": displacement, "acceleration": acceleration, **ground}
 
     def _relative(self, first: Record) -> bool:

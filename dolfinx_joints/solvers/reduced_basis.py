@@ -111,6 +111,11 @@ class ReducedBasis:
         rows += self._shapes @ raw[len(self._live) :]
         return [self.vector(row) for row in rows.T]
 
+    def images(self, forces: Floats) -> Floats:
+        """V^T of nodal forces, owned rows of columns, shape (size, k) (collective)."""
+        forces = self._unconstrained(forces.copy())
+        return self._seen(self._gaps(self._solved(forces)), forces)
+
     def vector(self, rows: Floats) -> PETSc.Vec:
         """A vector of the body from the rank's rows."""
         vector = self._system.mass.createVecRight()
@@ -166,6 +171,11 @@ class ReducedBasis:
         vector = PETSc.Vec().createMPI((PETSc.DECIDE, self.size), comm=self._system.mass.comm)
         vector.setArray(whole[slice(*vector.getOwnershipRange())])
         return vector
+
+    def whole(self, vector: PETSc.Vec) -> Floats:
+        """Coordinates on every rank, with zeros for what the basis has grown by (collective)."""
+        every = np.concatenate(self.comm.allgather(vector.array_r))
+        return np.append(every, np.zeros(self.size - len(every)))
 
     def _square(self, whole: Floats) -> PETSc.Mat:
         """A matrix of coordinates (collective)."""
@@ -231,8 +241,8 @@ class ReducedBasis:
         self.mass = self._in_basis(raw_mass)
         self.loads = self._seen(self._gaps(self._responses), self._nodal)
         self._missed = self._in_basis(raw_twice) - self.mass @ self.mass
-        twice = self._twice_loads()
-        self._missed_mixed = twice - self.mass @ self.loads
+        weighted = self._multiplied(self._inertia, self._responses)
+        self._missed_mixed = self.images(weighted) - self.mass @ self.loads
         self._missed_loads = self._sum(self._nodal.T @ self._responses)
         self._missed_loads -= self.loads.T @ self.loads
 
@@ -286,11 +296,6 @@ class ReducedBasis:
             columns = self._solved(weighted)
             found.append(np.vstack([self._gaps(columns), self._sum(self._shapes.T @ weighted)]))
         return found[0], found[1]
-
-    def _twice_loads(self) -> Floats:
-        """V^T M A^-1 of the patterns, shape (size, patterns) (collective)."""
-        weighted = self._unconstrained(self._multiplied(self._inertia, self._responses))
-        return self._seen(self._gaps(self._solved(weighted)), weighted)
 
     def _in_basis(self, raw: Floats) -> Floats:
         """L^-1 of a symmetric matrix L^-T."""

@@ -6,13 +6,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -25,10 +22,9 @@ from dolfinx_joints.solvers.reduced_basis import ReducedBasis, as_columns
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.dissipation import midpoint_coefficients
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent, ImplicitContact, exact_square
+from dolfinx_joints.time_integration.reduced_values import BodyValues, Expanded
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +104,11 @@ class ReducedSteps:
         self.rule: Rule = scheme.rule
         self._effective = _coefficients(dt)
         shapes = whole_groups(replace(system, contact=None), options.modes).shapes
+        if not shapes:
+            raise ValueError(
+                f"modes is {options.modes}; the lowest modes are a larger group of equal "
+                "frequencies."
+            )
         factors = system.coefficients(
             self._effective.mass, self._effective.damping, self._effective.stiffness
         )
@@ -121,6 +122,7 @@ class ReducedSteps:
         self.start = self._in_coordinates(state)
         self._known = self.start, state
         self._before = self.start
+        self._values = BodyValues(self.basis, system, factors)
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact."""
@@ -165,21 +167,21 @@ class ReducedSteps:
         self._go_on_whole = self._relative(missed, reduced) > self._options.tolerance
         self.counts.whole += 1
         self.counts.shapes = self.basis.size
-        change = self._every(reduced.acceleration) - self._every(state.acceleration)
+        change = self.basis.whole(reduced.acceleration) - self.basis.whole(state.acceleration)
         error = float(np.linalg.norm(change)) * dt**2 / 12.0
         return reduced, replace(report, local_error=error)
 
     def _missed(self, before: DynamicState, after: DynamicState) -> float:
         """Energy of the error of a step in the basis [J] (collective)."""
         of_mass, of_stiffness = self._factors
-        inertia = after.rate * self._every(before.velocity)
-        inertia += of_mass / of_stiffness * self._every(before.displacement)
+        inertia = after.rate * self.basis.whole(before.velocity)
+        inertia += of_mass / of_stiffness * self.basis.whole(before.displacement)
         loads = self._solver.system.mean_factors(before.time, after.time)
         return self.basis.error(inertia, loads)
 
     def _relative(self, energy: float, after: DynamicState) -> float:
         """Root of an energy over that of the largest of motion, ``after`` included."""
-        moved = self._every(after.displacement) - self._every(self.start.displacement)
+        moved = self.basis.whole(after.displacement) - self.basis.whole(self.start.displacement)
         stretch = (moved @ moved - self._factors[0] * moved @ (self.basis.mass @ moved)) / (
             2.0 * self._factors[1]
         )
@@ -193,16 +195,15 @@ class ReducedSteps:
         reduced, known = self._known
         if state.displacement is reduced.displacement:
             return replace(known, time=state.time)
-        system, shown = self._solver.system, Expanded(self, state)
+        system, shown = self._solver.system, self._shown(state)
         momentum, elastic_force = (shown.displacement.duplicate() for _ in range(2))
         system.mass.mult(shown.velocity, momentum)
         system.stiffness.mult(shown.displacement, elastic_force)
-        (acceleration,) = self.expanded(state.acceleration)
         return replace(
             state,
             displacement=shown.displacement,
             velocity=shown.velocity,
-            acceleration=acceleration,
+            acceleration=shown.acceleration,
             load=system.load(state.time, momentum.duplicate()),
             reaction=shown.reaction,
             momentum=momentum,
@@ -210,41 +211,18 @@ class ReducedSteps:
             remainder=None,
         )
 
-    def expanded(self, *vectors: PETSc.Vec) -> list[PETSc.Vec]:
-        """Vectors of the body, V times coordinates (collective)."""
-        return self.basis.expand(np.column_stack([self._every(v) for v in vectors]))
-
-    def reaction(self, state: DynamicState) -> PETSc.Vec:
-        """Mean forces of the supports over the step that led to a state [N] (collective)."""
-        system, before, rate = self._solver.system, self._before, state.rate
-        of_mass, of_stiffness = self._factors
-        start = self._every(before.displacement)
-        x = self._every(state.displacement) - start
-        inertia = of_mass * x - rate * self._every(before.velocity)
-        parts = self.basis.expand(np.column_stack([inertia, of_stiffness * x + start]))
-        force, work = parts[0].duplicate(), parts[0].duplicate()
-        assert system.contact is not None
-        assert state.joints is not None
-        system.contact.operator.force(state.joints.traction, force)
-        for matrix, part in zip((system.mass, system.stiffness), parts, strict=True):
-            matrix.mult(part, work)
-            force.axpy(1.0, work)
-        for time in (before.time, state.time):
-            force.axpy(-0.5, system.load(time, work))
-        there = np.zeros(force.getLocalSize())
-        there[system.constrained] = force.array_r[system.constrained]
-        force.setArray(there)
-        return force
-
     def distance(self, state: DynamicState) -> float:
         """Norm of the displacement from the start of the stage, that of coordinates (collective)."""
-        moved = self._every(state.displacement) - self._every(self.start.displacement)
+        moved = self.basis.whole(state.displacement) - self.basis.whole(self.start.displacement)
         return float(np.linalg.norm(moved))
 
     def shown(self, state: DynamicState) -> DynamicState | Expanded:
         """Vectors of the body, made when they are asked for."""
         known = state.displacement is self._known[0].displacement
-        return self.whole(state) if known else Expanded(self, state)
+        return self.whole(state) if known else self._shown(state)
+
+    def _shown(self, state: DynamicState) -> Expanded:
+        return Expanded(self._values, self._before, state)
 
     def _renewed(self, state: DynamicState) -> DynamicState:
         """The state in the basis as it is: forces of a smaller one lack rows (collective)."""
@@ -270,41 +248,6 @@ class ReducedSteps:
             elastic_force=vector(basis.stiffness @ u),
             remainder=None,
         )
-
-    def _every(self, vector: PETSc.Vec) -> Floats:
-        """Coordinates on every rank, with zeros for what the basis has grown by (collective)."""
-        every = np.concatenate(self.basis.comm.allgather(vector.array_r))
-        return np.append(every, np.zeros(self.basis.size - len(every)))
-
-
-class Expanded:
-    """Vectors of the body at a state of coordinates, each made when it is first asked for."""
-
-    def __init__(self, steps: ReducedSteps, state: DynamicState) -> None:
-        """Keep the state."""
-        self._steps, self._state = steps, state
-
-    @cached_property
-    def _both(self) -> list[PETSc.Vec]:
-        return self._steps.expanded(self._state.displacement, self._state.velocity)
-
-    @property
-    def displacement(self) -> PETSc.Vec:
-        """u [m] (collective)."""
-        return self._both[0]
-
-    @property
-    def velocity(self) -> PETSc.Vec:
-        """v [m/s] (collective)."""
-        return self._both[1]
-
-    @cached_property
-    def reaction(self) -> PETSc.Vec:
-        """Forces of the supports on the body at constrained dofs, zero elsewhere [N] (collective).
-
-        Before the next step is taken.
-        """
-        return self._steps.reaction(self._state)
 
 
 def _coefficients(dt: float) -> MatrixCoefficients:

@@ -121,7 +121,7 @@ class ReducedSteps:
         self._largest, self._go_on_whole = 0.0, False
         self.start = self._in_coordinates(state)
         self._known = self.start, state
-        self._before = self.start
+        self._before, self._rest = self.start, np.zeros(0)
         self._values = BodyValues(self.basis, system, factors)
 
     def conserves(self, system: MatrixSystem) -> bool:
@@ -181,10 +181,11 @@ class ReducedSteps:
 
     def _relative(self, energy: float, after: DynamicState) -> float:
         """Root of an energy over that of the largest of motion, ``after`` included."""
-        moved = self.basis.whole(after.displacement) - self.basis.whole(self.start.displacement)
-        stretch = (moved @ moved - self._factors[0] * moved @ (self.basis.mass @ moved)) / (
-            2.0 * self._factors[1]
-        )
+        whole = self.basis.whole
+        if len(self._rest) < self.basis.size:
+            self._rest = self.basis.stiffness @ whole(self.start.displacement)
+        moved = whole(after.displacement) - whole(self.start.displacement)
+        stretch = 0.5 * moved @ (whole(after.elastic_force) - self._rest)
         self._largest = largest = max(self._largest, after.kinetic_energy + float(stretch))
         return math.sqrt(energy / largest) if largest > 0.0 else 0.0
 

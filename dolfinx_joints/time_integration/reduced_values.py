@@ -107,17 +107,17 @@ class Expanded:
 
     @property
     def displacement(self) -> PETSc.Vec:
-        """u [m] (collective)."""
+        """Displacements u [m] (collective)."""
         return self._both[0]
 
     @property
     def velocity(self) -> PETSc.Vec:
-        """v [m/s] (collective)."""
+        """Velocities v [m/s] (collective)."""
         return self._both[1]
 
     @property
     def acceleration(self) -> PETSc.Vec:
-        """a [m/s^2] (collective)."""
+        """Accelerations a [m/s^2] (collective)."""
         return self._expanded(self._state.acceleration)[0]
 
     @cached_property

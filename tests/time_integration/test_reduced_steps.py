@@ -105,7 +105,7 @@ def test_all_modes_give_the_steps_of_the_whole_body(model, whole):
 @pytest.mark.mpi
 def test_errors_fall_with_the_number_of_modes_and_are_seen(model, whole):
     found = []
-    for modes in (4, 16, 60):
+    for modes in (4, 20, 60):
         gaps, outcome = run(model, Gaps(), reduced=ReducedBulk(modes=modes, tolerance=0.999))
         assert outcome.reduced.whole == 0
         assert outcome.imbalance < 1e-12
@@ -190,14 +190,14 @@ def test_shorter_steps_are_taken_by_the_whole_body(model):
 @pytest.mark.parametrize("tolerance", [0.999, 1e-3])
 def test_points_and_resultants_are_those_of_the_vectors(model, tolerance):
     gaps = Gaps(compare=True)
-    _, outcome = run(model, gaps, reduced=ReducedBulk(modes=16, tolerance=tolerance))
+    _, outcome = run(model, gaps, reduced=ReducedBulk(modes=20, tolerance=tolerance))
     assert (outcome.reduced.whole > 0) == (tolerance < 0.5)
     assert np.max(gaps.off[1:]) < 1e-9
 
 
 @pytest.mark.mpi
 def test_results_do_not_depend_on_ranks(model, read, wall_file):
-    reduced = ReducedBulk(modes=16, tolerance=1e-3)
+    reduced = ReducedBulk(modes=20, tolerance=1e-3)
     gaps, outcome = run(model, Gaps(), reduced=reduced)
     alone = wall(read(wall_file(), on=MPI.COMM_SELF))
     expected, single = run(alone, Gaps(), reduced=reduced)
@@ -227,7 +227,7 @@ def test_results_file_and_report_tell_of_it(model, new_path):
     simulation = Simulation(model, monitors=[ResultsMonitor(path, points=POINTS)])
     simulation.statics()
     outcome = simulation.dynamics(
-        dt=DT, steps=3, motion=shaking, reduced=ReducedBulk(modes=16, tolerance=1e-3)
+        dt=DT, steps=3, motion=shaking, reduced=ReducedBulk(modes=20, tolerance=1e-3)
     )
     counts = outcome.reduced
     assert f"{counts.whole} of 3 steps by the whole body" in simulation.report(outcome)

@@ -124,13 +124,13 @@ def show(rows: list[Row]) -> None:
         f"{whole['steps']} steps, tolerance {whole['tolerance']:g}, {whole['ranks']} ranks, "
         f"load average {load_average():.1f}"
     )
-    print("modes shapes whole  step [ms] faster set-up [s]   opening: max      rms    crest  ledger")
+    print("modes shapes whole  step [ms] faster set-up [s]  opening: max      rms    crest  ledger")
     for row in rows:
         name = f"{row['modes']:5d}" if row["modes"] else "whole"
         print(
             f"{name} {row['shapes']:6d} {row['whole_steps']:5d} {row['step_cpu_ms']:10.1f} "
             f"{whole['step_cpu_ms'] / row['step_cpu_ms']:6.1f} {row['set_up_cpu_s']:10.1f} "
-            f"{row['opening_error']:14.1e} {row['opening_rms']:8.1e} {row['crest_error']:8.1e} "
+            f"{row['opening_error']:13.1e} {row['opening_rms']:8.1e} {row['crest_error']:8.1e} "
             f"{row['ledger']:7.0e}"
         )
 
@@ -138,20 +138,23 @@ def show(rows: list[Row]) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = Parser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--scene", choices=[*DIVISIONS, *DAM_SIZES], default="coarse")
+    parser.add_argument("--mesh", choices=[*DIVISIONS, *DAM_SIZES], default="coarse")
     parser.add_argument("--divisions", type=at_least(1), nargs=3, help="cells of the wall instead")
     parser.add_argument("--joints", type=at_least(1), default=3, help="of the wall")
     parser.add_argument("--pressure", type=float, default=0.0, help="on the wall's ends [MPa]")
     parser.add_argument("--modes", type=at_least(1), nargs="+", default=[50, 100, 200])
     parser.add_argument("--tolerance", type=float, default=1e-2)
     parser.add_argument("--steps", type=at_least(2), default=50)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="20 steps, 20 and 100 modes")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     given = parser.parse_args(arguments)
-    if given.scene in DAM_SIZES:
-        scene = dam(given.scene)
+    if given.quick:
+        given.steps, given.modes = 20, [20, 100]
+    if given.mesh in DAM_SIZES:
+        scene = dam(given.mesh)
     else:
         scene = wall(
-            given.scene,
+            given.mesh,
             pressure=given.pressure,
             divisions=given.divisions,
             joints=given.joints,

@@ -144,7 +144,9 @@ class ReducedBasis:
     @property
     def stiffness(self) -> Floats:
         """V^T K V, shape (size, size)."""
-        return (np.eye(self.size) - self._m * self.mass) / self._k
+        found: Floats = self.mass * (-self._m / self._k)
+        found[np.diag_indices(self.size)] += 1.0 / self._k
+        return found
 
     def system(self) -> MatrixSystem:
         """The system of y: its M, K and C, loads, and joints with the same points (collective)."""
@@ -158,8 +160,8 @@ class ReducedBasis:
             stiffness=self._square(self.stiffness),
             contact=full.on(operator),
             patterns=[
-                (self.coordinate_vector(column), factor)
-                for column, (_, factor) in zip(self.loads.T, system.patterns, strict=True)
+                (self.coordinate_vector(self.loads[:, i]), factor)
+                for i, (_, factor) in enumerate(system.patterns)
             ],
             constrained=np.empty(0, dtype=np.int64),
             components=1,
@@ -179,7 +181,7 @@ class ReducedBasis:
 
     def _square(self, whole: Floats) -> PETSc.Mat:
         """A matrix of coordinates (collective)."""
-        rows = slice(*self.coordinate_vector(whole[0]).getOwnershipRange())
+        rows = slice(*self.coordinate_vector(whole[:, 0]).getOwnershipRange())
         size, comm = (PETSc.DECIDE, self.size), self._system.mass.comm
         part = np.asfortranarray(whole[rows])
         matrix = PETSc.Mat().createDense((size, size), array=part, comm=comm)
@@ -192,15 +194,14 @@ class ReducedBasis:
         here = np.flatnonzero((self._live >= first) & (self._live < last))
         counts = np.zeros(last - first + 1, dtype=PETSc.IntType)
         counts[self._live[here] - first + 1] = here + 1
-        columns = [np.arange(i + 1, dtype=PETSc.IntType) for i in here]
-        values = [self._root[i, : i + 1] for i in here]
-        none: list[Any] = [np.empty(0, dtype=PETSc.IntType)], [np.empty(0)]
+        columns = [np.arange(i + 1) for i in here] or [np.empty(0)]
+        values = [self._root[i, : i + 1] for i in here] or [np.empty(0)]
         matrix = PETSc.Mat().createAIJ(
             ((last - first, None), (PETSc.DECIDE, self.size)),
             csr=(
                 np.cumsum(counts, dtype=PETSc.IntType),
-                np.concatenate(columns or none[0]),
-                np.concatenate(values or none[1]),
+                np.concatenate(columns).astype(PETSc.IntType),
+                np.concatenate(values),
             ),
             comm=self._system.mass.comm,
         )

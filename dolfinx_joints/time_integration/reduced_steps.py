@@ -10,6 +10,7 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -116,12 +117,14 @@ class ReducedSteps:
         self.basis = ReducedBasis(system, condensed, factors, as_columns(shapes))
         for vector in (state.displacement, state.velocity, state.acceleration):
             self.basis.add(vector)
-        self._factors, self._reduced = factors, None
+        self._factors = factors
+        self._reduced: InterfaceSolver | None = None
         self.counts = ReducedCounts(shapes=self.basis.size, dofs=system.mass.getSize()[0])
         self._largest, self._go_on_whole = 0.0, False
         self.start = self._in_coordinates(state)
         self._known = self.start, state
-        self._before, self._rest = self.start, np.zeros(0)
+        self._before = self.start
+        self._rest: NDArray[np.float64] = np.zeros(0)
         self._values = BodyValues(self.basis, system, factors)
 
     def conserves(self, system: MatrixSystem) -> bool:
@@ -213,7 +216,7 @@ class ReducedSteps:
         )
 
     def distance(self, state: DynamicState) -> float:
-        """Norm of the displacement from the start of the stage, that of coordinates (collective)."""
+        """Norm of the coordinates of the displacement from the start (collective)."""
         moved = self.basis.whole(state.displacement) - self.basis.whole(self.start.displacement)
         return float(np.linalg.norm(moved))
 
@@ -258,8 +261,9 @@ def _coefficients(dt: float) -> MatrixCoefficients:
 
 def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:
     """Check that steps of the system can be taken in a basis (collective)."""
-    plain = isinstance(scheme, EnergyConsistent | ImplicitContact)
-    plain = plain and not scheme.exact_modes and scheme.spectral_radius == 1.0
+    plain = isinstance(scheme, EnergyConsistent | ImplicitContact) and (
+        not scheme.exact_modes and scheme.spectral_radius == 1.0
+    )
     comm, contact = system.mass.comm.tompi4py(), system.contact
     wrong = {
         "a scheme other than EnergyConsistent() and ImplicitContact()": not plain,

@@ -19,7 +19,9 @@ from dolfinx_joints.model.modes import whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.reduced_basis import ReducedBasis, as_columns
+from dolfinx_joints.solvers.reduced.basis import ReducedBasis
+from dolfinx_joints.solvers.reduced.system import reduced_system
+from dolfinx_joints.solvers.reduced.whole_body import WholeBody, as_columns
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.dissipation import midpoint_coefficients
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent, ImplicitContact, exact_square
@@ -113,8 +115,10 @@ class ReducedSteps:
         factors = system.coefficients(
             self._effective.mass, self._effective.damping, self._effective.stiffness
         )
-        condensed = solver.condensed(self._effective, self.rule)
-        self.basis = ReducedBasis(system, condensed, factors, as_columns(shapes))
+        self._condensed = solver.condensed(self._effective, self.rule)
+        patterns = as_columns((v for v, _ in system.patterns), like=shapes[0])
+        body = WholeBody(system, self._condensed)
+        self.basis = ReducedBasis(body, factors, patterns, as_columns(shapes, like=shapes[0]))
         for vector in (state.displacement, state.velocity, state.acceleration):
             self.basis.add(vector)
         self._factors = factors
@@ -142,7 +146,10 @@ class ReducedSteps:
             return self._by_whole_body(state, dt)
         state = self._renewed(state)
         if self._reduced is None:
-            self._reduced = InterfaceSolver(self.basis.system(), self._solver.options)
+            self._reduced = InterfaceSolver(
+                reduced_system(self._solver.system, self._condensed, self.basis),
+                self._solver.options,
+            )
         try:
             after, report = self._scheme.advance(self._reduced, state, dt)
         except ConvergenceError:

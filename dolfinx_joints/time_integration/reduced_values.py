@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.reduced_basis import ReducedBasis
+from dolfinx_joints.solvers.reduced.basis import ReducedBasis
 from dolfinx_joints.time_integration.states import DynamicState
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ class BodyValues:
 
     def of_points(self, points: Points) -> Floats:
         """Components of the displacements of points, shape (3 points, size) (collective)."""
-        return self._known(points, lambda: [self._images(points.units(self._local)).T])[0]
+        return self._known(points, lambda: [self.basis.images(points.units(self._local)).T])[0]
 
     def of_group(self, name: str, nodes: NDArray[np.int64]) -> tuple[Floats, ...]:
         """Sums over the constrained dofs of nodes, component by component (collective).
@@ -61,19 +61,16 @@ class BodyValues:
         chosen = np.zeros((self._local // count, count, count))
         chosen[nodes] = np.eye(count)
         columns = chosen.reshape(-1, count) * held[:, None]
-        vectors = [self.basis.vector(column) for column in columns.T]
+        vectors = [self.basis.body.vector(column) for column in columns.T]
         weighted, pulled = (
-            self._images(np.column_stack([(matrix * v).array_r for v in vectors])).T
+            self.basis.images(np.column_stack([(matrix * v).array_r for v in vectors])).T
             for matrix in (system.mass, system.stiffness)
         )
         assert system.contact is not None
-        comm, jump = self.basis.comm, system.contact.operator.matrix
+        comm, jump = self.basis.body.comm, system.contact.operator.matrix
         gaps = np.array([np.concatenate(comm.allgather((jump * v).array_r)) for v in vectors])
         loads = np.array([[v.dot(pattern) for pattern, _ in system.patterns] for v in vectors])
         return [weighted, pulled, gaps, loads]
-
-    def _images(self, columns: Floats) -> Floats:
-        return self.basis.images(columns)
 
     def _known(self, key: Any, make: Callable[[], list[Floats]]) -> list[Floats]:
         size = self.basis.size

@@ -261,7 +261,7 @@ def test_models_that_it_cannot_take(read, wall_file):
 
 
 def test_checkpoints_are_refused(model, tmp_path):
-    with pytest.raises(ValueError, match="keeps its basis in memory alone"):
+    with pytest.raises(ValueError, match="basis is kept in memory alone"):
         Simulation(model).dynamics(
             dt=DT,
             steps=1,

@@ -103,6 +103,18 @@ def test_all_modes_give_the_steps_of_the_whole_body(model, whole):
 
 
 @pytest.mark.mpi
+def test_more_joint_points_than_nodes(read, wall_file):
+    """Nodes and centres of facets of 10-node tetrahedra: gaps depend on each other."""
+    parameters = {"cell": "tet", "order": 2, "joints": 1, "divisions": (2, 1, 1)}
+    tets = wall(read(wall_file(**parameters)))
+    right, _ = run(tets, Gaps())
+    gaps, outcome = run(tets, Gaps(), reduced=ReducedBulk(modes=1000))
+    assert outcome.reduced.whole == 0
+    assert error(gaps, right) < 1e-8
+    assert outcome.imbalance < 1e-12
+
+
+@pytest.mark.mpi
 def test_errors_fall_with_the_number_of_modes_and_are_seen(model, whole):
     found = []
     for modes in (4, 20, 60):

@@ -61,17 +61,18 @@ def _square(basis: ReducedBasis, whole: Floats) -> PETSc.Mat:
 def _gaps(basis: ReducedBasis, given: GapOperator) -> PETSc.Mat:
     """B V = [R, 0] (collective)."""
     first, last = given.matrix.getOwnershipRange()
-    here = np.flatnonzero((basis.body.live >= first) & (basis.body.live < last))
-    counts = np.zeros(last - first + 1, dtype=PETSc.IntType)
-    counts[basis.body.live[here] - first + 1] = here + 1
-    columns = [np.arange(i + 1) for i in here] or [np.empty(0)]
-    values = [basis.body.root[i, : i + 1] for i in here] or [np.empty(0)]
+    body = basis.body
+    rows = {row: body.root[i, : i + 1] for i, row in enumerate(body.live)}
+    rows |= dict(zip(body.rest, body.rest_root, strict=True))
+    mine = [rows.get(row, np.empty(0)) for row in range(first, last)]
+    counts = [len(row) for row in mine]
+    columns = [np.arange(count) for count in counts]
     matrix = PETSc.Mat().createAIJ(
         ((last - first, None), (PETSc.DECIDE, basis.size)),
         csr=(
-            np.cumsum(counts, dtype=PETSc.IntType),
-            np.concatenate(columns).astype(PETSc.IntType),
-            np.concatenate(values),
+            np.cumsum([0, *counts], dtype=PETSc.IntType),
+            np.concatenate([np.empty(0), *columns]).astype(PETSc.IntType),
+            np.concatenate([np.empty(0), *mine]),
         ),
         comm=given.matrix.comm,
     )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg import cholesky, lapack, solve_triangular
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.model.system import MatrixSystem, as_aij
@@ -19,6 +19,9 @@ from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.condensed import Condensed
 
 Floats = NDArray[np.float64]
+
+# Part of a joint unknown's compliance below which others hold it.
+DEPENDENT = 1e-9
 
 
 class WholeBody:
@@ -31,12 +34,15 @@ class WholeBody:
     Attributes:
         mass: M.
         matrix: A.
-        root: Lower triangle R, R R^T = B A^-1 B^T over the joint unknowns that can move.
-        live: Numbers of these unknowns.
+        live: Numbers of the joint unknowns that can move and do not depend on each other, as they
+            do where there are more points than nodes.
+        root: Lower triangle R, R R^T = B A^-1 B^T over these.
+        rest: Numbers of those that depend on them.
+        rest_root: Their rows of R, shape (rest, live).
         comm: Communicator of the ranks.
 
     Raises:
-        JointsError: A is not factored, or gaps of joint points depend on each other.
+        JointsError: A is not factored.
     """
 
     def __init__(self, system: MatrixSystem, condensed: Condensed) -> None:
@@ -53,8 +59,11 @@ class WholeBody:
         self.jump = system.contact.operator.matrix
         self._pushed = self.jump.transpose(PETSc.Mat())
         forces = _unit_forces(condensed.compliance)
-        self.live = np.flatnonzero(forces.diagonal() > 0.0)
-        self.root = _root(forces[np.ix_(self.live, self.live)])
+        self.live = _independent(forces)
+        self.root: Floats = cholesky(forces[np.ix_(self.live, self.live)], lower=True)
+        self.rest = np.setdiff1d(np.flatnonzero(forces.diagonal() > 0.0), self.live)
+        right = forces[np.ix_(self.live, self.rest)]
+        self.rest_root: Floats = solve_triangular(self.root, right, lower=True).T
 
     def vector(self, rows: Floats) -> PETSc.Vec:
         """A vector from the rank's rows."""
@@ -63,14 +72,14 @@ class WholeBody:
         return vector
 
     def gaps(self, columns: Floats) -> Floats:
-        """Gaps of all points that can move (collective)."""
+        """Gaps of the unknowns ``live`` (collective)."""
         mine = self.multiplied(self.jump, columns)
         every = mine if self.comm.size == 1 else np.concatenate(self.comm.allgather(mine))
         found: Floats = every[self.live]
         return found
 
     def of_forces(self, forces: Floats) -> Floats:
-        """Nodal forces of joint forces of all points that can move (collective)."""
+        """Nodal forces of forces on the unknowns ``live`` (collective)."""
         every = np.zeros((self.jump.getSize()[0], forces.shape[1]))
         every[self.live] = forces
         rows = every[slice(*self.jump.getOwnershipRange())]
@@ -118,16 +127,13 @@ def _unit_forces(compliance: Compliance) -> Floats:
     return forces
 
 
-def _root(forces: Floats) -> Floats:
-    """Lower triangle R with R R^T the compliance."""
-    try:
-        root: Floats = cholesky(0.5 * (forces + forces.T), lower=True)
-    except LinAlgError:
-        raise JointsError(
-            "reduced needs joint points whose gaps do not depend on each other; these do, as where "
-            "there are more quadrature points than nodes: take quadrature='nodal'."
-        ) from None
-    return root
+def _independent(forces: Floats) -> NDArray[np.int64]:
+    """Numbers of unknowns whose gaps do not depend on those of others, ascending."""
+    live = np.flatnonzero(forces.diagonal() > 0.0)
+    scale = forces.diagonal()[live] ** -0.5
+    scaled = scale[:, None] * forces[np.ix_(live, live)] * scale
+    _, order, rank, _ = lapack.dpstrf(np.asfortranarray(scaled), lower=1, tol=DEPENDENT)
+    return np.sort(live[order[:rank] - 1])
 
 
 def as_columns(vectors: Iterable[PETSc.Vec], *, like: PETSc.Vec) -> Floats:

@@ -4,7 +4,7 @@
 
 With A = m M + k K of one length of step, Z = A^-1 B^T and shapes Phi, the displacement is
 
-    u = V y,   V = [Z, Phi] L^-T,   L L^T = [Z, Phi]^T A [Z, Phi],   V^T A V = 1.               (1)
+    u = V y,   V = [Z, Phi] L^-T,   L L^T = [Z, Phi]^T A [Z, Phi],   V^T A V = 1.             (28a)
 
 The joints' compliance B V V^T B^T = B A^-1 B^T is that of the whole body. Z is not kept: a product
 with it is a back-substitution, and [Z, Phi]^T A u = [B u, Phi^T A u]. A step
@@ -13,7 +13,7 @@ with it is a back-substitution, and [Z, Phi]^T A u = [B u, Phi^T A u]. A step
 
 of V y_u and V y_v has, as A = m M + k K and f responds within V, the error
 
-    e = P A^-1 (M V s + F),   s = r y_v + (m/k) y_u,   P = 1 - V V^T A,                         (2)
+    e = P A^-1 (M V s + F),   s = r y_v + (m/k) y_u,   P = 1 - V V^T A,                       (28b)
 
 so that e . A e is a quadratic form of s and the factors of F, of the size of y.
 """
@@ -99,7 +99,7 @@ class ReducedBasis:
     # ------------------------------------------------------------ steps
 
     def error(self, inertia: Floats, loads: Floats) -> float:
-        """Energy e . A e of the error of a step, (2) [J].
+        """Energy e . A e of the error of a step, (28c) [J].
 
         Args:
             inertia: s, shape (size,).

@@ -62,17 +62,18 @@ def _gaps(basis: ReducedBasis, given: GapOperator) -> PETSc.Mat:
     """B V = [R, 0] (collective)."""
     first, last = given.matrix.getOwnershipRange()
     body = basis.body
-    rows = {row: body.root[i, : i + 1] for i, row in enumerate(body.live)}
-    rows |= dict(zip(body.rest, body.rest_root, strict=True))
-    mine = [rows.get(row, np.empty(0)) for row in range(first, last)]
+    rows = {int(row): body.root[i, : i + 1] for i, row in enumerate(body.live)}
+    rows |= {int(row): root for row, root in zip(body.rest, body.rest_root, strict=True)}
+    none: Floats = np.empty(0)
+    mine = [rows.get(row, none) for row in range(first, last)]
     counts = [len(row) for row in mine]
     columns = [np.arange(count) for count in counts]
     matrix = PETSc.Mat().createAIJ(
         ((last - first, None), (PETSc.DECIDE, basis.size)),
         csr=(
             np.cumsum([0, *counts], dtype=PETSc.IntType),
-            np.concatenate([np.empty(0), *columns]).astype(PETSc.IntType),
-            np.concatenate([np.empty(0), *mine]),
+            np.concatenate([none, *columns]).astype(PETSc.IntType),
+            np.concatenate([none, *mine]),
         ),
         comm=given.matrix.comm,
     )

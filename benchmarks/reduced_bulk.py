@@ -8,7 +8,7 @@ of the openings at all joint points and steps (largest and root mean square, ove
 opening) and of the crest (over its largest displacement), processor time of a step and of what
 comes before the first. The large wall of the decisions:
 
-    benchmarks/reduced_bulk.py --divisions 72 14 72 --joints 1 --modes 200 --tolerance 0.9
+    benchmarks/reduced_bulk.py --divisions 72 14 72 --joints 1 --modes 200 --steps 80
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def _gaps(basis: ReducedBasis, given: GapOperator) -> PETSc.Mat:
     first, last = given.matrix.getOwnershipRange()
     body = basis.body
     rows = {int(row): body.root[i, : i + 1] for i, row in enumerate(body.live)}
-    rows |= {int(row): root for row, root in zip(body.rest, body.rest_root, strict=True)}
+    rows |= {int(row): body.rest_root[i, :] for i, row in enumerate(body.rest)}
     none: Floats = np.empty(0)
     mine = [rows.get(row, none) for row in range(first, last)]
     counts = [len(row) for row in mine]

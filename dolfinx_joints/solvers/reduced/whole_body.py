@@ -92,7 +92,7 @@ class WholeBody:
             return np.zeros((matrix.getLocalSize()[0], 0))
         dense = PETSc.Mat().createDense(size, array=np.asfortranarray(columns), comm=matrix.comm)
         product = matrix.matMult(dense)
-        found: Floats = product.getDenseArray(readonly=True).copy()
+        found: Floats = product.getDenseArray(readonly=True).copy(order="F")
         product.destroy()
         dense.destroy()
         return found

@@ -11,11 +11,11 @@ with it is a back-substitution, and [Z, Phi]^T A u = [B u, Phi^T A u]. A step
 
     A x + B^T f = F - K u0 + r M v0
 
-of V y_u and V y_v has, as A = m M + k K and f responds within V, the error
+of V y_u and V y_v misses, as K = (A - m M)/k and f acts through Z,
 
-    e = P A^-1 (M V s + F),   s = r y_v + (m/k) y_u,   P = 1 - V V^T A,                       (28b)
+    x_e = (1 - V V^T A) A^-1 (M V y_s + F),   y_s = r y_v + (m/k) y_u,                        (28b)
 
-so that e . A e is a quadratic form of s and the factors of F, of the size of y.
+whose energy x_e . A x_e is a quadratic form of y_s and the factors of F.
 """
 
 from __future__ import annotations
@@ -99,10 +99,10 @@ class ReducedBasis:
     # ------------------------------------------------------------ steps
 
     def error(self, inertia: Floats, loads: Floats) -> float:
-        """Energy e . A e of the error of a step, (28c) [J].
+        """Energy x_e . A x_e of the error of a step, (28c) [J].
 
         Args:
-            inertia: s, shape (size,).
+            inertia: y_s, shape (size,).
             loads: Factors of the patterns.
         """
         squared = inertia @ (self._missed @ inertia) + loads @ (self._missed_loads @ loads)

@@ -338,6 +338,14 @@ def warn_of(outcome: Outcome) -> None:
             "displacement; take a smaller one.",
             stacklevel=6,
         )
+    counts = outcome.reduced
+    if counts is not None and counts.whole > counts.reduced:
+        warnings.warn(
+            f"{counts.whole} of {counts.whole + counts.reduced} steps were taken by the whole body "
+            "and its basis grew by each: reduced gains nothing here; give it more modes or a "
+            "larger tolerance, or leave it out.",
+            stacklevel=6,
+        )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
         held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""

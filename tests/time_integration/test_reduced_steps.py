@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -159,7 +160,11 @@ def test_error_of_a_step_is_the_energy_by_which_the_whole_body_differs(model):
 def test_what_the_basis_cannot_hold_is_taken_by_the_whole_body(model, whole):
     """Four modes hold little of the motion: nearly all steps are the whole body's at first."""
     few = ReducedBulk(modes=4, tolerance=1e-4)
-    gaps, outcome = run(model, Gaps(), reduced=few)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        gaps, outcome = run(model, Gaps(), reduced=few)
+    told = [each for each in said if "by the whole body" in str(each.message)]
+    assert len(told) == (MPI.COMM_WORLD.rank == 0)
     assert outcome.reduced.whole + outcome.reduced.reduced == STEPS
     assert outcome.reduced.whole > STEPS // 2
     assert error(gaps, whole) < 1e-4

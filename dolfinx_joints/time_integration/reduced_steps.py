@@ -271,11 +271,10 @@ def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:
     plain = isinstance(scheme, EnergyConsistent | ImplicitContact) and (
         not scheme.exact_modes and scheme.spectral_radius == 1.0
     )
-    comm, contact = system.mass.comm.tompi4py(), system.contact
+    comm = system.mass.comm.tompi4py()
     wrong = {
         "a scheme other than EnergyConsistent() and ImplicitContact()": not plain,
         "a solver other than the condensed one": not isinstance(solver, InterfaceSolver),
-        "rigid joints": contact is not None and contact.rigid,
         "moving supports": system.values is not None,
         "dashpots": system.dashpots is not None or system.absorption is not None,
         "unsymmetric matrices": not system.symmetric,

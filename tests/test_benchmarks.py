@@ -28,6 +28,7 @@ from benchmarks import (
     jointed_wall,
     large,
     motion_suite,
+    reduced_bulk,
     reservoir_waves,
     scaling,
     stiffness_range,
@@ -168,6 +169,20 @@ def test_motion_suite(capsys):
     assert (row["motions"], row["steps"]) == (3, 20)
     assert row["ratio"] == pytest.approx(row["together_s"] / row["alone_s"])
     assert row["difference"] < 1e-9
+
+
+@pytest.mark.mpi
+def test_reduced_bulk(capsys):
+    command = ["--mesh", "tiny", "--steps", "6", "--modes", "20", "200", "--tolerance", "0.9"]
+    reduced_bulk.main([*command, "--json"])
+    rows = printed(capsys)
+    if rows is None:
+        return
+    whole, few, more = rows
+    assert whole["opening_error"] == 0.0
+    assert 0.0 < more["opening_error"] < 0.5 * few["opening_error"]
+    assert few["whole_steps"] == more["whole_steps"] == 0
+    assert max(row["ledger"] for row in rows) < 1e-10
 
 
 @pytest.mark.slow

@@ -216,7 +216,7 @@ class MatrixSystem:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
         names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
-        means = 0.5 * (self._factors(start) + self._factors(end))
+        means = self.mean_factors(start, end)
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
@@ -227,6 +227,11 @@ class MatrixSystem:
     def load_change(self, start: float, end: float) -> Floats:
         """Change of the factors of the patterns between two times [s], shape (patterns,)."""
         return self._factors(end) - self._factors(start)
+
+    def mean_factors(self, start: float, end: float) -> Floats:
+        """Means of the factors of the patterns at two times [s], shape (patterns,)."""
+        means: Floats = 0.5 * (self._factors(start) + self._factors(end))
+        return means
 
     @property
     def names_of_patterns(self) -> Sequence[str]:

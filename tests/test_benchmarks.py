@@ -35,7 +35,7 @@ from benchmarks import (
 )
 from benchmarks.shared.parts import PARTS, Clocks
 from benchmarks.shared.scenes import wall
-from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
@@ -255,7 +255,7 @@ def test_scaling(capsys):
 
 def test_scaling_leaves_the_package_as_it_was():
     def methods():
-        return Contact.respond_condensed, InterfaceSolver.solve, EffectiveMatrix.solver
+        return MatrixSystem.multiply, InterfaceSolver.solve, EffectiveMatrix.solver
 
     before = methods()
     with Clocks().watching():

@@ -95,6 +95,9 @@ class _Known:
         """A in the basis."""
         return _Identity()
 
+    def halves(self, make: Callable[[], Any]) -> None:
+        """None: its M and K are dense."""
+
     def compliance(self, key: Hashable, make: Callable[[], Compliance]) -> Compliance:
         """That of the whole body."""
         return self._condensed.compliance

@@ -206,14 +206,16 @@ def test_continued_on_another_number_of_ranks(
     assert whole.keys() == found.keys()
     for name, expected in whole.items():
         # Sums over other ranks are rounded otherwise; what is small is a difference of large parts.
-        scale = 1.0 if name.endswith(("iterations", "status")) else np.nanmax(np.abs(expected))
+        scale = 1.0 if name.endswith("status") else np.nanmax(np.abs(expected))
         given = found[name]
         if name.startswith("energy/"):
             scale = np.abs(whole["energy/strain"]).max()
         if name == "histories/iterations":
-            # Points that slid in statics lie on the friction cone but for the last bit, which
-            # decides whether the first tangent of the first step lets them slide.
-            given, expected = given[2:], expected[2:]
+            # Corrections are in single precision on one rank; and points that slid in statics lie
+            # on the friction cone but for the last bit, which decides whether the first tangent of
+            # the first step lets them slide.
+            assert np.abs(given[2:] - expected[2:]).max() <= 1
+            continue
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * scale, err_msg=name)
 
 

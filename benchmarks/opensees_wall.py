@@ -14,7 +14,8 @@ extrapolated from the last steps, a step of OpenSees is one linear system, and i
 behind: of that run the time alone is of use.
 
 Processor times, medians of all steps but the first; each code in a process of its own, in turn.
-OpenSees keeps the factor in linear steps; its solvers are the fastest of those it has here.
+OpenSees keeps the factor in linear steps; what else was tried of its solvers is in
+docs/decisions/time_per_step.md.
 """
 
 from __future__ import annotations

@@ -54,6 +54,8 @@ from .loads.water.joint_water import JointWater as JointWater
 from .loads.water.joint_water import SeepageLine as SeepageLine
 from .loads.water.joint_water import Uplift as Uplift
 from .loads.water.reservoir import ReservoirMass as ReservoirMass
+from .loads.water.reservoir_mesh import MeshedReservoir as MeshedReservoir
+from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
@@ -96,6 +98,7 @@ from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha
 from .time_integration.newmark import HilberHughesTaylor as HilberHughesTaylor
 from .time_integration.newmark import Newmark as Newmark
+from .time_integration.reduced_steps import ReducedBulk as ReducedBulk
 from .time_integration.substeps import StepControl as StepControl
 
 __version__: str

@@ -29,7 +29,7 @@ class Kind:
     """How OpenSees solves.
 
     Attributes:
-        system: Linear solver: the fastest of those that fit the tangent.
+        system: Linear solver; SparseSYM takes symmetric tangents only.
         static: Algorithm of the static state.
         repeats: Static steps, all under the whole load.
         steps: Algorithms of a time step, the next where one does not converge.

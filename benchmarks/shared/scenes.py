@@ -102,8 +102,11 @@ class Scene:
         """The mesh, split at the joints unless they are tied (collective)."""
         return dj.read_msh(path, comm, joints=[] if tied else None)
 
-    def model(self, jointed: dj.JointedMesh, law: Law | None) -> dj.Model:
-        """The assembled model, with the law of all joints or without joints (collective)."""
+    def model(self, jointed: dj.JointedMesh, law: Law | None, **options: Any) -> dj.Model:
+        """The assembled model, with the law of all joints or without joints (collective).
+
+        Further options are those of `Model`.
+        """
         return dj.Model(
             jointed,
             material=self.material,
@@ -111,6 +114,7 @@ class Scene:
             supports=[dj.Fixed(group=name) for name in self.held],
             loads=list(self.loads),
             damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
+            **options,
         )
 
 

@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
+
+from dolfinx_joints.common.mpi import lasting
 
 
 def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -15,6 +18,37 @@ def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
     are empty, as those of dashpots on a boundary, and would hide that K is not symmetric after all.
     """
     return matrix.convert("baij")
+
+
+def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
+    """The matrix on a communicator that outlives the mesh, which frees its own (collective).
+
+    Args:
+        assembled: The matrix; it is freed.
+        components: Unknowns of a node.
+    """
+    assembled.assemble()
+    matrix = PETSc.Mat().createAIJ(
+        assembled.getSizes(),
+        bsize=components,
+        csr=assembled.getValuesCSR(),
+        comm=lasting(assembled.comm.tompi4py()),
+    )
+    matrix.assemble()
+    assembled.destroy()
+    return matrix
+
+
+def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpace:
+    """Translations and rotations, which multigrid takes to its coarse levels (collective).
+
+    Args:
+        matrix: Matrix of the displacements.
+        nodes: Coordinates of the rank's nodes, its own first, shape (n, 3), [m].
+    """
+    places, gdim = matrix.createVecRight(), matrix.getBlockSize()
+    places.setArray(nodes[: places.getLocalSize() // gdim, :gdim].ravel())
+    return PETSc.NullSpace().createRigidBody(places)
 
 
 def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:

@@ -117,8 +117,13 @@ class Contact:
         """
         if not isinstance(self.operator, JointOperator):
             raise JointsError("Interior-facet integrals need joints of a mesh.")
+        return self.on(FormOperator(self.operator))
+
+    def on(self, operator: GapOperator) -> Contact:
+        """The same laws of the same points on another operator."""
         other = copy(self)
-        other.operator = FormOperator(self.operator)
+        other.__dict__.pop("by_forms", None)
+        other.operator = operator
         return other
 
     def without(self, idle: NDArray[np.bool_]) -> Contact | None:
@@ -249,7 +254,7 @@ class Contact:
             return self._laws[0].answered(rule, answer)
         response = _empty_response(len(answer.gap), self._variables)
         for part in self._laws:
-            here = Answer(*(array[part.points] for array in answer))
+            here = Answer._make(array[part.points] for array in answer)
             part.put(part.answered(rule, here), response)
         return response
 

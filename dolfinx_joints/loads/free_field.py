@@ -178,12 +178,14 @@ class SupportForces:
 
     def __init__(self, model: LoadedBody) -> None:
         """No forces yet (collective)."""
-        self._force = model.mass.createVecRight()
-        self._force.set(0.0)
+        force = model.mass.createVecRight()
+        force.set(0.0)
+        self._force = model.joined(force)
 
     def take(self, reaction: PETSc.Vec, constrained: NDArray[np.int64]) -> None:
         """Take the reaction of a static state [N], but at the dofs that are constrained now."""
-        reaction.copy(self._force)
+        held = reaction.getArray(readonly=True)
+        self._force.getArray()[: len(held)] = held
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:

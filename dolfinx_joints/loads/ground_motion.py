@@ -22,32 +22,83 @@ from dolfinx_joints.common.parameters import (
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
 
+# Points of an interval over which a ground acceleration is integrated; part of it that a time may
+# miss its end by.
+GAUSS_POINTS, ROUNDING = 4, 1e-9
+
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    F = -M iota a_g(t) for each axis.
+    F = -M iota a_g(t) for each axis; waves in water are pushed by the velocity of its bounds (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
             In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
+        velocity: Ground velocity alike [m/s], which only a model with `ReservoirWaves` needs.
     """
 
     acceleration: Callable[[float], Any]
+    velocity: Callable[[float], Any] | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
-        latest = lru_cache(maxsize=1)(in_axes(self.acceleration, model.gdim, "acceleration"))
-
-        def factor(axis: int) -> TimeFactor:
-            return lambda time: float(latest(time)[axis])
-
+        factors = _by_axis(self.acceleration, model.gdim, "acceleration")
         return [
-            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factor(axis))
+            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factors[axis])
             for axis in range(model.gdim)
         ]
+
+    def velocities(self, gdim: int) -> list[TimeFactor]:
+        """Ground velocity along each axis [m/s] at a time [s]."""
+        if self.velocity is None:
+            raise ValueError(
+                "A BaseMotion moves a model with ReservoirWaves, whose water needs the velocity of "
+                "the ground; give velocity= besides acceleration=, or pass motion= to dynamics()."
+            )
+        return _by_axis(self.velocity, gdim, "velocity")
+
+
+def velocity_of(
+    acceleration: Callable[[float], Any], spacing: float
+) -> Callable[[float], NDArray[np.float64]]:
+    """Ground velocity [m/s] from rest at time zero.
+
+    The integral by Gauss points over equal intervals and what is left of the last.
+
+    Args:
+        acceleration: At a time [s], as an array, [m/s^2].
+        spacing: Length of an interval [s].
+    """
+    points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+
+    def gained(start: float, end: float) -> NDArray[np.float64]:
+        half = 0.5 * (end - start)
+        times = start + half * (1.0 + points)
+        return np.asarray(half * weights @ np.array([acceleration(float(t)) for t in times]))
+
+    sums = [np.zeros_like(acceleration(0.0))]
+
+    def velocity(time: float) -> NDArray[np.float64]:
+        whole = int(np.floor(time / spacing + ROUNDING))
+        while len(sums) <= whole:
+            start = (len(sums) - 1) * spacing
+            sums.append(sums[-1] + gained(start, start + spacing))
+        return sums[whole] + gained(whole * spacing, max(time, whole * spacing))
+
+    return velocity
+
+
+def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeFactor]:
+    """Components of a motion as functions of time, the last time kept."""
+    latest = lru_cache(maxsize=1)(in_axes(motion, gdim, name))
+
+    def factor(axis: int) -> TimeFactor:
+        return lambda time: float(latest(time)[axis])
+
+    return [factor(axis) for axis in range(gdim)]
 
 
 def in_axes(

@@ -54,5 +54,8 @@ class LoadedBody(Protocol):
         With ``body_only`` without added masses, which have no weight.
         """
 
+    def joined(self, force: PETSc.Vec) -> PETSc.Vec:
+        """A vector of the body's unknowns among those of a dynamic stage (collective)."""
+
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Owned nodes of a facet group, local numbers (collective)."""

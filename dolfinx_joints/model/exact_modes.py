@@ -42,6 +42,11 @@ class LowestModes:
 
     def __init__(self, system: MatrixSystem, count: int) -> None:
         """Find the modes (collective)."""
+        if system.coupled is not None:
+            raise JointsError(
+                "exact_modes are those of a body by itself; with ReservoirWaves they are coupled "
+                "with the water."
+            )
         if not system.symmetric:
             raise JointsError("exact_modes needs symmetric matrices; this system has others.")
         found = whole_groups(replace(system, contact=None), count)

@@ -15,15 +15,15 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body import matrices
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.elasticity import ElasticBody
-from dolfinx_joints.body.matrices import blocked, without_ghosts, without_zeros
 from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import lasting, of_ranks
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
 from dolfinx_joints.joints.contact import Contact, InitialGap
@@ -33,6 +33,7 @@ from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
+from dolfinx_joints.loads.water.water import Reservoir
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
@@ -40,6 +41,7 @@ from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redi
 from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.with_water import BodyAndWater
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
@@ -66,6 +68,7 @@ class Model(Summarised):
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
         added_mass: Masses that move with a face, `WestergaardMass` or `ReservoirMass`, added to M.
+        reservoir: Water with waves, coupled with the body in dynamic stages, instead of its mass.
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
             tractions do not ring (`redistribution`); gravity acts where the mass then is.
@@ -86,6 +89,7 @@ class Model(Summarised):
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that viscous boundaries are, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
+        coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.
 
     Raises:
@@ -109,6 +113,7 @@ class Model(Summarised):
         extra_mass: BilinearForm | None = None,
         extra_damping: BilinearForm | None = None,
         added_mass: Sequence[AddedMass] = (),
+        reservoir: Reservoir | None = None,
         symmetric: bool = True,
         redistribute_mass: bool = False,
     ) -> None:
@@ -123,7 +128,10 @@ class Model(Summarised):
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, [*loads, *added_mass])
+        known = reservoir is None or offers(reservoir, "water")
+        check_kind_of("reservoir", reservoir, known, "a ReservoirWaves or a MeshedReservoir")
+        acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
+        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
@@ -139,7 +147,8 @@ class Model(Summarised):
             self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
             self.contact = Contact(self.operator, joints, initial_gaps)
         self.stiffness = self._stiffness(extra_stiffness)
-        self.stiffness.setNearNullSpace(self._rigid_modes())
+        modes = matrices.rigid_modes(self.stiffness, self.V.tabulate_dof_coordinates())
+        self.stiffness.setNearNullSpace(modes)
         self.body_mass, self.mass = self._masses(extra_mass, added_mass)
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
@@ -149,6 +158,11 @@ class Model(Summarised):
         )
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
+        self.reservoir, self.coupled = reservoir, None
+        if reservoir is not None:
+            self.coupled = BodyAndWater(
+                self.mass.createVecRight(), reservoir.water(self), self.gdim
+            )
 
     _summary = model_rows
 
@@ -157,14 +171,14 @@ class Model(Summarised):
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
         extras = self._extra("extra_stiffness", extra)
-        return blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
+        return matrices.blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
 
     def _masses(
         self, extra: BilinearForm | None, added_mass: Sequence[AddedMass]
     ) -> tuple[PETSc.Mat, PETSc.Mat]:
         """M of the body, and with the extra form and added masses."""
         form = self.body.mass_form(*self._arguments)
-        self.mass = body = without_zeros(self._matrix(form))
+        self.mass = body = matrices.without_zeros(self._matrix(form))
         if extra is None and not added_mass:
             return body, body
         total = self._matrix(form, *self._extra("extra_mass", extra))
@@ -174,7 +188,7 @@ class Model(Summarised):
             moved = added.matrix(self)
             total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             moved.destroy()
-        return body, without_zeros(total)
+        return body, matrices.without_zeros(total)
 
     def _redistribute(self, operator: JointOperator, extra: BilinearForm | None) -> None:
         """Give the mass of joint nodes to the body behind them."""
@@ -214,7 +228,7 @@ class Model(Summarised):
         if rest is not None and absorption is not None:
             rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         dashpots = absorption if rest is None else rest
-        return rayleigh, absorption, None if dashpots is None else blocked(dashpots)
+        return rayleigh, absorption, None if dashpots is None else matrices.blocked(dashpots)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
@@ -241,34 +255,15 @@ class Model(Summarised):
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
         """Assembled matrix of the sum of some forms."""
-        return self._kept(fem_petsc.assemble_matrix(self.jointed.form(sum(forms[1:], forms[0]))))
-
-    def _kept(self, assembled: PETSc.Mat) -> PETSc.Mat:
-        """The matrix on a communicator that outlives the mesh, which frees its own."""
-        assembled.assemble()
-        matrix = PETSc.Mat().createAIJ(
-            assembled.getSizes(),
-            bsize=self.gdim,
-            csr=assembled.getValuesCSR(),
-            comm=lasting(self.jointed.mesh.comm),
-        )
-        matrix.assemble()
-        assembled.destroy()
-        return matrix
-
-    def _rigid_modes(self) -> PETSc.NullSpace:
-        """Translations and rotations, which multigrid takes to its coarse levels (collective)."""
-        places = self.stiffness.createVecRight()
-        points = self.V.tabulate_dof_coordinates()[: places.getLocalSize() // self.gdim]
-        places.setArray(points[:, : self.gdim].ravel())
-        return PETSc.NullSpace().createRigidBody(places)
+        form = self.jointed.form(sum(forms[1:], forms[0]))
+        return matrices.kept(fem_petsc.assemble_matrix(form), self.gdim)
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
         check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(self.jointed.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return without_ghosts(vector, self.mass)
+        return matrices.without_ghosts(vector, self.mass)
 
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
@@ -293,6 +288,7 @@ class Model(Summarised):
         *,
         only: Sequence[Load] | None = None,
         static: bool = False,
+        waves: float | None = None,
         shared: Any = None,
     ) -> MatrixSystem:
         """The system with the model's loads and ``extra_loads`` (collective).
@@ -301,6 +297,7 @@ class Model(Summarised):
             extra_loads: Loads besides the model's own.
             only: Those of the model's loads that act; all of them unless given.
             static: Hold viscous boundaries, as static stages do.
+            waves: Step [s] of a stage with the waves in the reservoir among its unknowns.
             shared: What it shares with others, see `MatrixSystem`.
         """
         _check_loads(self.jointed, extra_loads)
@@ -314,7 +311,7 @@ class Model(Summarised):
         named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         constraints = self.constraints
-        return MatrixSystem(
+        system = MatrixSystem(
             mass=self.mass,
             stiffness=self.stiffness,
             rayleigh=self.rayleigh,
@@ -328,10 +325,17 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following) if following else None,
+            water=JointWaters(self, following, waves=waves is not None) if following else None,
             in_joints=water_in_joints(loads),
             shared=shared,
         )
+        if waves is None or self.coupled is None:
+            return system
+        return self.coupled.system(system, by_name, waves)
+
+    def joined(self, force: PETSc.Vec) -> PETSc.Vec:
+        """A vector of the body's unknowns among those of a dynamic stage (collective)."""
+        return force if self.coupled is None else self.coupled.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
         """Patterns of a load; what is wrong with a user-defined form says with which."""
@@ -350,7 +354,9 @@ class Model(Summarised):
         in each of them.
         """
         nodes = self.nodes(group)
-        local = force.getArray(readonly=True).reshape(-1, self.gdim)[nodes].sum(axis=0)
+        owned = self.V.dofmap.index_map.size_local
+        values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
+        local = values[nodes].sum(axis=0)
         return np.asarray(of_ranks(self.jointed.mesh.comm, local).sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
@@ -362,10 +368,10 @@ class Model(Summarised):
         return self._nodes[group]
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
-        """A vector of the space as a DOLFINx function (collective)."""
+        """A vector of the space, or of a dynamic stage, as a DOLFINx function (collective)."""
         u = fem.Function(self.V, name=name)
-        owned = vector.getLocalSize()
-        u.x.array[:owned] = vector.getArray(readonly=True)
+        owned = self.V.dofmap.index_map.size_local * self.gdim
+        u.x.array[:owned] = vector.getArray(readonly=True)[:owned]
         u.x.scatter_forward()
         return u
 

@@ -23,6 +23,9 @@ def model_rows(model: Any) -> Rows:
     yield "supports", names(_kinds(model.supports))
     yield "loads", names(load_names(model.loads))
     yield "added masses", names(_kinds(model.added_mass))
+    if model.coupled is not None:
+        unknowns = number(model.coupled.water.size)
+        yield "reservoir", f"{names(_kinds([model.reservoir]))}, {unknowns} unknowns"
     alpha, beta = model.rayleigh.mass_factor, model.rayleigh.stiffness_factor
     terms = [f"{alpha:.4g} 1/s times M" if alpha else "", f"{beta:.4g} s times K" if beta else ""]
     yield "damping", " + ".join(filter(None, terms))

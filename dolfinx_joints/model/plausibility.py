@@ -88,6 +88,7 @@ def warn_of_what_no_dam_has(
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
         texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
         texts += _level(owner, given, float(lowest[up]), float(highest[up]))
+    texts += _water_twice(loads)
     for text in texts:
         warnings.warn(text, PlausibilityWarning, stacklevel=3)
     return texts
@@ -103,6 +104,18 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
 
 def _of(owner: str, name: str, value: Any) -> list[str]:
     return _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
+
+
+def _water_twice(loads: Sequence[Any]) -> list[str]:
+    """A line for each face before which water has both waves and an added mass."""
+    placed = [load for load in loads if hasattr(load, "group")]
+    waves = {load.group for load in placed if hasattr(load, "water")}
+    return [
+        f"{type(mass).__name__} on {mass.group!r}: the water before it has waves already, with a "
+        "mass of its own."
+        for mass in placed
+        if hasattr(mass, "matrix") and mass.group in waves
+    ]
 
 
 def _level(owner: str, load: Any, bottom: float, top: float) -> list[str]:

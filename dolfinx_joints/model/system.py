@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,11 +48,13 @@ class MatrixSystem:
         load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
         constrained: Owned constrained dofs, local numbers.
         values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
-        symmetric: Whether K and C are symmetric.
+        symmetric: Whether K and C are symmetric, the coupling with waves in water aside.
         components: Displacement components per node.
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
+        far_field: Forces on the far end of water with waves (`FarFieldLoad`), None without any.
+        coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
 
@@ -71,6 +74,8 @@ class MatrixSystem:
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
     shared: Any = None
+    far_field: Any = None
+    coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -203,21 +208,30 @@ class MatrixSystem:
             out.axpy(float(factor), vector)
         if self.water is not None:
             self.water.add(out, time, scale)
+        if self.far_field is not None:
+            self.far_field.add(out, time, scale)
         return out
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
         names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
-        means = 0.5 * (self._factors(start) + self._factors(end))
+        means = self.mean_factors(start, end)
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
-        return works if self.water is None else works | self.water.work(x, start, end)
+        for more in (self.water, self.far_field):
+            works |= {} if more is None else more.work(x, start, end)
+        return works
 
     def load_change(self, start: float, end: float) -> Floats:
         """Change of the factors of the patterns between two times [s], shape (patterns,)."""
         return self._factors(end) - self._factors(start)
+
+    def mean_factors(self, start: float, end: float) -> Floats:
+        """Means of the factors of the patterns at two times [s], shape (patterns,)."""
+        means: Floats = 0.5 * (self._factors(start) + self._factors(end))
+        return means
 
     @property
     def names_of_patterns(self) -> Sequence[str]:
@@ -228,7 +242,8 @@ class MatrixSystem:
     def names_of_works(self) -> list[str]:
         """Names that `work_of_loads` gives."""
         fixed = dict.fromkeys(self.load_names or ["load"])
-        return [*fixed, *([] if self.water is None else self.water.names)]
+        more = [each.names for each in (self.water, self.far_field) if each is not None]
+        return [*fixed, *chain(*more)]
 
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
@@ -259,6 +274,16 @@ class MatrixSystem:
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
+
+
+def unknowns(system: MatrixSystem, body: PETSc.Vec | None) -> PETSc.Vec:
+    """A copy of a nodal vector of the body, zero if none, among all unknowns (collective)."""
+    found: PETSc.Vec
+    if body is None:
+        found = system.stiffness.createVecRight()
+        found.set(0.0)
+        return found
+    return body.copy() if system.coupled is None else system.coupled.joined(body).copy()
 
 
 def check_system(system: Any) -> None:

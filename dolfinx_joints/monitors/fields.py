@@ -20,6 +20,7 @@ from dolfinx_joints.monitors.resultants import PointExtras
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
 from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
+from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record, StageRecord
 
@@ -33,9 +34,28 @@ def further_energies(model: Model, record: Record) -> dict[str, str]:
         ("plastic", model.bulk is not None, "plastic work of the bulk"),
         ("impact", stops, "lost by joint points that strike and do not rebound"),
         ("dissipation", record.dissipates, "taken out of the body by the spectral radius"),
-        ("absorbed", model.absorbing, "part of viscous energy that viscous boundaries took"),
+        ("water", model.coupled, "of waves in the reservoir, pressure and motion"),
+        (
+            "absorbed",
+            model.absorbing or model.coupled,
+            "part of viscous energy taken at boundaries",
+        ),
     )
     return {name: text for name, there, text in lines if there}
+
+
+def energies(model: Model, record: Record) -> Floats:
+    """Numbers of the stream ``energy``, in the order that `ResultsMonitor` declares."""
+    row = record.energy
+    of_joints = np.array([getattr(row, f"joint_{term}") for term in JOINT_ENERGY_TERMS])
+    return np.array(
+        [
+            *(getattr(row, term) for term in ENERGY_TERMS),
+            *of_joints.T.ravel().tolist(),
+            *row.input_by_load.values(),
+            *(getattr(row, term) for term in further_energies(model, record)),
+        ]
+    )
 
 
 class Fields:

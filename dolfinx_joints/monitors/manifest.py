@@ -57,6 +57,7 @@ def manifest(
         "joint_laws": {name: as_json(law) for name, law in laws.items()},
         "loads": [as_json(load) for load in model.loads],
         "added_mass": [as_json(added) for added in model.added_mass],
+        **({} if model.reservoir is None else {"reservoir": as_json(model.reservoir)}),
         "supports": [as_json(support) for support in model.supports],
         "static_stages": {stage.name: _acting(model, stage) for stage in stages},
         "damping": as_json(model.rayleigh),

@@ -180,6 +180,14 @@ class PointProbe:
             values[row, : self._gdim] = blocks[node]
         return np.asarray(of_ranks(self._comm, values).sum(axis=0))
 
+    def units(self, local: int) -> Floats:
+        """A unit vector for each component of each point, owned rows, shape (local, 3 n)."""
+        columns = np.zeros((local, 3 * len(self.positions)))
+        for row, node in self._mine:
+            for axis in range(self._gdim):
+                columns[self._gdim * node + axis, 3 * row + axis] = 1.0
+        return columns
+
 
 def joint_facet_points(operator: Any) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Points and facet numbers of each joint, facet by facet."""

@@ -22,7 +22,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
 from dolfinx_joints.monitors.body_cells import body_cells
-from dolfinx_joints.monitors.fields import Fields, StageFields, further_energies
+from dolfinx_joints.monitors.fields import Fields, StageFields, energies, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
@@ -168,6 +168,9 @@ class ResultsMonitor(Monitor):
             for group in self._supports:
                 text = f"force of the support {group} on the body"
                 writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
+            if first.reservoir_force is not None:
+                text = "force of the reservoir's waves on its face"
+                writer.series("histories", "reservoir_force", (model.gdim,), "N", text)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
@@ -330,9 +333,11 @@ class ResultsMonitor(Monitor):
         iterations = record.solve.iterations if record.solve else 0
         history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
         for group in self._supports:
-            history[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
+            history[f"reaction/{group}"] = record.resultant(self._model, group)
+        if record.reservoir_force is not None:
+            history["reservoir_force"] = record.reservoir_force
         self._append("histories", record.time, history)
-        self._append("energy", record.time, self._energies(record))
+        self._append("energy", record.time, energies(self._model, record))
         if self._extremes is not None and record.joints is not None:
             self._append("joints", record.time, self._extremes.values(record.joints))
         if self._resultants is not None:
@@ -344,26 +349,13 @@ class ResultsMonitor(Monitor):
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
 
-    def _energies(self, record: Record) -> Floats:
-        """Numbers of the stream ``energy``, in the order of `_order`."""
-        row = record.energy
-        of_joints = np.array([getattr(row, f"joint_{term}") for term in JOINT_ENERGY_TERMS])
-        return np.array(
-            [
-                *(getattr(row, term) for term in ENERGY_TERMS),
-                *of_joints.T.ravel().tolist(),
-                *row.input_by_load.values(),
-                *(getattr(row, term) for term in further_energies(self._model, record)),
-            ]
-        )
-
     def _motion(self, record: Record) -> dict[str, Floats]:
         """Displacement and acceleration of the points, motion of the ground.
 
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
         """
-        velocity = self._probe.read(record.velocity)
+        displacement, velocity = record.read(self._probe)
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before
@@ -372,7 +364,6 @@ class ResultsMonitor(Monitor):
         ground = {"ground_acceleration": record.ground_acceleration}
         if record.free_surface is not None:
             ground = {"free_surface_velocity": record.free_surface(record.time)}
-        displacement = self._probe.read(record.displacement)
         return {"displacement": displacement, "acceleration": acceleration, **ground}
 
     def _relative(self, first: Record) -> bool:

@@ -20,14 +20,15 @@ WAVES = "waves"
 def energy_lines(results: Results) -> dict[str, Floats]:
     """Lines of the ledger at every step, by name, each of shape (records,), [J].
 
-    Those of ``ENERGY_TERMS``, ``plastic``, ``impact`` and ``dissipation`` where the run has them.
-    With viscous boundaries there is ``waves`` as well, what has come in through them less what has
-    gone out (`through_boundaries`), and ``input`` and ``viscous`` are those of all else: the two
-    parts of ``waves`` may be a thousand times larger than anything that deforms the body.
+    Those of ``ENERGY_TERMS``, ``water``, ``plastic``, ``impact`` and ``dissipation`` where the run
+    has them. With viscous boundaries or waves in a reservoir there is ``waves`` as well, what has
+    come in through them less what has gone out (`through_boundaries`), and ``input`` and
+    ``viscous`` are those of all else: the two parts of ``waves`` may be a thousand times larger
+    than anything that deforms the body.
     """
     check_results(results)
     lines = {term: results.series("energy", term) for term in ENERGY_TERMS}
-    for term in ("plastic", "impact", "dissipation"):
+    for term in ("water", "plastic", "impact", "dissipation"):
         if term in results.streams["energy"]:
             lines[term] = results.series("energy", term)
     lines["error"] = lines.pop("error")
@@ -43,13 +44,15 @@ def energy_lines(results: Results) -> dict[str, Floats]:
 def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
     """Energy that free fields have put in and that the dashpots of viscous boundaries have taken.
 
-    Both of shape (records,), [J]; None for a run without viscous boundaries.
+    Both of shape (records,), [J], with what bottom and far end of a reservoir have taken; None for
+    a run without either.
     """
     names = results.streams["energy"]
     if "absorbed" not in names:
         return None
     taken = results.series("energy", "absorbed")
-    waves = [name for name in names if re.fullmatch(r"loads/FreeField(_\d+)?", name)]
+    fields = r"loads/(FreeField(_\d+)?|FarField_reservoir)"
+    waves = [name for name in names if re.fullmatch(fields, name)]
     brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
     return brought, taken
 

@@ -82,6 +82,7 @@ _ENERGY_STYLES = {
     "kinetic": ("-", "#56b4e9"),
     "strain": ("-", BLUE),
     "joint": ("-", GREEN),
+    "water": ("-", "#1b9e9e"),
     "input": ("-", "black"),
     WAVES: ("-", "#a65628"),
     "viscous": ("--", ORANGE),

@@ -63,6 +63,7 @@ def parameters(content: Content) -> Section:
         "Laws of the joints": [_objects(_shared(m.get("joint_laws", {}))) for m in made],
         "Loads": [_objects(_numbered(m.get("loads", []))) for m in made],
         "Added mass": [_objects(_numbered(m.get("added_mass", []))) for m in made],
+        "Reservoir": [_objects([("", each)] if (each := m.get("reservoir")) else []) for m in made],
         "Static stages": [_objects(m.get("static_stages", {}).items()) for m in made],
         "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
         "Damping": [_objects([("", m.get("damping"))]) for m in made],

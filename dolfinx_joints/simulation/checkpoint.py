@@ -199,6 +199,9 @@ class CheckpointKeeper:
     def _kept(self, thing: Any) -> Any:
         """A state, response or vector as a tree of arrays, whole on rank 0 (collective)."""
         if isinstance(thing, PETSc.Vec):
+            coupled = self._model.coupled
+            if coupled is not None and coupled.has_water(thing):
+                return {"body": self._kept(coupled.body(thing)), "water": coupled.gathered(thing)}
             return self._nodes.gather(thing)[:, : self._model.gdim]
         if isinstance(thing, np.ndarray):
             assert self._model.operator is not None
@@ -210,8 +213,12 @@ class CheckpointKeeper:
             return {str(i): asdict(each) for i, each in enumerate(thing)}
         return thing
 
-    def _vector(self, values: NDArray[np.float64]) -> PETSc.Vec:
-        """A nodal vector of the rank's part of what is stored."""
+    def _vector(self, values: NDArray[np.float64] | Tree) -> PETSc.Vec:
+        """A nodal vector of the rank's part of what is stored, the water's part with it."""
+        if isinstance(values, dict):
+            coupled = self._model.coupled
+            assert coupled is not None
+            return coupled.joined(self._vector(values["body"]), values["water"][coupled.numbers])
         vector = self._model.stiffness.createVecRight()
         owned = self._model.V.dofmap.index_map.size_local
         vector.setArray(values[self._nodes.number[:owned]].ravel())

@@ -33,6 +33,8 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.time_integration.reduced_steps import ReducedSteps
+from dolfinx_joints.time_integration.reduced_values import Expanded
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
@@ -85,6 +87,7 @@ class DynamicRun:
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
         self._free_surface = free_surface
+        self._reduced = scheme if isinstance(scheme, ReducedSteps) else None
         self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
         self._ledger = EnergyLedger(solver.system)
@@ -158,13 +161,19 @@ class DynamicRun:
             self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
-            self._work.waxpy(-1.0, self.origin, after.displacement)
-            self._largest = max(self._largest, float(self._work.norm()))
+            self._largest = max(self._largest, self._distance(after))
         self.step += 1
         self._progress.advance()
         if self.step == self._steps:
             self._progress.finish()
         return report
+
+    def _distance(self, state: DynamicState) -> float:
+        """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
+        if self._reduced is not None:
+            return self._reduced.distance(state)
+        self._work.waxpy(-1.0, self.origin, state.displacement)
+        return float(self._work.norm())
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
@@ -175,14 +184,13 @@ class DynamicRun:
     def _record(
         self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
     ) -> Record:
-        in_joints = self._solver.system.in_joints
+        in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
         return Record(
             stage="dynamic",
             step=step,
             time=self.state.time,
-            displacement=self.state.displacement,
-            velocity=self.state.velocity,
-            reaction=self.state.reaction,
+            vectors=self._vectors(),
+            reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,
@@ -192,6 +200,20 @@ class DynamicRun:
             dissipates=self._dissipates,
             wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
             pressure=partial(self._pressure, self.state) if in_joints else None,
+        )
+
+    def _vectors(self) -> DynamicState | Expanded:
+        """The state of the body."""
+        state, coupled = self.state, self._solver.system.coupled
+        if self._reduced is not None:
+            return self._reduced.shown(state)
+        if coupled is None:
+            return state
+        return replace(
+            state,
+            displacement=coupled.body(state.displacement),
+            velocity=coupled.body(state.velocity),
+            reaction=coupled.body(state.reaction),
         )
 
     @cached_property
@@ -232,6 +254,7 @@ class DynamicRun:
             "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
+            **({"reduced bulk": asdict(outcome.reduced)} if outcome.reduced else {}),
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -249,7 +272,7 @@ class DynamicRun:
         # A body at rest: both are rounding.
         moved = self._largest > 1e-10 * float(self.origin.norm())
         return Outcome(
-            state=self.state,
+            state=self._reduced.whole(self.state) if self._reduced else self.state,
             energy=self._ledger.row,
             energy_error=self._ledger.relative_error,
             imbalance=self._ledger.relative_imbalance if self._conserves else None,
@@ -261,6 +284,7 @@ class DynamicRun:
             backward_euler_laws=self._backward_euler_laws,
             chatter=self._stepper.chatter.joints(),
             laws_without_losses=self._laws_without_losses,
+            reduced=self._reduced.counts if self._reduced else None,
         )
 
 
@@ -328,6 +352,14 @@ def warn_of(outcome: Outcome) -> None:
         warnings.warn(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one.",
+            stacklevel=6,
+        )
+    counts = outcome.reduced
+    if counts is not None and counts.whole > counts.reduced:
+        warnings.warn(
+            f"{counts.whole} of {counts.whole + counts.reduced} steps were taken by the whole body "
+            "and its basis grew by each: reduced gains nothing here; give it more modes or a "
+            "larger tolerance, or leave it out.",
             stacklevel=6,
         )
     if outcome.chatter:

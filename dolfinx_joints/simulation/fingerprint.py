@@ -165,10 +165,12 @@ class _NodalSums:
     """Sums that stand for nodal vectors, the same on any number of ranks."""
 
     def __init__(self, system: MatrixSystem, nodes: NodeNumbering, model: Model) -> None:
-        """Number the dofs by their node's place in the input."""
+        """Number the dofs by their node's place in the input, those of the water after them."""
         self._comm, self._field = model.jointed.mesh.comm, system.stiffness.createVecRight()
-        owned = nodes.number[: self._field.getLocalSize() // model.gdim]
+        owned = nodes.number[: model.V.dofmap.index_map.size_local]
         self._dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
+        if system.coupled is not None:
+            self._dofs = np.append(self._dofs, model.num_dofs + system.coupled.numbers)
         self.weights = 1.5 + np.sin(self._dofs.astype(np.float64))
         self._field.setArray(self.weights)
 

@@ -10,19 +10,55 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
-from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.exact_steps import scaled
 from dolfinx_joints.time_integration.initial_state import SPACING, initial_state
+from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.time_integration.reduced_steps import ReducedBulk
+from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
+from dolfinx_joints.time_integration.substeps import StepControl
 
 # Of the largest initial velocity, that it may differ from that of moving supports, which is found
 # by differences.
 SAME_VELOCITY = 1e-3
+
+
+def checked_settings(
+    scheme: Scheme | None,
+    control: StepControl | None,
+    start: DynamicState | None,
+    checkpoint: Checkpoints | None,
+    resume: bool,
+    reduced: ReducedBulk | None,
+) -> tuple[Scheme, StepControl]:
+    """Scheme and control of a dynamic stage, defaults where none is given; all are checked."""
+    scheme = EnergyConsistent() if scheme is None else scheme
+    control = StepControl() if control is None else control
+    known = offers(scheme, "advance", "conserves")
+    check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
+    check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
+    known = isinstance(start, DynamicState | None)
+    check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
+    known = isinstance(checkpoint, Checkpoints | None)
+    check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
+    known = isinstance(reduced, ReducedBulk | None)
+    check_kind_of("reduced", reduced, known, "a ReducedBulk")
+    if reduced is not None and checkpoint is not None:
+        raise ValueError(
+            "reduced is given beside a checkpoint, but its basis is kept in memory alone; leave "
+            "one of them out."
+        )
+    if resume and checkpoint is None:
+        raise ValueError("resume is True, but no checkpoint is given to go on from.")
+    return scheme, control
 
 
 def given_fields(
@@ -75,12 +111,12 @@ def first_state(
     # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
     # and asked again, round-off would decide.
     joints: Response | JointState | None = None if static is None else static.joints
-    u = system.stiffness.createVecRight() if static is None else static.displacement.copy()
+    u = unknowns(system, None if static is None else static.displacement)
     if added is not None:
         if system.internal_forces is not None:
             before = static.joints if static else None
             joints = before.state if before else system.internal_forces.at_rest(u)
-        u.axpy(1.0, added)
+        u.axpy(1.0, unknowns(system, added))
     _check_displacement(system, u)
     return initial_state(solver, dt=dt, displacement=u, velocity=velocity, joints=joints)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.time_integration.reduced_values import Expanded, Points
+from dolfinx_joints.time_integration.states import DynamicState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +45,13 @@ class StageRecord:
     pressure: NDArray[np.float64] | None
 
 
+class ReadPoints(Points, Protocol):
+    """Points that are read from nodal vectors, too, such as a `PointProbe`."""
+
+    def read(self, u: PETSc.Vec) -> NDArray[np.float64]:
+        """Nodal vectors of the points, shape (points, 3) (collective)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """Step as a monitor sees it.
@@ -51,9 +60,7 @@ class Record:
         stage: ``dynamic``; of static stages monitors see a `StageRecord`.
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
-        displacement: u [m].
-        velocity: v [m/s].
-        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N].
+        vectors: State of the body that `displacement`, `velocity` and `reaction` are of.
         joints: Response of the joints, None without joints.
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
@@ -62,6 +69,7 @@ class Record:
         energy: Energies.
         dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
+        reservoir_force: Of waves in the reservoir on the face, (gdim,), [N]; None without any.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
@@ -72,9 +80,7 @@ class Record:
     stage: str
     step: int
     time: float
-    displacement: PETSc.Vec
-    velocity: PETSc.Vec
-    reaction: PETSc.Vec
+    vectors: DynamicState | Expanded
     joints: Response | None
     motion: Callable[[float], Any] | None
     solve: SolveReport | None
@@ -82,10 +88,41 @@ class Record:
     substeps: int
     dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
+    reservoir_force: NDArray[np.float64] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     stages: Sequence[StageRecord] = ()
+
+    @property
+    def displacement(self) -> PETSc.Vec:
+        """Nodal displacements u [m] (collective)."""
+        return self.vectors.displacement
+
+    @property
+    def velocity(self) -> PETSc.Vec:
+        """Nodal velocities v [m/s] (collective)."""
+        return self.vectors.velocity
+
+    @property
+    def reaction(self) -> PETSc.Vec:
+        """Forces of the supports on the body, zero at unconstrained dofs [N] (collective)."""
+        return self.vectors.reaction
+
+    def read(self, points: ReadPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacements [m] and velocities [m/s] of points, shape (points, 3) each (collective).
+
+        What `displacement` and `velocity` have there, in a reduced run at less cost.
+        """
+        if isinstance(self.vectors, Expanded):
+            return self.vectors.read(points)
+        return points.read(self.displacement), points.read(self.velocity)
+
+    def resultant(self, model: Model, group: str) -> NDArray[np.float64]:
+        """`Model.resultant` of the reactions, in a reduced run at less cost (collective)."""
+        if isinstance(self.vectors, Expanded):
+            return self.vectors.resultant(group, model.nodes(group))
+        return model.resultant(self.reaction, group)
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

@@ -22,25 +22,27 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
-from dolfinx_joints.common.parameters import check_kind_of, offers
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.free_field import SupportForces
-from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.ground_motion import BaseMotion, velocity_of
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
-from dolfinx_joints.simulation.first_state import first_state, given_fields, in_words, shaken_by
+from dolfinx_joints.simulation.first_state import (
+    checked_settings,
+    first_state,
+    given_fields,
+    in_words,
+    shaken_by,
+)
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.statics.construction import grouted
-from dolfinx_joints.simulation.statics.stage import (
-    check_acting,
-    check_complete,
-    march,
-)
+from dolfinx_joints.simulation.statics.stage import check_acting, check_complete, march
 from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_grouted,
@@ -51,7 +53,7 @@ from dolfinx_joints.simulation.statics.unfinished import (
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
-from dolfinx_joints.time_integration.midpoint import EnergyConsistent
+from dolfinx_joints.time_integration.reduced_steps import ReducedBulk, ReducedSteps
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, ends_of_steps, located
@@ -271,6 +273,7 @@ class Simulation:
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
         control: StepControl | None = None,
+        reduced: ReducedBulk | None = None,
         velocity: NodalField | None = None,
         displacement: NodalField | None = None,
         start: DynamicState | None = None,
@@ -287,6 +290,7 @@ class Simulation:
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
+            reduced: Take steps in few shapes of a large body where that misses little.
             velocity: Initial velocity [m/s], zero unless given: a function of the nodes (n, 3)
                 that returns (n, gdim), a UFL expression or DOLFINx function, a vector of the
                 unknowns, or a number for each axis. At supports it must be theirs.
@@ -303,20 +307,11 @@ class Simulation:
             ConvergenceError: A step did not converge however often it was halved; what had been
                 computed is with the monitors.
         """
-        scheme = EnergyConsistent() if scheme is None else scheme
-        control = StepControl() if control is None else control
-        known = offers(scheme, "advance", "conserves")
-        check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
-        check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-        known = isinstance(start, DynamicState | None)
-        check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
-        known = isinstance(checkpoint, Checkpoints | None)
-        check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
+        scheme, control = checked_settings(scheme, control, start, checkpoint, resume, reduced)
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
-        if resume and checkpoint is None:
-            raise ValueError("resume is True, but no checkpoint is given to go on from.")
         acting, motion = shaken_by(motion, loads), ground_motion(self.model, motion, loads)
-        shaking = [BaseMotion(acceleration=motion)] if motion is not None else []
+        ground = None if motion is None else velocity_of(motion, dt)
+        shaking = [] if motion is None else [BaseMotion(acceleration=motion, velocity=ground)]
         if not resume and start is None:
             check_grouted(self.static)
             check_complete(self.static)
@@ -324,10 +319,11 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            system = self.model.system([*shaking, *kept, *loads], shared=self.shared)
+            system = self.model.system([*shaking, *kept, *loads], waves=dt, shared=self.shared)
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
+            facts |= {"reduced bulk": reduced} if reduced is not None else {}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             times = ends_of_steps(start.time if start else 0.0, dt, steps)
             keeper = None
@@ -338,6 +334,10 @@ class Simulation:
                 self.static = saved.static
             if kept and self.static is not None:
                 kept[0].take(self.static.reaction, system.constrained)
+            state = saved.state if saved else first_state(solver, dt, self.static, start, given)
+            if reduced is not None:
+                scheme = ReducedSteps(reduced, scheme, solver, state, dt)
+                state = scheme.start
             run = DynamicRun(
                 model=self.model,
                 monitors=self.monitors,
@@ -346,7 +346,7 @@ class Simulation:
                 scheme=scheme,
                 solver=solver,
                 control=control,
-                state=saved.state if saved else first_state(solver, dt, self.static, start, given),
+                state=state,
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),

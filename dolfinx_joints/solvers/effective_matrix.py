@@ -20,6 +20,7 @@ from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid import IterativeSolver
 from dolfinx_joints.solvers.rounds import Rounds
+from dolfinx_joints.solvers.signed import SignedSolver
 
 Floats = NDArray[np.float64]
 LinearSolver = Literal["auto", "direct", "mumps", "iterative"]
@@ -70,7 +71,7 @@ class EffectiveMatrix:
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
         change: What exact modes add to both, None without any.
         norm: Infinity norm of A.
-        symmetric: Whether A is.
+        symmetric: Whether A is, with the sign of the rows of waves in water changed.
         rounds: Through which several runs solve with it, None for one run (`SharedBulk`).
     """
 
@@ -87,6 +88,11 @@ class EffectiveMatrix:
             raise ValueError(
                 "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
             )
+        if linear == "iterative" and system.coupled is not None:
+            raise ValueError(
+                "linear is 'iterative', which needs positive matrices, without waves in water; "
+                "take 'direct' or 'auto'."
+            )
         self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:
             self.full.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -96,6 +102,7 @@ class EffectiveMatrix:
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self.symmetric, self._moves = system.symmetric, system.values is not None
         self._linear, self._components = linear, system.components
+        self._signs = None if system.coupled is None else system.coupled.signs
         self.rounds: Rounds | None = None if system.shared is None else system.shared.rounds
         self._answered = False
         self._near = system.stiffness.getNearNullSpace()
@@ -138,6 +145,8 @@ class EffectiveMatrix:
     def _made(self) -> DirectSolver | IterativeSolver:
         if not self._iterates():
             mumps = self._linear == "mumps"
+            if self._signs is not None and self.symmetric:
+                return SignedSolver(self.constrained, self._signs)
             return DirectSolver(self.constrained, symmetric=self.symmetric, mumps=mumps)
         self.constrained.setNearNullSpace(self._near)
         return IterativeSolver(self.constrained)
@@ -145,7 +154,7 @@ class EffectiveMatrix:
     def _iterates(self) -> bool:
         if self._linear != "auto":
             return self._linear == "iterative"
-        if not self.symmetric:
+        if not self.symmetric or self._signs is not None:
             return False
         comm = self.constrained.comm.tompi4py()
         return not factor_fits(comm, self.constrained.getSize()[0], self._components)

@@ -43,9 +43,11 @@ class EnergyRow:
         error: stored - stored at the start - input + viscous + friction + plastic + impact +
             dissipation.
         plastic: Plastic work of the bulk.
-        absorbed: Part of ``viscous`` that viscous boundaries took.
+        absorbed: Part of ``viscous`` that viscous boundaries and bounds of the water took.
         impact: Lost by joint points that strike and do not rebound.
         dissipation: What a spectral radius below 1 took out of the body, never negative.
+        water: Of waves in water, rho |grad phi|^2 / 2 + p^2 / (2 rho c^2); the other lines are
+            without it.
     """
 
     kinetic: float
@@ -62,6 +64,7 @@ class EnergyRow:
     absorbed: float = 0.0
     impact: float = 0.0
     dissipation: float = 0.0
+    water: float = 0.0
 
     @cached_property
     def joint(self) -> float:
@@ -80,8 +83,8 @@ class EnergyRow:
 
     @cached_property
     def stored(self) -> float:
-        """Kinetic, strain and joint energy."""
-        return self.kinetic + self.strain + self.joint
+        """Kinetic, strain and joint energy, and that of the water."""
+        return self.kinetic + self.strain + self.joint + self.water
 
     @cached_property
     def imbalance(self) -> float:
@@ -115,9 +118,11 @@ class EnergyLedger:
 
     def start(self, state: DynamicState) -> EnergyRow:
         """Begin at a state (collective)."""
+        kinetic, strain, water = self._of_state(state)
         self.row = EnergyRow(
-            kinetic=state.kinetic_energy,
-            strain=self._strain(state),
+            kinetic=kinetic,
+            strain=strain,
+            water=water,
             joint_elastic=self._elastic(state),
             input=0.0,
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
@@ -141,8 +146,8 @@ class EnergyLedger:
         viscous = last.viscous + (work.viscous + work.absorbed)
         rubbed = last.joint_friction + joints.friction
         plastic = last.plastic + self._plastic(state)
-        kinetic, strain = state.kinetic_energy, self._strain(state)
-        stored = kinetic + strain + float(elastic.sum())
+        kinetic, strain, water = self._of_state(state)
+        stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
         dissipation = last.dissipation + work.dissipation
         losses = viscous + float(rubbed.sum()) + plastic + impact + dissipation
@@ -165,6 +170,7 @@ class EnergyLedger:
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
             dissipation=dissipation,
+            water=water,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
@@ -203,6 +209,15 @@ class EnergyLedger:
         if self._system.contact is None or state.joints is None:
             return self._none
         return self._system.contact.stored_energy(state.joints.state)
+
+    def _of_state(self, state: DynamicState) -> tuple[float, float, float]:
+        """Kinetic and strain energy of the body, and energy of the water."""
+        kinetic, strain, coupled = state.kinetic_energy, self._strain(state), self._system.coupled
+        if coupled is None:
+            return kinetic, strain, 0.0
+        of_pressure = coupled.energy(state.velocity, state.momentum)
+        of_motion = coupled.energy(state.displacement, state.elastic_force)
+        return kinetic - of_pressure, strain - of_motion, of_pressure + of_motion
 
     def _strain(self, state: DynamicState) -> float:
         """Elastic energy of bulk and springs."""

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.mass_redistribution import joint_dofs
-from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.system import MatrixSystem, unknowns
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -47,13 +47,9 @@ def initial_state(
         water: `DynamicState.water`; by the openings unless given.
     """
     system = solver.system
-    u = system.stiffness.createVecRight() if displacement is None else displacement.copy()
-    v = u.duplicate() if velocity is None else velocity.copy()
+    u, v = unknowns(system, displacement), unknowns(system, velocity)
     if displacement is None:
-        u.set(0.0)
         u.getArray()[system.constrained] = system.prescribed(time)
-    if velocity is None:
-        v.set(0.0)
     moving = u.duplicate()
     moving.set(0.0)
     if dt is None and system.values is not None:

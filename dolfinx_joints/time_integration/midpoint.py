@@ -121,7 +121,7 @@ class _Step:
         It is exact in some modes, with a spectral radius at infinity of the rest.
         """
         self._system, self._dt, self._time = system, dt, state.time + dt
-        self._rate = rate = _exact_square(2.0 / dt)
+        self._rate = rate = exact_square(2.0 / dt)
         self._before = state = scaled(system, state, modes, rate)
         self.effective = midpoint_coefficients(rate, radius, modes)
         self._exact = exact = self.effective.modal_step(system)
@@ -294,7 +294,7 @@ class _Turn:
         return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
 
 
-def _exact_square(rate: float) -> float:
+def exact_square(rate: float) -> float:
     """The rate, within 2e-8 of it, whose square has no rounding error.
 
     The rounding of 2/dt against that of 2/dt^2 would be the same in every step: over 1e5 of them

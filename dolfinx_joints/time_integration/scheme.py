@@ -23,7 +23,7 @@ class StepWork:
         loads: Of each load by name [J].
         supports: Of moving supports [J].
         viscous: Against the damping, absorption apart [J].
-        absorbed: Against the dashpots that take waves out [J].
+        absorbed: Against the dashpots that take waves out, of rock and water [J].
         joints: Of the body on each joint, and what of it is lost [J].
         dissipation: What the scheme takes out of the body by its spectral radius [J].
     """

@@ -42,6 +42,7 @@ from dolfinx_joints import (
     Newmark,
     PotentialJoint,
     ProgressMonitor,
+    ReservoirWaves,
     Results,
     ResultsError,
     ResultsMonitor,
@@ -127,6 +128,7 @@ BOND = MohrCoulombJoint(
     tensile_strength=5e4,
     dilatancy_angle_deg=5.0,
 )
+WAVES = ReservoirWaves(group="y_min", level=18.0, length=30.0, bottom_reflection=0.7)
 CUT = StepControl(max_halvings=3, tolerance=2e-3)
 CASES = {
     "condensed": {"solver": "condensed"},
@@ -140,15 +142,18 @@ CASES = {
     "Newmark": {"scheme": Newmark()},
     "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},
+    "reservoir waves": {"reservoir": WAVES},
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     options = dict(CASES[case])
-    law = options.pop("joints", LAW)
+    law, water = options.pop("joints", LAW), options.pop("reservoir", None)
     kills = (3, 7, 10) if case == "condensed" else (7,)
-    whole, resumed = interrupted(lambda: wall(read(wall_file()), law), tmp_path, kills, **options)
+    whole, resumed = interrupted(
+        lambda: wall(read(wall_file()), law, reservoir=water), tmp_path, kills, **options
+    )
     identical(whole, resumed, tmp_path)
 
 
@@ -163,9 +168,13 @@ def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_pa
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+@pytest.mark.parametrize(
+    ("solver", "water"), [("condensed", None), ("monolithic", None), ("condensed", WAVES)]
+)
 @pytest.mark.parametrize("grows", [True, False])
-def test_continued_on_another_number_of_ranks(comm, wall_file, read, new_path, solver, grows):
+def test_continued_on_another_number_of_ranks(
+    comm, wall_file, read, new_path, solver, water, grows
+):
     """On one rank first and then on all, and the other way round."""
     path, file = new_path("ranks"), wall_file()
     if comm.rank == 0:
@@ -178,7 +187,8 @@ def test_continued_on_another_number_of_ranks(comm, wall_file, read, new_path, s
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
-        simulation = Simulation(wall(read(file, on)), monitors=monitors, solver=solver)
+        model = wall(read(file, on), reservoir=water)
+        simulation = Simulation(model, monitors=monitors, solver=solver)
         if not more.get("resume"):
             simulation.statics()
         simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **more)
@@ -196,14 +206,16 @@ def test_continued_on_another_number_of_ranks(comm, wall_file, read, new_path, s
     assert whole.keys() == found.keys()
     for name, expected in whole.items():
         # Sums over other ranks are rounded otherwise; what is small is a difference of large parts.
-        scale = 1.0 if name.endswith(("iterations", "status")) else np.nanmax(np.abs(expected))
+        scale = 1.0 if name.endswith("status") else np.nanmax(np.abs(expected))
         given = found[name]
         if name.startswith("energy/"):
             scale = np.abs(whole["energy/strain"]).max()
         if name == "histories/iterations":
-            # Points that slid in statics lie on the friction cone but for the last bit, which
-            # decides whether the first tangent of the first step lets them slide.
-            given, expected = given[2:], expected[2:]
+            # Corrections are in single precision on one rank; and points that slid in statics lie
+            # on the friction cone but for the last bit, which decides whether the first tangent of
+            # the first step lets them slide.
+            assert np.abs(given[2:] - expected[2:]).max() <= 1
+            continue
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * scale, err_msg=name)
 
 

@@ -43,8 +43,10 @@ class JointWaters:
         joints: Names of all joints of the body.
     """
 
-    def __init__(self, model: LoadedBody, loads: Mapping[str, FollowsJoints]) -> None:
-        """Begin with closed joints (collective)."""
+    def __init__(
+        self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
+    ) -> None:
+        """Begin with closed joints; with ``waves`` forces are among all unknowns (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
@@ -52,7 +54,7 @@ class JointWaters:
                     f"The joint {joint!r} has {joints.count(joint)} loads that follow it."
                 )
         self.names = list(loads)
-        self._model = model
+        self._model, self._waves = model, waves
         self._parts = [load.in_joint(name, model) for name, load in loads.items()]
         self._known: list[_End] = []
         operator = model.operator
@@ -129,6 +131,8 @@ class JointWaters:
             if not self.toggled(codes, known.codes).any():
                 return known
         forces = [opening_force(self._model, part.pressure(codes)) for part in self._parts]
+        if self._waves:
+            forces = [self._model.joined(force) for force in forces]
         found = _End(codes.copy(), forces)
         self._known = [found, *self._known[:2]]
         return found

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.sparse import coo_array
 
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import Floats, Ints
@@ -114,7 +115,7 @@ def resistance(
     Returns:
         Shape (count, count), [m] in space, [-] in the plane; symmetric, positive definite.
     """
-    in_face, mixed, across, mass = _matrices(face, upstream)
+    in_face, mixed, across, mass = (m.toarray() for m in face_matrices(face, upstream))
     in_face -= wavenumber**2 * mass
     edges = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
     thickness = THINNEST * float(edges.mean())
@@ -150,8 +151,11 @@ def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats
     return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
 
 
-def _matrices(face: WaterFace, upstream: Floats) -> list[Floats]:
-    """Integrals per length of water: p A p + 2 p B p' + p' C p' of grad p squared, p D p of p."""
+def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
+    """Integrals per length of water: p A p + 2 p B p' + p' C p' of grad p squared, p D p of p.
+
+    D is also the mass matrix of the face as seen from upstream.
+    """
     corners = face.corners
     axes = corners.shape[2]
     sides = corners[:, 1:] - corners[:, :1]
@@ -169,12 +173,11 @@ def _matrices(face: WaterFace, upstream: Floats) -> list[Floats]:
     mass = np.einsum("t,ij->tij", volume, same)
     across = np.einsum("td,td,tij->tij", along, along, mass)
     each = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
-    found: list[Floats] = []
+    found = []
     for elements in each:
-        total = np.zeros((face.count, face.count))
         rows = np.broadcast_to(face.nodes[:, :, None], elements.shape)
         columns = np.broadcast_to(face.nodes[:, None, :], elements.shape)
         kept = (rows != SURFACE) & (columns != SURFACE)
-        np.add.at(total, (rows[kept], columns[kept]), elements[kept])
-        found.append(total)
+        entries = (elements[kept], (rows[kept], columns[kept]))
+        found.append(coo_array(entries, shape=(face.count, face.count)))
     return found

@@ -92,6 +92,7 @@ class Compliance:
         dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
             shape (points, 3).
         split: S.
+        forms: What the compiled iteration has made of S, None before.
         rough: S to `ROUGH_TOLERANCE`; None where S is small, the places of the points are not
             known, or nothing is kept and the bulk is factored.
     """
@@ -107,6 +108,7 @@ class Compliance:
     ) -> None:
         """Solve for unit forces (collective)."""
         self.effective = effective
+        self.forms: Any = None
         self._comm = operator.comm.tompi4py()
         self._forces = UnitForces(effective, operator)
         size = operator.getSize()[0]
@@ -269,7 +271,6 @@ class Compressed(_Products):
     Attributes:
         matrix: The blocks.
         live: Whether an unknown can move, shape (size,).
-        shared: Whether other runs multiply with it.
     """
 
     def __init__(
@@ -284,7 +285,6 @@ class Compressed(_Products):
         multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
         super().__init__(multiply, scale, dead, comm)
         self.matrix, self.nbytes = matrix, int(matrix.nbytes)
-        self.shared = rounds is not None
         self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
 
     def cost(self, rows: int) -> float:

@@ -127,6 +127,7 @@ class Corrections:
         second = PRODUCTS * float(changed) ** 2 + (loaded + changed) * size
         if second >= first:
             return None
+        self._tie()
         if self._tied is None:
             self.missed += first - second
             self._tie()

@@ -187,6 +187,11 @@ class InterfaceSolver:
             relative=relative,
         )
 
+    def condensed(self, effective: MatrixCoefficients, rule: Rule) -> Condensed:
+        """The bulk of some coefficients and its compliance at the joints (collective)."""
+        found: Condensed = self._condensed((effective, 1.0 / rule.weight))
+        return found
+
     def state_dict(self) -> dict[str, Any]:
         """State that the next steps start from: matrices, forces of the last step and before."""
         kept = self._condensed.items()

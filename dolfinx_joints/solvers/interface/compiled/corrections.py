@@ -67,7 +67,12 @@ STEP, COUPLED, RIGHT = 0, 1, 2
 
 @part
 def correct(
-    split: Any, inner: Any, residual: Floats, tangent: Floats, least: float, tolerance: float,
+    split: Any,
+    inner: Any,
+    residual: Floats,
+    tangent: Floats,
+    least: float,
+    tolerance: float,
     memory: Memory,
 ) -> int:
     """Write d and S d to the memory; the number of products.
@@ -142,11 +147,11 @@ def _correct_active(
     """The system of the active points; the others' corrections are their residuals."""
     kept, space, vectors, rows = memory.active, memory.space, memory.vectors, memory.numbers[2]
     step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RIGHT], vectors[3]
-    points, size, others = kept.points, 3 * kept.count[0], False
+    points, size, others = kept.points, 3 * kept.number[0], False
     right, found, caused = vectors[4, :size], vectors[5, :size], vectors[4]
     for k in range(len(step)):
         step[k] = residual[k]
-    for i in range(kept.count[0]):
+    for i in range(kept.number[0]):
         for a in range(3):
             step[3 * points[i] + a] = 0.0
             for b in range(3):
@@ -161,7 +166,7 @@ def _correct_active(
     for k in range(size):
         right[k] -= found[k] if others else 0.0
     products = gmres(inner, kept, right, tolerance, space, memory.deflation, found)
-    for i in range(kept.count[0]):
+    for i in range(kept.number[0]):
         for a in range(3):
             step[3 * points[i] + a] = found[3 * i + a]
     multiply(split, step, rows, coupled)
@@ -177,10 +182,10 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> int:
     kept, space, tied, vectors = memory.changed, memory.space, memory.tied, memory.vectors
     step, coupled, residual = vectors[STEP], vectors[COUPLED], vectors[RIGHT]
     known, taken, rows = vectors[3], vectors[4], memory.numbers[2]
-    points, size = kept.points, 3 * kept.count[0]
+    points, size = kept.points, 3 * kept.number[0]
     right, found = vectors[4, :size], vectors[5, :size]
     multiply(tied, residual, rows, known)
-    for i in range(kept.count[0]):
+    for i in range(kept.number[0]):
         for a in range(3):
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]

@@ -54,9 +54,10 @@ class Deflation(NamedTuple):
 
 
 def deflation_of(split: Split | None) -> Deflation:
-    """The largest eigenvalues of S; none of None."""
+    """The largest eigenvalues of a symmetric S; none of None."""
     size = 0 if split is None else split.size
-    values, vectors = np.empty(0), np.empty((0, size), dtype=np.float32)
+    values: Floats = np.empty(0)
+    vectors: Singles = np.empty((0, size), dtype=np.float32)
     if split is not None and size > 4 * VECTORS:
         every = np.arange(size)
         product = LinearOperator(
@@ -66,7 +67,7 @@ def deflation_of(split: Split | None) -> Deflation:
         vectors = np.ascontiguousarray(found.T, dtype=np.float32)
     return Deflation(
         vectors,
-        1.0 / values,
+        np.reciprocal(values),
         np.empty_like(vectors),
         np.empty_like(vectors),
         np.empty((len(values), len(values))),
@@ -76,7 +77,7 @@ def deflation_of(split: Split | None) -> Deflation:
 
 @njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
-    """a . b, summed in any order, in the precision of both."""
+    """Product a . b, summed in any order, in the precision of both."""
     total = a.dtype.type(0.0)
     for k in range(len(a)):
         total += a[k] * b[k]
@@ -86,7 +87,7 @@ def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
 @part
 def prepare(deflation: Deflation, kept: Kept, blocks: Singles) -> bool:
     """Set up the preconditioner of a set with its blocks of T; whether it pays."""
-    count, points = kept.count[0], kept.points
+    count, points = kept.number[0], kept.points
     if not len(deflation.vectors) or count < LEAST_SHARE * len(points):
         return False
     for v in range(len(deflation.vectors)):

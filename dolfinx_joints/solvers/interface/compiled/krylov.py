@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """GMRES on a kept part of S, `solvers.interface.gmres` compiled as a whole, in single precision.
 
-Newton corrects what that leaves. Vectors are relative to the right-hand side, whose size may be any.
+Newton corrects what that leaves. Vectors are relative to the right-hand side, of whatever size.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def gmres(
     Args:
         split: S.
         kept: The part P.
-        right: b, shape (3 count,).
+        right: b, shape (3 number,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
         space: T, as ``blocks``, and where to work; its length limits the products.
         deflation: Its preconditioner, where it has one for the set.

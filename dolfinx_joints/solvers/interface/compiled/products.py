@@ -61,14 +61,14 @@ class Kept(NamedTuple):
     """A set of points with its part of S, kept while the points asked for are among them.
 
     Attributes:
-        points: Their numbers, in order, the first ``count`` entries, shape (points,).
-        count: Their number, -1 before the first set, shape (1,).
-        part: Their rows and columns of S, the first 9 count^2 entries; of a `LowRank` S where that
+        points: Their numbers, in order, the first ``number`` entries, shape (points,).
+        number: How many, -1 before the first set, shape (1,).
+        part: Their rows and columns of S, the first 9 number^2 entries; of a `LowRank` S where that
             is no more than it has.
     """
 
     points: Ints
-    count: Ints
+    number: Ints
     part: Singles
 
 
@@ -145,13 +145,13 @@ def _hold_low_rank(split: LowRank, kept: Kept) -> None:
 @part
 def _is_held(kept: Kept) -> bool:
     """Whether the part of a set fits into its room."""
-    return bool(9 * kept.count[0] ** 2 <= len(kept.part))
+    return bool(9 * kept.number[0] ** 2 <= len(kept.part))
 
 
 @part
 def _pick(matrix: NDArray[Any], kept: Kept) -> None:
     """Rows and columns of the points kept."""
-    count, points = kept.count[0], kept.points
+    count, points = kept.number[0], kept.points
     rows = kept.part[: 9 * count * count].reshape(3 * count, 3 * count)
     for i in range(count):
         for a in range(3):
@@ -173,7 +173,7 @@ def _(split: Any, kept: Any) -> Any:
 @part
 def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
     """Keep a set that holds the points wanted, sorted: that kept, with these, or these alone."""
-    points, known, both, place = kept.points, kept.count[0], 0, 0
+    points, known, both, place = kept.points, kept.number[0], 0, 0
     for k in range(count):
         while place < known and points[place] < wanted[k]:
             place += 1
@@ -197,16 +197,14 @@ def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
 @njit(cache=True)
 def take(split: Any, kept: Kept, points: Ints, count: int) -> None:
     """Keep these points."""
-    kept.count[0] = count
+    kept.number[0] = count
     for k in range(count):
         kept.points[k] = points[k]
     _hold(split, kept)
 
 
-def _dense_part(
-    split: Dense, kept: Kept, values: Singles, every: Singles, out: Singles
-) -> None:
-    size = 3 * kept.count[0]
+def _dense_part(split: Dense, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
+    size = 3 * kept.number[0]
     np.dot(values, kept.part[: size * size].reshape(size, size), out)
 
 
@@ -214,12 +212,12 @@ def _low_rank_part(
     split: LowRank, kept: Kept, values: Singles, every: Singles, out: Singles
 ) -> None:
     if _is_held(kept):
-        size = 3 * kept.count[0]
+        size = 3 * kept.number[0]
         np.dot(values, kept.part[: size * size].reshape(size, size), out)
         return
     for k in range(len(every)):
         every[k] = np.float32(0.0)
-    for i in range(kept.count[0]):
+    for i in range(kept.number[0]):
         for a in range(3):
             every[3 * kept.points[i] + a] = values[3 * i + a]
     x, y = split.work[0], split.work[1]
@@ -229,13 +227,13 @@ def _low_rank_part(
     for k in range(len(every)):
         at = split.order[k]
         every[at] = y[k] - every[at] if split.live[at] else 0.0
-    for i in range(kept.count[0]):
+    for i in range(kept.number[0]):
         for a in range(3):
             out[3 * i + a] = every[3 * kept.points[i] + a]
 
 
 def multiply_part(split: Any, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
-    """The kept part of S times values, shape (3 count,), with room for a vector of all unknowns."""
+    """The kept part of S times values, shape (3 number,); ``every`` is room for all unknowns."""
     chosen = _dense_part if isinstance(split, Dense) else _low_rank_part
     chosen(split, kept, values, every, out)
 

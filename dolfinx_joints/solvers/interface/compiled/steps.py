@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,11 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
 from dolfinx_joints.solvers.interface.compiled.corrections import FINEST_SINGLE, Memory
-from dolfinx_joints.solvers.interface.compiled.deflation import deflation_of
+from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflation_of
 from dolfinx_joints.solvers.interface.compiled.iteration import Iterates, Limits, Points, iterate
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
-    Kept,
     LowRank,
     kept_of,
     take,
@@ -31,7 +30,7 @@ from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 
-# The whole of S is kept in single precision beside a compressed one up to so many unknowns, 0.15 GB.
+# The whole of S is kept in single precision beside a compressed one up to so many unknowns: 0.15 GB
 LARGEST_WHOLE = 6000
 
 
@@ -67,9 +66,8 @@ class CompiledSteps:
     ) -> None:
         """Set the room aside."""
         self._contact, self._corrections = contact, corrections
-        split, inner = _splits(compliance)
-        size = len(areas)
-        self._split, self._inner = _given(split), _given(inner, whole=size <= LARGEST_WHOLE)
+        size, forms = len(areas), _forms_of(compliance)
+        self._split, self._inner = forms.split, forms.inner
         self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
         self._scale = np.where(dead, 0.0, compliance.scale)
         self._root = areas * self._scale
@@ -84,7 +82,7 @@ class CompiledSteps:
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
             space=space_of(size, min(MOST_PRODUCTS, size)),
-            deflation=deflation_of(compliance.split),
+            deflation=forms.deflation,
             none=deflation_of(None),
             vectors=np.empty((6, size)),
             numbers=np.empty((3, size), dtype=np.int64),
@@ -92,12 +90,11 @@ class CompiledSteps:
 
     @staticmethod
     def serves(contact: Contact, compliance: Compliance) -> bool:
-        """Whether it can: one rank, laws with loops, S kept and not shared with other runs."""
+        """Whether it can: one rank, laws with loops, S kept."""
         if contact.operator.comm.size > 1 or not contact.has_loops:
             return False
         return all(
-            isinstance(s, RowMatrix)
-            or (isinstance(s, Compressed) and s.matrix.symmetric and not s.shared)
+            isinstance(s, RowMatrix) or (isinstance(s, Compressed) and s.matrix.symmetric)
             for s in _splits(compliance)
         )
 
@@ -139,7 +136,7 @@ class CompiledSteps:
         self._corrections.missed = float(self._memory.missed[0])
         if not converged:
             return None
-        answer = Answer(*(array[last].copy() for array in iterates.answer))
+        answer = Answer._make(array[last].copy() for array in iterates.answer)
         return Solved(
             force=iterates.force[last] - iterates.residual[last],
             response=self._contact.answered_by_loops(rule, answer),
@@ -167,9 +164,9 @@ class CompiledSteps:
         """Sets that later corrections depend on; the rest is in that of `Corrections`."""
         kept = {"kept": self._memory.active, "changed": self._memory.changed}
         return {
-            name: each.points[: each.count[0]].copy()
+            name: each.points[: each.number[0]].copy()
             for name, each in kept.items()
-            if each.count[0] >= 0
+            if each.number[0] >= 0
         }
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
@@ -181,6 +178,27 @@ class CompiledSteps:
         if "changed" in state_dict and len(self._memory.tied.rows):
             changed = state_dict["changed"]
             take(self._memory.tied, self._memory.changed, changed, len(changed))
+
+
+class _Forms(NamedTuple):
+    """S, S inside corrections, and its largest eigenvalues, as the compiled functions take them.
+
+    Runs that share a compliance share these, room included: they iterate one after the other.
+    """
+
+    split: Dense | LowRank
+    inner: Dense | LowRank
+    deflation: Deflation
+
+
+def _forms_of(compliance: Compliance) -> _Forms:
+    if compliance.forms is None:
+        split, inner = _splits(compliance)
+        known = compliance.split if compliance.effective.symmetric else None
+        whole = split.size <= LARGEST_WHOLE
+        compliance.forms = _Forms(_given(split), _given(inner, whole=whole), deflation_of(known))
+    forms: _Forms = compliance.forms
+    return forms
 
 
 def _splits(compliance: Compliance) -> tuple[Split, Split]:
@@ -207,9 +225,12 @@ def _given(split: Split, *, whole: bool = False) -> Dense | LowRank:
 def _iterates_of(start: Start) -> Iterates:
     points = len(start.gap)
     one = empty_answer(start.gap, start.history)
+    force, coupled, residual = np.zeros((3, 3, 3 * points))
     return Iterates(
-        *np.zeros((3, 3, 3 * points)),
+        force,
+        coupled,
+        residual,
         np.zeros((3, points, 3, 3)),
-        Answer(*(np.zeros((3, *array.shape), array.dtype) for array in one)),
+        Answer._make(np.zeros((3, *array.shape), array.dtype) for array in one),
         np.zeros((3, 3)),
     )

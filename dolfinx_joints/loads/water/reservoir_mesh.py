@@ -1,0 +1,233 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Waves in a reservoir with a mesh of its own: any bathymetry, any distance before the dam."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import annotated_types as at
+import basix
+import dolfinx.geometry
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary, meshtags
+from scipy.sparse import coo_array, csr_array
+
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.water import Water, WaterRows, reflected
+from dolfinx_joints.loads.water.wet_face import ON_LEVEL
+from dolfinx_joints.loads.water.wetted_facets import WettedPoints, wetted_facets
+from dolfinx_joints.mesh import dolfinx_versions
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+# Of a cell: points of the body's face may lie so far outside of the water's mesh.
+OUTSIDE = 0.1
+
+# Shape functions of a cell that are zero but for rounding.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+@checked
+class MeshedReservoir:
+    """Compressible water with a mesh of its own, for time steps.
+
+    The top of the mesh is the level. Nodes on the dam's face need not be those of the dam. Bounds
+    that are in no group are rigid and at rest, as planes of symmetry are.
+
+    Attributes:
+        group: Name of the facet group of the dam that is wet.
+        mesh: The water, the same on every rank: read with the communicator ``MPI.COMM_SELF``.
+        face: Facet group of the water before the dam.
+        bottom: Facet groups of floor and banks, which absorb and move with the ground.
+        far_end: Facet group through which waves leave along its normal; none unless given.
+        density: Of the water [kg/m^3].
+        sound_speed: In the water [m/s].
+        bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
+            the normal, alpha.
+        gravity_waves: Whether the free surface moves: p = rho g times its height, instead of zero.
+    """
+
+    group: str
+    mesh: JointedMesh = field(repr=False)
+    face: str
+    bottom: Sequence[str] = ()
+    far_end: str | None = None
+    density: Annotated[float, at.Gt(0), at.Unit("kg/m^3")] = 1000.0
+    sound_speed: Annotated[float, at.Gt(0), at.Unit("m/s")] = 1440.0
+    bottom_reflection: Annotated[float, at.Ge(0), at.Le(1)] = 1.0
+    gravity_waves: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the mesh and its groups."""
+        good = isinstance(self.mesh, JointedMesh)
+        check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
+        if self.mesh.mesh.comm.size > 1:
+            raise MeshError(
+                f"{self}: its mesh is spread over {self.mesh.mesh.comm.size} ranks; read it with "
+                "MPI.COMM_SELF, so that each rank has all of it."
+            )
+        for name in (self.face, *self.bottom, *([self.far_end] if self.far_end else [])):
+            self.mesh.facets(name)
+
+    def __str__(self) -> str:
+        """Its name in error messages."""
+        return f"MeshedReservoir on {shown(self.group)}"
+
+    def water(self, model: LoadedBody) -> Water:
+        """Its matrices, in the same order on any number of ranks (collective).
+
+        Raises:
+            MeshError: The wet face of the dam is not where that of the water is.
+        """
+        whole = _Meshed(self)
+        coupling = whole.coupling(model)
+        uniform = np.tile(np.eye(model.gdim), (coupling.shape[1] // model.gdim, 1))
+        return Water(
+            size=whole.size,
+            impedance=self.density * self.sound_speed,
+            rows=whole.rows,
+            coupling=coupling,
+            driven=whole.driven - coupling @ uniform,
+            places=whole.places,
+            face=np.flatnonzero(np.diff(coupling.indptr)),
+        )
+
+
+class _Meshed:
+    """Matrices of the water below the level, on every rank.
+
+    Attributes:
+        size: Number of unknowns.
+        driven: Integrals of shape functions times the outward normal of the bottom [m^2].
+        places: Coordinates of the unknowns' nodes [m].
+        level: Height of the water [m].
+    """
+
+    def __init__(self, given: MeshedReservoir) -> None:
+        self._given, self._jointed = given, given.mesh
+        mesh, degree = given.mesh.mesh, given.mesh.shape.degree
+        self._gdim = mesh.geometry.dim
+        self._space = fem.functionspace(mesh, ("Lagrange", degree))
+        x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
+        self.level = float(x[:, -1].max())
+        self._near = ON_LEVEL * float(np.ptp(x[:, -1]))
+        dry = (x[:, -1] > self.level - self._near) & (not given.gravity_waves)
+        self._kept = np.flatnonzero(~dry)
+        self._number = np.full(len(x), -1)
+        self._number[self._kept] = np.arange(len(self._kept))
+        self.size, self.places = len(self._kept), x[self._kept]
+        self._assemble()
+
+    def _assemble(self) -> None:
+        given, ds = self._given, self._jointed.ds
+        u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
+        n, rho, c = ufl.FacetNormal(self._jointed.mesh), given.density, given.sound_speed
+        mass = rho * u * v * ufl.dx
+        if given.gravity_waves:
+            mass += rho * c**2 / STANDARD_GRAVITY * u * v * self._surface()
+        zero = fem.Constant(self._jointed.mesh, 0.0)
+        losses = zero * u * v * ufl.dx
+        share = rho * c * reflected(given.bottom_reflection)
+        for name in given.bottom:
+            losses += share * u * v * ds(name)
+        if given.far_end is not None:
+            losses += rho * c * u * v * ds(given.far_end)
+        stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+        self._matrices = [self._matrix(form) for form in (mass, stiffness, losses)]
+        self.driven = np.zeros((self.size, self._gdim))
+        for name in given.bottom:
+            for axis in range(self._gdim):
+                flux = fem.assemble_vector(fem.form(n[axis] * v * ds(name))).array
+                self.driven[:, axis] += flux[self._kept]
+
+    def _matrix(self, form: Any) -> csr_array:
+        """Matrix of a form, of the unknowns alone."""
+        found = fem.assemble_matrix(fem.form(form)).to_scipy()
+        return csr_array(found)[self._kept][:, self._kept]
+
+    def _surface(self) -> ufl.Measure:
+        """The free surface."""
+        mesh = self._jointed.mesh
+        up, fdim = self._gdim - 1, mesh.topology.dim - 1
+        top = np.sort(
+            locate_entities_boundary(mesh, fdim, lambda x: x[up] > self.level - self._near)
+        )
+        tags = meshtags(mesh, fdim, top, np.ones(len(top), dtype=np.int32))
+        return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
+
+    def rows(self, first: int, last: int) -> WaterRows:
+        """Rows of the unknowns from one up to another."""
+        mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
+        return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
+
+    def coupling(self, model: LoadedBody) -> csr_array:
+        """Unknowns times dofs of the body, [m^2] (collective)."""
+        comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
+        shape = (self.size, blocks.size_global * model.gdim)
+        mine = csr_array(shape)
+        wet = wetted_facets(model.V, model.jointed, self._given.group, self.level)
+        with raised_together(comm):
+            for points in wet:
+                mine = mine + csr_array(coo_array(self._entries(points, model), shape=shape))
+        first, *others = comm.allgather(mine)
+        return sum(others, start=first)
+
+    def _entries(self, points: WettedPoints, model: LoadedBody) -> tuple[Floats, tuple[Ints, Ints]]:
+        """Values with rows and columns of some points (pieces, q) of the body's face."""
+        places = points.positions.reshape(-1, self._gdim)
+        dofs, basis = self._located(places)
+        blocks = model.V.dofmap.index_map.local_to_global(points.nodes.ravel().astype(np.int32))
+        blocks = np.repeat(blocks.reshape(points.nodes.shape), points.shapes.shape[1], axis=0)
+        forces = points.shapes[..., None] * points.areas[:, :, None, :]
+        forces = forces.reshape(len(places), -1, self._gdim)
+        values = np.einsum("pw,pni->pwni", basis, forces)
+        columns = model.gdim * blocks[:, None, :, None] + np.arange(model.gdim)
+        rows, columns = np.broadcast_arrays(dofs[:, :, None, None], columns)
+        wet = (rows >= 0) & (np.abs(basis) > ROUNDING)[:, :, None, None]
+        return values[wet], (rows[wet], columns[wet])
+
+    def _located(self, places: Floats) -> tuple[Ints, Floats]:
+        """Unknowns (-1 at the level) and shape functions of the cell at each place, (places, n)."""
+        mesh, element = self._jointed.mesh, self._space.element.basix_element
+        cells, nodes = self._cells(places), dolfinx_versions.geometry_nodes(mesh)
+        local = np.empty_like(places)
+        for cell in np.unique(cells):
+            here, corners = cells == cell, mesh.geometry.x[nodes[cell], : self._gdim]
+            local[here] = mesh.geometry.cmap.pull_back(places[here], corners)
+        simplex = len(basix.topology(self._jointed.shape.type)[0]) == self._gdim + 1
+        over = local.sum(axis=1) if simplex else local.max(axis=1)
+        outside = np.maximum(-local.min(axis=1), over - 1.0)
+        worst = int(outside.argmax())
+        if outside[worst] > OUTSIDE:
+            place = ", ".join(f"{value:.3g}" for value in places[worst])
+            raise MeshError(
+                f"{self._given}: the dam's wet face at ({place}) m lies outside of the water "
+                f"before it by {100 * outside[worst]:.3g} % of a cell; {100 * OUTSIDE:g} % are "
+                "allowed."
+            )
+        basis = element.tabulate(0, local)[0, :, :, 0]
+        return self._number[self._space.dofmap.list[cells]], basis
+
+    def _cells(self, places: Floats) -> Ints:
+        """The cell behind the face that is nearest to each place."""
+        mesh, tdim = self._jointed.mesh, self._jointed.mesh.topology.dim
+        mesh.topology.create_connectivity(tdim - 1, tdim)
+        behind = mesh.topology.connectivity(tdim - 1, tdim)
+        facets = self._jointed.facets(self._given.face)
+        cells = np.unique(behind.array[behind.offsets[facets]]).astype(np.int32)
+        tree = dolfinx.geometry.bb_tree(mesh, tdim, entities=cells)
+        middles = dolfinx.geometry.create_midpoint_tree(mesh, tdim, cells)
+        points = np.zeros((len(places), 3))
+        points[:, : self._gdim] = places
+        return dolfinx.geometry.compute_closest_entity(tree, middles, mesh, points)

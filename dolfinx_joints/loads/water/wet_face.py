@@ -1,0 +1,296 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The wet part of a face as lines or triangles of water, and its coupling with the body.
+
+A reservoir that is this face moved horizontally upstream has its floor and banks along the edges of
+the face: it matches the face by construction and needs no mesh of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.parameters import check_vector, shown
+from dolfinx_joints.loads.load import Vector
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, clipped, lidded
+from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints, wetted_facets
+from dolfinx_joints.mesh.blocks import same_places
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.node_numbering import NodeNumbering
+
+# Of the height of the face: nodes nearer to the level are taken as lying on it.
+ON_LEVEL = 1e-6
+
+# Of the shortest edge: nodes of two blocks that are nearer are one node of the water.
+SAME_NODE = 0.01
+
+# Least cosine of the angle between the face's normal and upstream.
+STEEPEST = 0.05
+
+# Quadrature on a part of a facet: quadratic shapes in two directions, normals and pressures.
+DEGREE = 8
+
+# Lines or triangles of a facet by its number of nodes, in 2-D and in space.
+_RING = (0, 4, 1, 6, 3, 7, 2, 5)
+PARTS: dict[tuple[int, int], list[list[int]]] = {
+    (2, 2): [[0, 1]],
+    (2, 3): [[0, 2], [2, 1]],
+    (3, 3): [[0, 1, 2]],
+    (3, 4): [[0, 1, 2], [3, 2, 1]],
+    (3, 6): [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
+    (3, 9): [[8, _RING[i - 1], _RING[i]] for i in range(8)],
+}
+
+
+class MovedFace(Protocol):
+    """A reservoir with the cross-section of its wet face; its text names it in error messages."""
+
+    @property
+    def group(self) -> str:
+        """Name of the facet group."""
+
+    @property
+    def level(self) -> float:
+        """Height of the water [m]."""
+
+    @property
+    def upstream(self) -> Vector | None:
+        """Horizontal vector along which it extends, None for the face's mean normal."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WetFace:
+    """The wet part of a face.
+
+    Attributes:
+        face: Lines or triangles of the water; whole on rank 0, without parts elsewhere.
+        upstream: Unit vector, horizontal, shape (gdim,).
+        coupling: Nodes of the water, dofs of the body and the forces of unit pressures [m^2] that
+            act along the normal of the body; whole on rank 0, empty elsewhere.
+    """
+
+    face: WaterFace
+    upstream: Floats
+    coupling: tuple[Ints, Ints, Floats]
+
+
+def check_upstream(water: MovedFace) -> None:
+    """Check that the direction is horizontal."""
+    if water.upstream is not None and not (water.upstream[-1] == 0.0 and np.any(water.upstream)):
+        raise ValueError(
+            f"{water}: upstream is {shown(water.upstream)}; it must be a horizontal vector, its "
+            "last number zero."
+        )
+
+
+def wet_face(model: LoadedBody, water: MovedFace, order: NodeNumbering | None = None) -> WetFace:
+    """The wet face of a reservoir (collective).
+
+    Args:
+        model: The body.
+        water: The reservoir.
+        order: Numbers the nodes of the body; those of the water are then in the same order.
+
+    Raises:
+        ValueError: The face ends below the level, or a part of it does not look upstream.
+        MeshError: There is no such group, or some of its facets lie inside the body.
+    """
+    comm = model.jointed.mesh.comm
+    face = _Face(wetted_facets(model.V, model.jointed, water.group, float(water.level)))
+    numbers, count = face.numbers(comm, water)
+    if order is not None:
+        numbers = face.in_order(comm, numbers, count, order)
+    parts = face.wet_parts(numbers)
+    areas = parts.points.areas.sum(axis=1)
+    upstream = _direction(water, np.sum(comm.allgather(areas.sum(axis=0)), axis=0))
+    _check_looks(water, comm, areas, upstream)
+    nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
+    rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model))
+    return WetFace(
+        face=WaterFace(count=count, nodes=nodes, corners=corners),
+        upstream=upstream,
+        coupling=(rows, dofs, values),
+    )
+
+
+def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
+    """Check that each region of a face reaches the level, without which nothing determines it."""
+    if lids := lidded(face):
+        raise ValueError(
+            f"{water}: {lids} separate regions of the face do not reach up to the level, "
+            f"{water.level:g} m; each must, since the reservoir has its cross-section."
+        )
+
+
+def _direction(water: MovedFace, area: Floats) -> Floats:
+    """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
+    vector = np.append(area[:-1], 0.0)
+    if water.upstream is not None:
+        vector = check_vector(f"{water}: upstream", water.upstream, (len(area),))
+    size = float(np.linalg.norm(vector))
+    if water.upstream is None and size <= STEEPEST * float(np.linalg.norm(area)):
+        if not area.any():
+            return np.eye(len(area))[0]
+        raise ValueError(
+            f"{water}: the wet face has no horizontal normal in the mean, so where it looks is "
+            "not known; give upstream=, or a group that is one face."
+        )
+    return np.asarray(vector / size)
+
+
+def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
+    """Check that the face reaches up to the level."""
+    if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
+        raise ValueError(
+            f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it "
+            "must reach up to the level, since the reservoir has its cross-section."
+        )
+
+
+def _check_looks(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
+    """Check that all parts look upstream (collective)."""
+    size = np.linalg.norm(areas, axis=1)
+    off = areas @ upstream < STEEPEST * size
+    sums = np.sum(comm.allgather((float(size[off].sum()), float(size.sum()))), axis=0)
+    if sums[0] > 0.0:
+        shown = ", ".join(f"{x:.3g}" for x in upstream)
+        raise ValueError(
+            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face do not look along "
+            f"upstream, ({shown}), but away from it or within 3 degrees of aside; leave these "
+            "facets out of the group, give another upstream=, or take a WestergaardMass."
+        )
+
+
+class _Face:
+    """Facets of this rank as lines or triangles, along their middle nodes where they have some."""
+
+    def __init__(self, facets: WettedFacets) -> None:
+        """Divide the facets."""
+        self._facets = facets
+        count, nodes = facets.nodes.shape
+        gdim = facets.places.shape[2]
+        parts = np.array(PARTS[gdim, nodes])
+        self._of = np.tile(np.arange(count), len(parts))
+        local = np.repeat(parts, count, axis=0)
+        self._nodes = np.take_along_axis(facets.nodes[self._of], local, axis=1)
+        self._places = np.take_along_axis(facets.places[self._of], local[:, :, None], axis=1)
+        at = facets.at(self._of, self._places, np.zeros(self._nodes.shape))
+        self._corners = at.positions
+
+    def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
+        """Number of the water's node at each corner here, and of all such nodes (collective).
+
+        `SURFACE` where a corner is not below the level.
+        """
+        level = float(water.level)
+        own, first = np.unique(self._nodes, return_index=True)
+        points = self._corners.reshape(-1, self._corners.shape[2])[first]
+        sides = self._corners - np.roll(self._corners, 1, axis=1)
+        shortest = float(np.linalg.norm(sides, axis=2).min(initial=np.inf))
+        shortest = min(comm.allgather(shortest))
+        lowest = min(comm.allgather(points[:, -1].min(initial=np.inf)))
+        highest = max(comm.allgather(points[:, -1].max(initial=-np.inf)))
+        _check_top(water, highest, lowest)
+        self._on_level = ON_LEVEL * max(highest - lowest, 0.0)
+        self._level = level
+        every = comm.gather(points, root=0)
+
+        def work() -> tuple[list[Ints], int]:
+            wet = level - np.concatenate(every)[:, -1] > self._on_level
+            found = np.full(len(wet), SURFACE)
+            _, found[wet] = np.unique(
+                same_places(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
+            )
+            splits = np.cumsum([len(p) for p in every])[:-1]
+            return np.split(found, splits), int(found.max(initial=SURFACE)) + 1
+
+        each, count = on_root(comm, work)
+        return each[comm.rank][np.searchsorted(own, self._nodes)], count
+
+    def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
+        """The numbers in the order of the body's nodes, on any number of ranks (collective)."""
+        wet = numbers != SURFACE
+        pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
+        pairs = np.concatenate(comm.allgather(pairs))
+        least = np.full(count, np.iinfo(np.int64).max)
+        np.minimum.at(least, pairs[:, 0], pairs[:, 1])
+        place = np.empty(count, dtype=np.int64)
+        place[np.argsort(least)] = np.arange(count)
+        return np.append(place, SURFACE)[numbers]
+
+    def wet_parts(self, numbers: Ints) -> _WetParts:
+        """The parts below the level."""
+        depths = self._level - self._corners[:, :, -1]
+        depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
+        depths[np.abs(depths) <= self._on_level] = 0.0
+        whole, shares, which = clipped(depths)
+        corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
+        places = np.einsum("pab,pbi->pai", shares, self._places[whole])
+        size = np.sqrt(np.linalg.det(_gram(places)))
+        kept = size > 1e-12
+        whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
+        nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
+        nodes[which == SURFACE] = SURFACE
+        cell = (basix.CellType.interval, basix.CellType.triangle)[places.shape[1] - 2]
+        points, weights = basix.make_quadrature(cell, DEGREE)
+        pressures = np.column_stack([1.0 - points.sum(axis=1), points])
+        return _WetParts(
+            nodes=nodes,
+            corners=corners,
+            pressures=pressures,
+            points=self._facets.at(
+                self._of[whole],
+                np.einsum("qa,pai->pqi", pressures, places),
+                size[kept][:, None] * weights,
+            ),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WetParts:
+    """Lines or triangles of this rank below the level.
+
+    Attributes:
+        nodes: Nodes of the water at their corners, or `SURFACE`, shape (parts, gdim).
+        corners: Coordinates, shape (parts, gdim, gdim), [m].
+        pressures: Shape functions of the corners at the points, shape (points, gdim).
+        points: Quadrature points of the body.
+    """
+
+    nodes: Ints
+    corners: Floats
+    pressures: Floats
+    points: WettedPoints
+
+    def coupling(self, model: LoadedBody) -> tuple[Ints, Ints, Floats]:
+        """Forces of unit pressures at the water's nodes: these nodes, dofs, values [m^2]."""
+        gdim = model.gdim
+        nodes = self.points.nodes
+        blocks = model.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
+        dofs = gdim * blocks.reshape(nodes.shape)[:, :, None] + np.arange(gdim)
+        values = np.einsum(
+            "qc,pqn,pqi->pcni", self.pressures, self.points.shapes, self.points.areas
+        )
+        rows = np.broadcast_to(self.nodes[:, :, None, None], values.shape)
+        columns = np.broadcast_to(dofs[:, None], values.shape)
+        wet = rows != SURFACE
+        return rows[wet], columns[wet], values[wet]
+
+
+def _gram(simplices: Floats) -> Floats:
+    """Gram matrices of the edges of lines or triangles (n, corners, dim)."""
+    edges = simplices[:, 1:] - simplices[:, :1]
+    return np.einsum("nid,njd->nij", edges, edges)
+
+
+def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
+    """The rows of all ranks, on rank 0; elsewhere nothing (collective)."""
+    every = comm.gather(part, root=0)
+    return part[:0] if every is None else np.concatenate(every)

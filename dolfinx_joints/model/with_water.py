@@ -1,0 +1,262 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A body and the waves in its water as one system, of the unknowns [u; y] with y = phi / c.
+
+    [M     ] [u'']   [C         -rho c Q] [u']   [K     ] [u]   [F                     ]
+    [   M_w] [y''] + [rho c Q^T  C_w    ] [y'] + [   K_w] [y] = [rho c (n . v_ground)  ]    (12v)
+
+M and K are symmetric without negative energies, and the coupling does no work, as it is skew: what
+holds for a body alone holds for both. With the sign of the water's rows changed the matrix of a
+step is symmetric, though not positive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.sparse import coo_array, csr_array
+
+from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.water.far_field import FarField
+from dolfinx_joints.loads.water.water import Water
+from dolfinx_joints.model.system import MatrixSystem, as_aij
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class BodyAndWater:
+    """Order of the unknowns [u; y]: on each rank those of the body, then its part of the water's.
+
+    Args:
+        body: A vector of the body's unknowns.
+        water: The water.
+        gdim: Unknowns of a node of the body.
+
+    Attributes:
+        water: The water.
+        dry: Number of the rank's unknowns of the body.
+        numbers: Numbers of the rank's unknowns of the water, in the order of the water.
+        signs: 1 at the body's unknowns, -1 at the water's.
+    """
+
+    def __init__(self, body: PETSc.Vec, water: Water, gdim: int) -> None:
+        """Hand the water out to the ranks in equal parts (collective)."""
+        self.water, self._comm = water, body.comm
+        self._of_body = np.asarray(body.getOwnershipRanges(), dtype=np.int64)
+        ranks = len(self._of_body) - 1
+        self._of_water = np.linspace(0, water.size, ranks + 1).astype(np.int64)
+        here = slice(self._comm.rank, self._comm.rank + 2)
+        self.dry = body.getLocalSize()
+        self._body_rows, self._water_rows = self._of_body[here], self._of_water[here]
+        self.numbers: Ints = np.arange(*self._water_rows)
+        dofs = np.tile(np.eye(gdim), (water.coupling.shape[1] // gdim, 1))
+        self._normals = water.coupling[water.face] @ dofs
+        self.signs = self.joined(None, np.full(len(self.numbers), -1.0))
+        self.signs.getArray()[: self.dry] = 1.0
+
+    def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
+        """A vector of both parts, zero where one is not given (collective).
+
+        Args:
+            body: A vector of the body's unknowns; one of both is returned as it is.
+            water: The rank's unknowns of the water.
+        """
+        if body is not None and self.has_water(body):
+            return body
+        found = PETSc.Vec().createMPI((self.dry + len(self.numbers), None), comm=self._comm)
+        found.set(0.0)
+        if body is not None:
+            found.getArray()[: self.dry] = body.getArray(readonly=True)
+        if water is not None:
+            found.getArray()[self.dry :] = water
+        return found
+
+    def has_water(self, vector: PETSc.Vec) -> bool:
+        """Whether a vector is one of both."""
+        return bool(vector.getSize() != self._of_body[-1])
+
+    def body(self, both: PETSc.Vec) -> PETSc.Vec:
+        """The body's part of a vector (collective)."""
+        found = PETSc.Vec().createMPI((self.dry, None), comm=self._comm)
+        found.setArray(both.getArray(readonly=True)[: self.dry])
+        return found
+
+    def gathered(self, both: PETSc.Vec) -> Floats:
+        """The unknowns of the water in their order, on every rank (collective)."""
+        mine = both.getArray(readonly=True)[self.dry :].copy()
+        return np.concatenate(self._comm.tompi4py().allgather(mine))
+
+    def pressure(self, velocity: PETSc.Vec) -> Floats:
+        """Pressures p = -rho c y' at the water's nodes on the face, shape (n,), [Pa] (collective).
+
+        Those of the waves alone, without the water at rest.
+
+        Args:
+            velocity: [u'; y'] [m/s].
+        """
+        rates = np.zeros(len(self.water.face))
+        here = self.water.face - self._water_rows[0]
+        there = (here >= 0) & (here < len(self.numbers))
+        rates[there] = velocity.getArray(readonly=True)[self.dry :][here[there]]
+        total = np.sum(self._comm.tompi4py().allgather(rates), axis=0)
+        return np.asarray(-self.water.impedance * total)
+
+    def force(self, velocity: PETSc.Vec) -> Floats:
+        """Force of the waves on the face, -(integral of p n), shape (gdim,), [N] (collective)."""
+        return np.asarray(-self.pressure(velocity) @ self._normals)
+
+    def energy(self, one: PETSc.Vec, other: PETSc.Vec) -> float:
+        """Half the product of the water's parts of two vectors (collective)."""
+        mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
+        return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
+
+    def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
+        """The system of both (collective).
+
+        Args:
+            dry: That of the body.
+            loads: Its loads by name, of which a `BaseMotion` moves the bounds of the water.
+            step: Step of the stage [s].
+
+        Raises:
+            JointsError: The body has plastic cells.
+        """
+        if dry.bulk is not None:
+            raise JointsError(
+                "Reservoir waves need a linear body, and this one has plastic cells; take an added "
+                "mass."
+            )
+        patterns = [(self.joined(vector), factor) for vector, factor in dry.patterns]
+        names = list(dry.load_names)
+        driven = self.water.impedance * self.water.driven[self.numbers]
+        gdim, velocities = driven.shape[1], []
+        for name, load in loads.items():
+            if isinstance(load, BaseMotion):
+                velocities.append(load.velocities(gdim))
+                for axis, velocity in enumerate(velocities[-1]):
+                    patterns.append((self.joined(None, driven[:, axis]), velocity))
+                    names.append(name)
+        section, far_field = self.water.section, None
+        if section is not None and velocities:
+            far_field = FarFieldLoad(self, FarField(section, velocities, step))
+        rows = self.water.rows(*(int(n) for n in self._water_rows))
+        return replace(
+            dry,
+            mass=self._matrix(dry.mass, rows.mass),
+            stiffness=self._matrix(dry.stiffness, rows.stiffness),
+            rayleigh=Rayleigh(),  # that of the body is among the dashpots
+            dashpots=self._matrix(dry.damping, rows.losses, coupled=True),
+            absorption=self._matrix(dry.absorption, rows.losses),
+            contact=None if dry.contact is None else self._contact(dry.contact),
+            patterns=patterns,
+            load_names=names,
+            far_field=far_field,
+            coupled=self,
+        )
+
+    def _matrix(
+        self, body: PETSc.Mat | None, water: csr_array, *, coupled: bool = False
+    ) -> PETSc.Mat:
+        """A matrix of both from the body's and the rank's rows of the water's (collective)."""
+        own = water.tocoo()
+        parts = [(self.dry + own.row, self._water_columns(own.col), own.data)]
+        if body is not None:
+            starts, columns, values = _csr(body)
+            lines = np.repeat(np.arange(self.dry), np.diff(starts))
+            parts.append((lines, self._body_columns(columns), values))
+        if coupled:
+            forces = (self.water.impedance * self.water.coupling).tocoo()
+            rows, dofs, values = forces.row, forces.col, forces.data
+            at_body, at_water = (
+                (numbers >= first) & (numbers < last)
+                for numbers, (first, last) in ((dofs, self._body_rows), (rows, self._water_rows))
+            )
+            lines = dofs[at_body] - self._body_rows[0]
+            parts.append((lines, self._water_columns(rows[at_body]), -values[at_body]))
+            lines = self.dry + rows[at_water] - self._water_rows[0]
+            parts.append((lines, self._body_columns(dofs[at_water]), values[at_water]))
+        rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+        local = self.dry + len(self.numbers)
+        total = int(self._of_body[-1] + self._of_water[-1])
+        lines = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
+        return _petsc(lines, ((local, total), (local, total)), self._comm)
+
+    def _contact(self, contact: Contact) -> Contact:
+        """The joints, with B of both (collective)."""
+        dry = contact.operator
+        starts, columns, values = _csr(dry.matrix)
+        local = (self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1]))
+        shape = (len(starts) - 1, local[1])
+        lines = csr_array((values, self._body_columns(columns), starts), shape=shape)
+        matrix = _petsc(lines, (dry.matrix.getSizes()[0], local), self._comm)
+        operator = GapOperator(matrix, dry.areas, dry.joint, dry.names)
+        operator.initial_gap, operator.points = dry.initial_gap, dry.points
+        operator.sizes = dry.sizes
+        other = copy(contact)
+        other.__dict__.pop("by_forms", None)
+        other.operator = operator
+        return other
+
+    def _body_columns(self, dofs: Ints) -> Ints:
+        """Numbers among both of dofs of the body."""
+        rank = np.searchsorted(self._of_body, dofs, side="right") - 1
+        return np.asarray(dofs + self._of_water[rank])
+
+    def _water_columns(self, numbers: Ints) -> Ints:
+        """Numbers among both of unknowns of the water."""
+        rank = np.searchsorted(self._of_water, numbers, side="right") - 1
+        return np.asarray(numbers + self._of_body[rank + 1])
+
+
+class FarFieldLoad:
+    """Forces of a `FarField` in the order of both.
+
+    Attributes:
+        names: Its name in the ledger.
+    """
+
+    names = ("FarField_reservoir",)
+
+    def __init__(self, both: BodyAndWater, far_field: FarField) -> None:
+        """Keep the last times."""
+        self._both = both
+        self._at = lru_cache(maxsize=2)(lambda time: far_field.force(time)[both.numbers])
+
+    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
+        """Add the forces at a time [s], times ``scale``, [N]."""
+        out.getArray()[self._both.dry :] += scale * self._at(time)
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        moved = x.getArray(readonly=True)[self._both.dry :]
+        mine = 0.5 * float(moved @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
+
+
+def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:
+    """The rank's rows of a matrix: starts, columns, values."""
+    plain = as_aij(matrix)
+    starts, columns, values = plain.getValuesCSR()
+    plain.destroy()
+    return starts, columns, values
+
+
+def _petsc(rows: csr_array, sizes: tuple[Any, Any], comm: Any) -> PETSc.Mat:
+    """A matrix from each rank's rows (collective)."""
+    rows.sort_indices()
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+    matrix.assemble()
+    return matrix

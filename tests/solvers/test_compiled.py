@@ -1,0 +1,169 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The compiled iteration on joint forces against the same in Python, which several ranks run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mpi4py")
+pytest.importorskip("dolfinx")
+
+from joint_tangents import POINTS, right_side, scaled_compliance, states, stuck_tangent, tangents
+
+from dolfinx_joints import (
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    RigidJoint,
+    Simulation,
+    SolverOptions,
+    frictionless,
+    stiffness_proportional,
+)
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.solvers.interface import corrections
+from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products
+from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+
+STIFF = FrictionNoTension(normal_stiffness=1e13, shear_stiffness=1e13, friction_coefficient=0.3)
+SOFT = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+LAWS = {
+    "one": SOFT,
+    "one per joint": {
+        "joint_1": STIFF,
+        "joint_2": SOFT,
+        "joint_3": frictionless(normal_stiffness=1e11),
+    },
+    "rigid": RigidJoint(friction_angle_deg=30.0),
+    "rigid, no rebound, and elastic": {
+        "joint_1": RigidJoint(friction_angle_deg=20.0, restitution=0),
+        "joint_2": SOFT,
+        "joint_3": RigidJoint(friction_angle_deg=30.0),
+    },
+}
+
+
+def shaking(time: float) -> np.ndarray:
+    """A motion that opens and slides the joints of the wall, [m/s^2]."""
+    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
+
+
+class Last(Monitor):
+    """Keeps gaps, elastic slips and friction work of each step."""
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray] = []
+
+    def record(self, record: Any) -> None:
+        joints = record.joints
+        columns = joints.state.gap, joints.traction, joints.dissipation[:, None]
+        self.seen.append(np.hstack(columns))
+
+
+def march(model: Any, **options: Any) -> tuple[np.ndarray, Any]:
+    """Gaps, tractions and friction work of 20 steps, shape (20, points, 7), and the outcome."""
+    seen = Last()
+    options = {"relative_tolerance": 1e-12, **options}
+    simulation = Simulation(model, options=SolverOptions(**options), monitors=[seen])
+    simulation.statics()
+    outcome = simulation.dynamics(dt=0.005, steps=20, motion=shaking)
+    return np.array(seen.seen), outcome
+
+
+@pytest.mark.parametrize("compliance", ["dense", "compressed"])
+@pytest.mark.parametrize("laws", LAWS)
+def test_as_in_python(wall_file, read, monkeypatch, laws, compliance):
+    """To the tolerance of the iteration; with and without W, sweeps and deflation."""
+    model = Model(
+        read(wall_file(divisions=(8, 2, 3))),
+        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=LAWS[laws],
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+    )
+    runs = []
+    monkeypatch.setattr(InterfaceSolver, "_in_python", _not_in_steps(InterfaceSolver._in_python))
+    for hard, tied in ((7, 40.0), (0, 1e30)):
+        monkeypatch.setattr("dolfinx_joints.solvers.interface.solver.HARD", hard)
+        monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", tied)
+        runs.append(march(model, compliance=compliance))
+    monkeypatch.undo()
+    monkeypatch.setattr(CompiledSteps, "serves", lambda *_: False)
+    expected, in_python = march(model, compliance=compliance)
+    size = np.abs(expected).max(axis=(0, 1))
+    for found, outcome in runs:
+        assert np.all(np.abs(found - expected).max(axis=(0, 1)) <= 1e-8 * size)
+        assert outcome.imbalance <= 1e-10
+        assert outcome.iterations <= 1.2 * in_python.iterations + 10
+
+
+def _not_in_steps(in_python: Any) -> Any:
+    """Python is for statics: a step that comes to it has not been solved by what is tested."""
+
+    def solve(self: Any, step: Any, *arguments: Any) -> Any:
+        assert step.condensed.static
+        return in_python(self, step, *arguments)
+
+    return solve
+
+
+@pytest.mark.parametrize("kind", ["one closed", "mostly open", "mixed", "mostly stuck", "sliding"])
+def test_gmres_with_and_without_deflation(kind, monkeypatch):
+    """Against dense solves, to what single precision leaves; deflated it takes fewer products."""
+    s, stuck = scaled_compliance(), stuck_tangent(1e3)
+    blocks, r = tangents(states(kind), stuck), right_side("all")
+    # A compliance whose points move together, as those of one body do.
+    together = np.tile(np.linspace(1.0, 2.0, POINTS)[:, None], (1, 3)).ravel()
+    s = s + 3.0 * np.outer(together, together) / len(together)
+    split = products.Dense(s)
+    kept = products.kept_of(POINTS, split)
+    points = np.flatnonzero(np.abs(blocks).max(axis=(1, 2)) > 0.0)
+    products.take(split, kept, points, len(points))
+    rows = (3 * points[:, None] + np.arange(3)).ravel()
+    turned = np.zeros((len(s), len(s)))
+    for i, block in enumerate(blocks):
+        turned[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    matrix = np.eye(len(rows)) + (turned @ s)[np.ix_(rows, rows)]
+    taken = []
+    monkeypatch.setattr(deflation, "VECTORS", 8)
+    for deflated in (None, _Split(s)):
+        space = krylov.space_of(len(s), 100)
+        space.blocks[: len(points)] = blocks[points]
+        found = np.empty(len(rows))
+        of = deflation.deflation_of(deflated)
+        taken.append(_gmres(split, kept, r[rows], 1e-5, space, of, found))
+        left = np.linalg.norm(matrix @ found - r[rows])
+        assert left <= 3e-5 * np.linalg.norm(r[rows])
+    if len(points) < deflation.LEAST_SHARE * POINTS:
+        assert taken[1] == taken[0]
+    else:
+        assert taken[1] < taken[0]
+
+
+class _Split:
+    """S for what finds its eigenvalues."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self._matrix, self.size = matrix, len(matrix)
+
+    def product(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return self._matrix @ values
+
+
+def _gmres(*arguments: Any) -> int:
+    """The compiled function, which only other compiled ones can call."""
+    from dolfinx_joints.common.kernels import njit
+
+    @njit
+    def call(split, kept, right, tolerance, space, of, found):  # type: ignore[no-untyped-def]
+        return krylov.gmres(split, kept, right, tolerance, space, of, found)
+
+    return int(call(*arguments))

@@ -1,0 +1,449 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Waves in a reservoir against exact solutions, and their energy beside that of a jointed dam.
+
+A rigid vertical face of depth H accelerates by a e^{i w t} before an endless reservoir with an
+absorbing floor (Fenves and Chopra 1984; Chopra 1967 without absorption). With q = (1 - alpha) /
+((1 + alpha) c) and p_m = sin l_m (H - z), l_m cos l_m H + i w q sin l_m H = 0,
+
+    F = -rho a sum I_m^2 / (N_m k_m),  k_m^2 = l_m^2 - (w / c)^2,
+    I_m = int p_m dz = (1 - cos l_m H) / l_m,  N_m = int p_m^2 dz = H / 2 - sin(2 l_m H) / (4 l_m).
+
+A floor that accelerates upwards under such water, all alike along the reservoir, makes
+
+    p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
+
+The field y = z - H has no pressure at the level, is linear, and flows through floor and face only:
+K y is the flux of its gradient there, for any shape of the face and wherever the level cuts it.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary, meshtags
+from scipy.linalg import eigh
+from shaken_wall import CONCRETE, shaking, wall
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.loads.water.far_field import FarField
+from dolfinx_joints.postprocessing.energy_lines import energy_lines
+from dolfinx_joints.simulation.monitor import Monitor
+
+mpi = pytest.mark.mpi
+
+H, RHO, C = 100.0, 1000.0, 1440.0
+FIRST = C / (4.0 * H)
+RIGID = dj.Elastic(young=1e17, poisson=0.2, density=2400.0)
+
+
+class Kept(Monitor):
+    """Times, forces of the water and energies."""
+
+    def __init__(self):
+        self.times, self.forces, self.energies = [], [], []
+
+    def start(self, model, stage, steps, first):
+        self.record(first)
+
+    def record(self, record):
+        self.times.append(record.time)
+        self.forces.append(record.reservoir_force)
+        self.energies.append(record.energy)
+
+
+class Crest(Monitor):
+    """Displacement along x of the highest node at the face, on every rank."""
+
+    def __init__(self, model):
+        x = model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local]
+        here = np.flatnonzero(np.isclose(x[:, 0], 0.0) & np.isclose(x[:, 1], H))
+        self._node, self._comm, self.values = here, model.jointed.mesh.comm, []
+
+    def record(self, record):
+        mine = record.displacement.getArray().reshape(-1, 2)[self._node, 0]
+        self.values.append(np.concatenate(self._comm.allgather(mine))[0])
+
+
+def tagged(mesh, groups, place=None):
+    """The mesh with groups of facets, each found by a function of its points."""
+    fdim = mesh.topology.dim - 1
+    found = [locate_entities_boundary(mesh, fdim, where) for where in groups.values()]
+    values = np.repeat(np.arange(1, len(found) + 1, dtype=np.int32), [len(f) for f in found])
+    facets = np.concatenate(found)
+    order = np.argsort(facets)
+    if place is not None:
+        mesh.geometry.x[:] = place(mesh.geometry.x)
+    tags = meshtags(mesh, fdim, facets[order], values[order])
+    return dj.split_mesh(mesh, tags, joints={}, groups=dict(zip(groups, range(1, 9), strict=False)))
+
+
+def rigid_dam(comm, waves, cells=16):
+    mesh = create_rectangle(comm, [[0.0, 0.0], [20.0, H]], [1, cells], CellType.quadrilateral)
+    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "down": lambda x: x[0] > 20.0 - 1e-9})
+    return dj.Model(jointed, material=RIGID, supports=[dj.Fixed(group="down")], reservoir=waves)
+
+
+def response(model, axis, frequencies, steps, per_period=40):
+    """Force of the water over a pulse of the ground's acceleration, in the frequency domain."""
+    kept = Kept()
+    dt = 1.0 / (3.0 * FIRST * per_period)
+    pulse = lambda t: np.exp(-(((t - 0.3) / 0.05) ** 2)) * np.eye(3)[axis]  # noqa: E731
+    outcome = dj.Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=steps, motion=pulse)
+    assert outcome.energy_error < 1e-10
+    times = np.array(kept.times)
+    waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
+    return (waves @ np.array(kept.forces)[:, 0]) / (waves @ [pulse(t)[axis] for t in times])
+
+
+def exact_force(frequency, alpha, modes=60):
+    omega = 2.0 * np.pi * frequency
+    damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * C)
+    rates = (2.0 * np.arange(1, modes) - 1.0) * np.pi / (2.0 * H) + 0j
+    for _ in range(50):  # Newton's method
+        sine, cosine = np.sin(rates * H), np.cos(rates * H)
+        slope = cosine - rates * H * sine + damped * H * cosine
+        rates -= (rates * cosine + damped * sine) / slope
+    decay = np.sqrt(rates**2 - (omega / C) ** 2)
+    decay = np.where(decay.real < 0.0, -decay, decay)
+    moment = (1.0 - np.cos(rates * H)) / rates
+    size = H / 2.0 - np.sin(2.0 * rates * H) / (4.0 * rates)
+    return -RHO * np.sum(moment**2 / size / decay)
+
+
+def test_force_on_a_rigid_face(comm):
+    """Over 0 to 3 times the reservoir's first frequency, within 1 % of the largest force."""
+    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
+    exact = np.array([exact_force(f, 0.75) for f in frequencies])
+    # Below all frequencies it is Westergaard's incompressible water.
+    assert abs(exact[0]) == pytest.approx(0.543 * RHO * H**2, rel=2e-3)
+    errors = []
+    for length in (5.0, 10.0):
+        waves = dj.ReservoirWaves(
+            group="up", level=H, length=length * H, bottom_reflection=0.75, sound_speed=C
+        )
+        found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
+        errors.append(np.abs(found - exact).max() / np.abs(exact).max())
+    assert errors[1] < 0.01
+    assert errors[1] < errors[0] / 4.0
+
+
+@pytest.mark.parametrize("far_end", ["rigid", "radiating"])
+def test_floor_that_shakes_upwards(comm, far_end):
+    """However near the far end is: it takes nothing of the wave of the cross-section."""
+    frequencies = np.linspace(0.1, 3.0, 60) * FIRST
+    omega = 2.0 * np.pi * frequencies
+    k, damped = omega / C, 1j * omega * 0.25 / (1.75 * C)
+    top = (1.0 - np.cos(k * H)) / k
+    # The face is pushed away from the water, along x.
+    exact = RHO * top / (k * np.cos(k * H) + damped * np.sin(k * H))
+    waves = dj.ReservoirWaves(
+        group="up", level=H, length=50.0, bottom_reflection=0.75, far_end=far_end, layers=4
+    )
+    found = response(rigid_dam(comm, waves), 2, frequencies, 2500)
+    assert np.abs(found - exact).max() < 0.01 * np.abs(exact).max()
+
+
+def leaning(x):
+    """A face of a cylinder that leans, on a floor that rises, seen from x < 0."""
+    place = x.copy()
+    place[:, 2] = x[:, 2] + 0.05 * x[:, 1]
+    place[:, 0] = x[:, 0] + 0.2 * x[:, 2] + 0.1 * np.sin(x[:, 1] / 4.0)
+    return place
+
+
+@mpi
+@pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
+def test_a_linear_field_flows_through_face_and_floor(comm, cell):
+    mesh = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 12.0]], [1, 5, 6], cell)
+    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9}, leaning)
+    level, length = 9.7, 20.0
+    waves = dj.ReservoirWaves(
+        group="up", level=level, length=length, bottom_reflection=0.0, layers=3, upstream=(-1, 0, 0)
+    )
+    water = waves.water(dj.Model(jointed, material=CONCRETE))
+    rows = water.rows(0, water.size)
+    depth = water.places[:, 2] - level
+    inner = water.size - len(water.face)  # the far end has a flux of its own
+    flux = RHO * C**2 * water.driven[:, 2]
+    np.testing.assert_allclose(
+        (rows.stiffness @ depth)[:inner], flux[:inner], atol=1e-9 * abs(flux).max()
+    )
+    # The same field q all along feels its cross-section, and what the far end is told of it.
+    section, q = water.section, np.random.default_rng(1).normal(size=len(water.face))
+    widths = length / 3.0 * np.array([0.5, 1.0, 1.0, 0.5])
+    alike, beyond = np.tile(q, 4), len(water.face)
+    rest = rows.losses @ alike - np.kron(widths, section.losses @ q)
+    np.testing.assert_allclose(rest, section.by_rate @ q, atol=1e-9 * abs(rest).max())
+    rest = (rows.stiffness @ alike - np.kron(widths, section.stiffness @ q))[beyond:]
+    expected = (section.by_place @ q)[beyond:]
+    np.testing.assert_allclose(rest, expected, atol=1e-9 * abs(rest).max())
+    # Rows made in parts, as ranks make them, are those of the whole.
+    parts = [water.rows(*ends) for ends in ((0, 17), (17, water.size))]
+    for name in ("mass", "stiffness", "losses"):
+        whole = getattr(rows, name).toarray()
+        found = np.concatenate([getattr(part, name).toarray() for part in parts])
+        np.testing.assert_array_equal(found, whole)
+
+
+def test_far_field_is_of_second_order_at_its_steps_and_between_them(comm):
+    """Under a smooth motion, against a march of much shorter steps; in any order of the times."""
+    waves = dj.ReservoirWaves(group="up", level=H, length=50.0, bottom_reflection=0.5)
+    section = waves.water(rigid_dam(comm, waves)).section
+    upwards = [[lambda _: 0.0, lambda time: np.sin(9.0 * time) ** 4]]
+    times = [0.122, 0.013, 0.16, 0.159, 0.2]
+    exact, *found = (
+        np.array([field.force(time) for time in times])
+        for field in (FarField(section, upwards, step) for step in (1e-4, 4e-3, 1e-3))
+    )
+    errors = [np.abs(each - exact).max() for each in found]
+    assert errors[0] < 0.005 * np.abs(exact).max()
+    assert errors[1] < errors[0] / 14.0
+
+
+def test_energies_of_a_box_of_water(comm):
+    """y = H - z: rho y^2 / 2 over the water, rho c y^2 over floor, banks and the far end."""
+    mesh = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 12.0]], [1, 4, 5], CellType.hexahedron)
+    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9})
+    waves = dj.ReservoirWaves(group="up", level=10.0, length=20.0, bottom_reflection=0.0)
+    water = waves.water(dj.Model(jointed, material=CONCRETE))
+    rows, y = water.rows(0, water.size), 10.0 - water.places[:, 2]
+    volume, floor = 20.0 * 12.0, 20.0 * 12.0 * 10.0**2
+    banks, end = 2 * 20.0 * 10.0**3 / 3.0, 12.0 * 10.0**3 / 3.0
+    assert y @ (rows.mass @ y) == pytest.approx(RHO * volume * 10.0**3 / 3.0)
+    assert y @ (rows.stiffness @ y) == pytest.approx(RHO * C**2 * volume * 10.0)
+    assert y @ (rows.losses @ y) == pytest.approx(RHO * C * (floor + banks + end))
+
+
+def meshed(mesh, groups, place=None, **options):
+    bottom = [name for name in groups if name == "floor" or "bank" in name]
+    jointed = tagged(mesh, groups, place)
+    return dj.MeshedReservoir(group="up", mesh=jointed, face="face", bottom=bottom, **options)
+
+
+def test_meshed_water_is_the_moved_face_where_both_have_the_same_elements(comm):
+    """Bilinear squares in a mesh of their own, in an order of their own."""
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-2.0 * H, 0.0], [0.0, H]], [32, 16], CellType.quadrilateral
+    )
+    groups = {
+        "face": lambda x: x[0] > -1e-9,
+        "floor": lambda x: x[1] < 1e-9,
+        "far": lambda x: x[0] < 1e-9 - 2.0 * H,
+    }
+    water = meshed(mesh, groups, far_end="far", bottom_reflection=0.5)
+    moved = dj.ReservoirWaves(group="up", level=H, length=2.0 * H, bottom_reflection=0.5, layers=32)
+    forces = []
+    for waves in (water, moved):
+        kept = Kept()
+        dj.Simulation(rigid_dam(comm, waves), monitors=[kept]).dynamics(
+            dt=2e-3, steps=50, motion=lambda t: np.array([np.sin(9.0 * t), 0.0, np.sin(7.0 * t)])
+        )
+        forces.append(np.array(kept.forces))
+    np.testing.assert_allclose(forces[0], forces[1], atol=1e-9 * np.abs(forces[1]).max())
+
+
+def rising(x):
+    """A floor that rises from the dam on and a face that leans."""
+    place = x.copy()
+    place[:, 2] = 10.0 - (10.0 - x[:, 2]) * (1.0 + 0.02 * x[:, 0] + 0.01 * x[:, 1])
+    place[:, 0] = x[:, 0] + 0.2 * (10.0 - x[:, 2]) * (1.0 + x[:, 0] / 20.0)
+    return place
+
+
+@mpi
+def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
+    """Before a dam with other nodes on its face."""
+    mesh = create_box(
+        MPI.COMM_SELF, [[-20.0, 0.0, 0.0], [0.0, 12.0, 10.0]], [4, 3, 3], CellType.tetrahedron
+    )
+    groups = {
+        "face": lambda x: x[0] > -1e-9,
+        "floor": lambda x: x[2] < 1e-9,
+        "left bank": lambda x: x[1] < 1e-9,
+        "right bank": lambda x: x[1] > 12.0 - 1e-9,
+        "far": lambda x: x[0] < 1e-9 - 20.0,
+    }
+    waves = meshed(mesh, groups, rising, far_end="far")
+    body = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 10.0]], [1, 3, 3], CellType.tetrahedron)
+    bent = lambda x: rising(x * [0.0, 1.0, 1.0]) + x * [1.0, 0.0, 0.0]  # noqa: E731
+    model = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}, bent), material=CONCRETE)
+    water = waves.water(model)
+    rows = water.rows(0, water.size)
+    flux = rows.stiffness @ (water.places[:, 2] - 10.0)
+    inner = water.places[:, 0] > water.places[:, 0].min() + 4.0  # the far end has its own flux
+    expected = RHO * C**2 * water.driven[:, 2]
+    assert 0 < inner.sum() < water.size
+    np.testing.assert_allclose(flux[inner], expected[inner], atol=1e-9 * abs(expected).max())
+
+
+def test_waves_on_the_surface_of_a_basin(comm):
+    """Slow ones of a rigid basin: omega^2 = g k tanh k H, k = n pi / L."""
+    length, depth = 40.0, 10.0
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-length, 0.0], [0.0, depth]], [40, 20], CellType.quadrilateral
+    )
+    groups = {"face": lambda x: x[0] > -1e-9, "floor": lambda x: x[1] < 1e-9}
+    waves = meshed(mesh, groups, gravity_waves=True, sound_speed=1e5)
+    body = create_rectangle(comm, [[0.0, 0.0], [4.0, depth]], [1, 20], CellType.quadrilateral)
+    dam = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}), material=CONCRETE)
+    water = waves.water(dam)
+    rows = water.rows(0, water.size)
+    squares = eigh(rows.stiffness.toarray(), rows.mass.toarray(), eigvals_only=True)
+    k = np.arange(1, 4) * np.pi / length
+    exact = STANDARD_GRAVITY * k * np.tanh(k * depth)
+    np.testing.assert_allclose(squares[1:4], exact, rtol=5e-3)
+
+
+@pytest.fixture(scope="module")
+def jointed_dam(wall_file, read):
+    def make(on=None, **options):
+        waves = dj.ReservoirWaves(group="y_min", level=19.0, length=50.0, bottom_reflection=0.8)
+        return wall(read(wall_file(divisions=(8, 2, 6)), on), reservoir=waves, **options)
+
+    return make
+
+
+@pytest.mark.filterwarnings("ignore:.*sound_speed")
+def test_fast_sound_is_the_added_mass(comm):
+    """A dam that bends, before water that hardly compresses, against `ReservoirMass`."""
+    mesh = create_rectangle(comm, [[0.0, 0.0], [30.0, H]], [3, 12], CellType.quadrilateral)
+    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "base": lambda x: x[1] < 1e-9})
+    water = {"group": "up", "level": H, "length": 2.0 * H}
+    waves = dj.ReservoirWaves(**water, sound_speed=1e5, far_end="rigid", layers=64)
+    crests = []
+    for given in ({"reservoir": waves}, {"added_mass": [dj.ReservoirMass(**water)]}, {}):
+        model = dj.Model(
+            jointed, material=CONCRETE, supports=[dj.Fixed(group="base")], degree=2, **given
+        )
+        kept = Crest(model)
+        dj.Simulation(model, monitors=[kept]).dynamics(
+            dt=5e-3, steps=200, motion=lambda t: np.array([np.sin(12.0 * t) ** 3, 0.0, 0.0])
+        )
+        crests.append(np.array(kept.values))
+    error, effect = (np.abs(crests[i] - crests[1]).max() for i in (0, 2))
+    assert error < 0.01 * np.abs(crests[1]).max()
+    assert effect > 0.2 * np.abs(crests[1]).max()
+
+
+@mpi
+@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+@pytest.mark.parametrize(
+    "scheme", [dj.EnergyConsistent(), dj.EnergyConsistent(spectral_radius=0.8)], ids=["1", "0.8"]
+)
+def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, scheme):
+    """The ledger with the energy and losses of the water closes, at joints that slide and open."""
+    simulation = dj.Simulation(jointed_dam(), solver=solver)
+    simulation.statics()
+    outcome = simulation.dynamics(dt=4e-3, steps=100, motion=shaking, scheme=scheme)
+    assert outcome.energy_error < 1e-10
+    assert outcome.imbalance < 1e-10
+    last = outcome.energy
+    assert min(last.friction, last.water, last.absorbed) > 0.0
+    assert last.absorbed < last.viscous
+
+
+@mpi
+def test_results_do_not_depend_on_the_ranks(comm, jointed_dam):
+    def run(on):
+        kept = Kept()
+        simulation = dj.Simulation(jointed_dam(on), monitors=[kept])
+        simulation.statics()
+        outcome = simulation.dynamics(dt=4e-3, steps=30, motion=shaking)
+        return np.array(kept.forces), outcome.state.displacement.norm(), outcome.energy.water
+
+    for found, expected in zip(run(comm), run(MPI.COMM_SELF), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
+    """The force is that of the pressures on the face."""
+    path, kept = tmp_path / "waves.h5", Kept()
+    monitor = dj.ResultsMonitor(path, points={"crest": (10.0, 0.0, 20.0)})
+    model = jointed_dam()
+    simulation = dj.Simulation(model, monitors=[monitor, kept])
+    simulation.statics()
+    outcome = simulation.dynamics(dt=4e-3, steps=20, motion=shaking)
+    with dj.Results(path) as results:
+        forces = results.series("histories", "reservoir_force")
+        np.testing.assert_array_equal(forces, kept.forces)
+        lines = energy_lines(results)
+        assert lines["water"][-1] == outcome.energy.water
+        assert "bottom_reflection=0.8" in results.metadata["manifest"]["reservoir"]
+        brought = results.series("energy", "loads/FarField_reservoir")
+        absorbed = results.series("energy", "absorbed")
+        np.testing.assert_array_equal(lines["waves"], brought - absorbed)
+    pressures, water = model.coupled.pressure(outcome.state.velocity), model.coupled.water
+    area = -water.driven[water.face, 1]  # of the banks and the floor nothing is along y
+    assert forces[-1, 1] == pytest.approx(-pressures @ area, rel=1e-12)
+
+
+def test_water_stays_at_rest_before_a_dam_at_rest(comm, jointed_dam):
+    simulation = dj.Simulation(jointed_dam())
+    simulation.statics()
+    outcome = simulation.dynamics(dt=4e-3, steps=3)
+    assert outcome.energy.water < 1e-12 * outcome.energy.strain
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"level": 25.0}, "must reach up to the level"),
+        ({"level": 0.0}, "no part of the face is below the level"),
+        ({"absorbing_length": 60.0}, "must not exceed length"),
+    ],
+)
+def test_errors(comm, wall_file, read, given, message):
+    with pytest.raises(ValueError, match=message):
+        wall(
+            read(wall_file()),
+            reservoir=dj.ReservoirWaves(
+                **{"group": "y_min", "level": 19.0, "length": 50.0} | given
+            ),
+        )
+
+
+@mpi
+def test_water_that_is_not_before_the_dam(comm):
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [[-50.0, 0.0], [-2.0, H]], [4, 4], CellType.quadrilateral
+    )
+    water = meshed(mesh, {"face": lambda x: x[0] > -2.1, "floor": lambda x: x[1] < 1e-9})
+    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m lies outside of the water"):
+        rigid_dam(comm, water)
+
+
+@mpi
+@mpi
+def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
+    waves = dj.ReservoirWaves(group="y_min", level=19.0, length=50.0)
+    mass = dj.WestergaardMass(group="y_min", level=19.0)
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        model = wall(read(wall_file()), reservoir=waves, added_mass=[mass])
+    expected = [
+        "WestergaardMass on 'y_min': the water before it has waves already, with a mass of "
+    ]
+    assert [text[: len(expected[0])] for text in model.doubts] == expected * (comm.rank == 0)
+
+
+def test_what_waves_do_not_go_with(comm, jointed_dam):
+    model = jointed_dam()
+    run = {"dt": 4e-3, "steps": 1, "motion": shaking}
+    with pytest.raises(dj.JointsError, match="coupled with the water"):
+        dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
+    options = dj.SolverOptions(linear="iterative")
+    with pytest.raises(ValueError, match="without waves in"):
+        dj.Simulation(model, options=options).dynamics(**run)
+    given = dj.BaseMotion(acceleration=shaking)
+    with pytest.raises(ValueError, match="needs the velocity of the ground"):
+        dj.Simulation(model).dynamics(dt=4e-3, steps=1, loads=[given])

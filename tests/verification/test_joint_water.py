@@ -613,7 +613,10 @@ def test_what_a_step_makes_of_the_water():
 
 @pytest.mark.parametrize("in_dynamics", OPTIONS)
 def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
-    """Stopped in the middle of the opening; bit for bit on one rank."""
+    """Stopped in the middle of the opening; bit for bit on one rank.
+
+    On several the direct solver adds up in the order in which messages come.
+    """
 
     class Killer(History):
         def record(self, record):
@@ -638,7 +641,9 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
     kill = None
     resumed = run(checkpoint=kept, resume=True)
     np.testing.assert_array_equal(resumed.water, whole.water)
-    np.testing.assert_array_equal(resumed.displacement.array, whole.displacement.array)
+    found, expected = resumed.displacement.array, whole.displacement.array
+    rounding = 0.0 if COMM.size == 1 else 1e-10 * np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding)
 
 
 @pytest.mark.parametrize("in_dynamics", OPTIONS[:2])

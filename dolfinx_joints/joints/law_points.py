@@ -156,12 +156,12 @@ class LawPoints:
         assert isinstance(self.law, CoulombJoint)
         if self.variables < state.internal.shape[1]:
             state = replace(state, internal=state.internal[:, : self.variables])
-        return self.law.start(rule, state)
+        return self.law.loop_start(rule, state)
 
     def answered(self, rule: Rule, answer: Answer) -> Response:
         """The answer of the loop for its points as that of the law."""
         assert isinstance(self.law, CoulombJoint)
-        return self.law.answered(rule, answer)
+        return self.law.loop_response(rule, answer)
 
     def put(self, given: Response, answer: Response) -> None:
         """Write the answer of its points into that of all local points."""

@@ -167,11 +167,11 @@ class CoulombJoint(ABC):
     """
 
     @abstractmethod
-    def start(self, rule: Rule, state: JointState) -> Start:
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
         """What the loop of a rule is told of a state."""
 
     @abstractmethod
-    def answered(self, rule: Rule, answer: Answer) -> Response:
+    def loop_response(self, rule: Rule, answer: Answer) -> Response:
         """The answer of the loop of a rule as a `Response`."""
 
     def condensed_backward_euler(
@@ -189,13 +189,13 @@ class CoulombJoint(ABC):
     def _asked(
         self, rule: Rule, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        start = self.start(rule, state)
-        return self.answered(rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start))
+        start = self.loop_start(rule, state)
+        return self.loop_response(rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start))
 
     @classmethod
     def in_loops(cls) -> bool:
         """Whether its answers are those of the loops alone."""
-        names = ("condensed_backward_euler", "condensed_discrete_gradient")
+        names = ("condensed_backward_euler", "condensed_discrete_gradient", "_asked")
         return all(getattr(cls, name) is getattr(CoulombJoint, name) for name in names)
 
 
@@ -257,7 +257,7 @@ class FrictionNoTension(CoulombJoint):
         way = way_with_friction(before, answer.state)
         return losses_on(way, traction, mean, answer.dissipation)
 
-    def start(self, rule: Rule, state: JointState) -> Start:
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Elastic slip at the start, over a whole step stored energies and slips."""
         k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
         if rule.name == BACKWARD_EULER.name:
@@ -269,7 +269,7 @@ class FrictionNoTension(CoulombJoint):
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
         return whole_step_from(state, stored, law)
 
-    def answered(self, rule: Rule, answer: Answer) -> Response:
+    def loop_response(self, rule: Rule, answer: Answer) -> Response:
         """Elastic slip and, over a whole step, the slips."""
         if rule.name == BACKWARD_EULER.name:
             return response_of(answer, elastic_slip=answer.history)

@@ -91,7 +91,7 @@ class RigidJoint(CoulombJoint):
         lost = losses_on(way, traction, answer.traction, answer.dissipation)
         return lost._replace(numerical=lost.numerical + self.stored_energy(before))
 
-    def start(self, rule: Rule, state: JointState) -> Start:
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
         """No energy stored at the end of a step (21); over a whole one (17) the variables."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         if rule.name == BACKWARD_EULER.name:
@@ -101,7 +101,7 @@ class RigidJoint(CoulombJoint):
         way = state.approach if len(state.approach) else np.zeros(len(state.gap))
         return whole_step_from(state, None, law, np.column_stack([way, state.internal[:, 0]]))
 
-    def answered(self, rule: Rule, answer: Answer) -> Response:
+    def loop_response(self, rule: Rule, answer: Answer) -> Response:
         """The variables at the end."""
         if rule.name == BACKWARD_EULER.name:
             internal = np.zeros((len(answer.traction), len(self.internal_variables)))

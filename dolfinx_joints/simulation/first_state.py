@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.model import Model
@@ -68,7 +69,15 @@ def given_fields(
 
     Raises:
         ValueError: One is no such field, or given beside a state to go on from.
+        JointsError: A state to go on from is given to a model with waves in a reservoir, whose
+            ground would begin again at rest.
     """
+    if start is not None and model.coupled is not None:
+        raise JointsError(
+            "start is given, but waves in a reservoir begin with the ground at rest: the velocity "
+            "that the ground has at the end of the stage before would be a blow on the water. Run "
+            "it as one stage with one motion."
+        )
     given = {name: field for name, field in fields.items() if field is not None}
     if given and start is not None:
         name = next(iter(given))

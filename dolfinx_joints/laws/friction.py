@@ -190,7 +190,9 @@ class CoulombJoint(ABC):
         self, rule: Rule, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
         start = self.loop_start(rule, state)
-        return self.loop_response(rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start))
+        return self.loop_response(
+            rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start)
+        )
 
     @classmethod
     def in_loops(cls) -> bool:

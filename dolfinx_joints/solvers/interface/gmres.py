@@ -47,20 +47,12 @@ def gmres(
 
 
 @njit(cache=True)
-def _norm(values: Floats) -> float:
-    total = 0.0
-    for value in values:
-        total += value * value
-    return np.sqrt(total)
-
-
-@njit(cache=True)
 def _orthogonalise(
     basis: Floats, triangle: Floats, turns: Floats, left: Floats, new: Floats, j: int
 ) -> bool:
     """Add a direction and rotate its column of the Hessenberg matrix; whether it is the last."""
     column = np.zeros(j + 2)
-    whole = _norm(new)
+    whole = np.sqrt((new * new).sum())
     for _ in range(2):  # twice: a single pass loses orthogonality
         for i in range(j + 1):
             part = 0.0
@@ -69,7 +61,7 @@ def _orthogonalise(
             column[i] += part
             for k in range(len(new)):
                 new[k] -= part * basis[i, k]
-    length = _norm(new)
+    length = np.sqrt((new * new).sum())
     column[j + 1] = length
     for i in range(j):
         c, s = turns[i]
@@ -80,13 +72,11 @@ def _orthogonalise(
         norm, length = 0.0, 0.0
     turns[j, 0], turns[j, 1] = (column[j] / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
     column[j] = norm
-    for i in range(j + 1):
-        triangle[i, j] = column[i]
+    triangle[: j + 1, j] = column[: j + 1]
     left[j + 1] = -turns[j, 1] * left[j]
     left[j] *= turns[j, 0]
     if length > 0.0:
-        for k in range(len(new)):
-            basis[j + 1, k] = new[k] / length
+        basis[j + 1] = new / length
     return not length > ROUNDING * whole
 
 
@@ -99,6 +89,5 @@ def _combined(basis: Floats, triangle: Floats, left: Floats, count: int) -> Floa
         for k in range(i + 1, count):
             rest -= triangle[i, k] * weights[k]
         weights[i] = rest / triangle[i, i] if triangle[i, i] != 0.0 else 0.0
-        for k in range(len(solution)):
-            solution[k] += weights[i] * basis[i, k]
+        solution += weights[i] * basis[i]
     return solution

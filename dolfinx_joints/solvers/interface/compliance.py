@@ -109,7 +109,7 @@ class Compliance:
         """Solve for unit forces (collective)."""
         self.effective = effective
         self.forms: Any = None
-        self._comm = operator.comm.tompi4py()
+        self._comm, self._joints = operator.comm.tompi4py(), joints
         self._forces = UnitForces(effective, operator)
         size = operator.getSize()[0]
         self.kind = _chosen(kind, size, effective, joints)
@@ -119,7 +119,7 @@ class Compliance:
             columns = self._dense(operator, joints, largest)
             self.split = RowMatrix(columns, self._comm)
             if joints.points is not None and size > LARGEST_DENSE:
-                self.rough = self._rough(columns, joints)
+                self.rough = self.roughly(columns)
             return
         self._scale(self._forces.diagonal(), joints.areas, largest)
         if self.kind == "matrix-free":
@@ -129,7 +129,7 @@ class Compliance:
                 self.rough = _Products(rough, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
-        fine = self._compressed(self._forces.gaps, joints, scale, TOLERANCE)
+        fine = self._compressed(self._forces.gaps, scale, TOLERANCE)
         self.split = self._products(fine)
         self.rough = self._products(fine.rougher(ROUGH_TOLERANCE))
 
@@ -145,8 +145,8 @@ class Compliance:
         columns[self.dead.ravel()] = 0.0
         return columns
 
-    def _rough(self, columns: Floats, joints: GapOperator) -> Split:
-        """S to `ROUGH_TOLERANCE` from the rank's columns of it (collective)."""
+    def roughly(self, columns: Floats) -> Compressed:
+        """A matrix like S to `ROUGH_TOLERANCE` from the rank's columns of it (collective)."""
         stop = self._comm.scan(columns.shape[1])
         mine = slice(stop - columns.shape[1], stop)
 
@@ -157,7 +157,7 @@ class Compliance:
             return part
 
         ones = np.ones(len(columns))
-        rough = self._compressed(of_unit_diagonal, joints, ones, ROUGH_TOLERANCE, np.float32)
+        rough = self._compressed(of_unit_diagonal, ones, ROUGH_TOLERANCE, np.float32)
         return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
     def _products(self, matrix: LowRankMatrix) -> Split:
@@ -177,12 +177,12 @@ class Compliance:
     def _compressed(
         self,
         columns: Callable[[Rows], Floats],
-        joints: GapOperator,
         scale: Floats,
         tolerance: float,
         dtype: type = np.float64,
     ) -> LowRankMatrix:
         """Columns in blocks of low rank (collective)."""
+        joints = self._joints
         start = self._comm.scan(len(joints.areas)) - len(joints.areas)
         return LowRankMatrix(
             columns,

@@ -145,9 +145,10 @@ class Corrections:
                 self.stuck = None
 
     def tied(self) -> Floats | None:
-        """W, shape (m, m), once it pays (collective)."""
+        """W, shape (m, m), once it pays; it is then not kept (collective)."""
         self._tie()
-        return None if self._tied is None else self._tied.matrix.whole()
+        tied, self._tied = self._tied, None
+        return None if tied is None else tied.matrix.whole()
 
     def _solve_active(
         self, residual: Floats, tangent: Floats, active: Rows, tolerance: float

@@ -86,19 +86,19 @@ def gathered(comm: Any, mine: Floats) -> Floats:
 
 
 @njit(cache=True)
-def add_rows(matrix: Floats, rows: Rows, values: Floats, out: Floats) -> None:
+def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]) -> None:
     """Add some rows of a matrix times their values; four at a time pass over ``out`` once."""
-    k = 0
+    k, number = 0, matrix.dtype.type
     while k + 4 <= len(rows):
         r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
         r_2, r_3 = matrix[rows[k + 2]], matrix[rows[k + 3]]
-        v_0, v_1 = values[rows[k]], values[rows[k + 1]]
-        v_2, v_3 = values[rows[k + 2]], values[rows[k + 3]]
+        v_0, v_1 = number(values[rows[k]]), number(values[rows[k + 1]])
+        v_2, v_3 = number(values[rows[k + 2]]), number(values[rows[k + 3]])
         for j in range(len(out)):
             out[j] += v_0 * r_0[j] + v_1 * r_1[j] + v_2 * r_2[j] + v_3 * r_3[j]
         k += 4
     while k < len(rows):
-        row, value = matrix[rows[k]], values[rows[k]]
+        row, value = matrix[rows[k]], number(values[rows[k]])
         for j in range(len(out)):
             out[j] += value * row[j]
         k += 1

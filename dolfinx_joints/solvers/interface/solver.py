@@ -159,6 +159,7 @@ class InterfaceSolver:
             iterations=self.options.max_iterations,
             cuts=self.options.max_cuts,
             inner=INNER_TOLERANCE,
+            rough=0.0,
             poor=POOR if sweeps else np.inf,
             colours=COLOURS,
         )

@@ -13,7 +13,6 @@ from dolfinx_joints.common.kernels import part
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
 from dolfinx_joints.solvers.interface.compiled.products import (
-    Dense,
     Kept,
     cost,
     hold,
@@ -23,8 +22,8 @@ from dolfinx_joints.solvers.interface.compiled.products import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Products that a correction takes as a rule, what one in single precision costs beside one in
-# double, and a change of T (between 0 and 1) that is none.
+# Products that a correction takes as a rule, what reading an entry in single precision costs beside
+# one in double, and a change of T (between 0 and 1) that is none.
 PRODUCTS, SINGLE, SAME = 10, 0.5, 1e-12
 
 # Tolerance that systems in single precision are solved to at best.
@@ -37,10 +36,11 @@ class Memory(NamedTuple):
     Attributes:
         active: Set of the active points.
         changed: Set of the points that do not stick, with their part of W.
-        tied: W, of size zero before it is made.
+        ties: Whether W has been made.
+        tied: W, as S inside corrections.
         stuck: T0, shape (m,), empty where there is no W to be had.
         missed: Entries that W would have saved to be read so far, shape (1,).
-        finest: Tolerance that systems of active points are solved to at best.
+        finest: Tolerance that systems are solved to at best.
         space: Room for GMRES.
         deflation: Of S.
         none: That of W, whose eigenvalues are below one.
@@ -50,7 +50,8 @@ class Memory(NamedTuple):
 
     active: Kept
     changed: Kept
-    tied: Dense
+    ties: bool
+    tied: Any
     stuck: Floats
     missed: Floats
     finest: float
@@ -61,49 +62,56 @@ class Memory(NamedTuple):
     numbers: Ints
 
 
-# Rows of the vectors above; the next is r without its small entries.
-STEP, COUPLED, RIGHT = 0, 1, 2
+# Rows of the vectors above: d, S d, and r without its small entries; the next are free between
+# corrections.
+STEP, COUPLED, RIGHT, FREE = 0, 1, 2, 3
 
 
 @part
 def correct(
-    split: Any,
     inner: Any,
     residual: Floats,
     tangent: Floats,
     least: float,
     tolerance: float,
+    couples: bool,
     memory: Memory,
-) -> int:
-    """Write d and S d to the memory; the number of products.
+) -> None:
+    """Write d, and S d as exact as ``inner`` is, to the memory.
 
     Args:
-        split: S.
-        inner: S inside the system of active points.
+        inner: S, in single precision or rougher.
         residual: r, shape (m,).
         tangent: T, shape (points, 3, 3).
         least: Entries of r up to this one are left as they are.
         tolerance: Of the residual, relative to r.
+        couples: Whether S d is wanted.
         memory: What is kept.
     """
     right, stuck, numbers, loaded = memory.vectors[RIGHT], memory.stuck, memory.numbers, 0
     for k in range(len(right)):
         right[k] = residual[k] if abs(residual[k]) > least else 0.0
         loaded += right[k] != 0.0
+    tolerance = max(tolerance, memory.finest)
     active = _differing(tangent, stuck, False, numbers[0])
     if len(stuck):
         changed = _differing(tangent, stuck, True, numbers[1])
-        systems = min(9.0 * float(active) ** 2, cost(inner, 3 * active))
-        first = PRODUCTS * SINGLE * systems + cost(split, 3 * active)
-        second = PRODUCTS * SINGLE * 9.0 * float(changed) ** 2
-        second += float(loaded + 3 * changed) * len(right)
+        first = _cost_of_system(inner, active) + cost(inner, 3 * active)
+        second = _cost_of_system(inner, changed) + cost(inner, loaded) + cost(inner, 3 * changed)
         if second < first:
-            if len(memory.tied.rows):
+            if memory.ties:
                 hold(memory.tied, memory.changed, numbers[1], changed)
-                return _correct_changed(tangent, max(tolerance, FINEST_SINGLE), memory)
-            memory.missed[0] += first - second
+                _correct_changed(tangent, tolerance, memory)
+                return
+            memory.missed[0] += SINGLE * (first - second)
     hold(inner, memory.active, numbers[0], active)
-    return _correct_active(split, inner, tangent, max(tolerance, memory.finest), memory)
+    _correct_active(inner, tangent, tolerance, couples, memory)
+
+
+@part
+def _cost_of_system(inner: Any, points: int) -> float:
+    """Entries that the products of a system of so many points read."""
+    return PRODUCTS * min(9.0 * float(points) ** 2, cost(inner, 3 * points))
 
 
 @part
@@ -142,8 +150,8 @@ def _spread(points: Ints, part: Floats, values: Floats) -> None:
 
 @part
 def _correct_active(
-    split: Any, inner: Any, tangent: Floats, tolerance: float, memory: Memory
-) -> int:
+    inner: Any, tangent: Floats, tolerance: float, couples: bool, memory: Memory
+) -> None:
     """The system of the active points; the others' corrections are their residuals."""
     kept, space, vectors, rows = memory.active, memory.space, memory.vectors, memory.numbers[2]
     step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RIGHT], vectors[3]
@@ -165,16 +173,16 @@ def _correct_active(
     _part_of(points, residual, right)
     for k in range(size):
         right[k] -= found[k] if others else 0.0
-    products = gmres(inner, kept, right, tolerance, space, memory.deflation, found)
+    gmres(inner, kept, right, tolerance, space, memory.deflation, found)
     for i in range(kept.number[0]):
         for a in range(3):
             step[3 * points[i] + a] = found[3 * i + a]
-    multiply(split, step, rows, coupled)
-    return products
+    if couples:
+        multiply(inner, step, rows, coupled)
 
 
 @part
-def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> int:
+def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     """The system of the points that do not stick.
 
     With z = E y: (I + E W) z = E W r, q = r - z, d = q - T0 W q, S d = W q.
@@ -192,10 +200,9 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> int:
             space.blocks[i, a, a] = tangent[points[i], a, a] - memory.stuck[3 * points[i] + a]
     _part_of(points, known, found)
     turn(space.blocks, found, right)
-    products = gmres(tied, kept, right, tolerance, space, memory.none, found)
+    gmres(tied, kept, right, tolerance, space, memory.none, found)
     _spread(points, found, taken)
     multiply(tied, taken, rows, coupled)
     for k in range(len(step)):
         coupled[k] = known[k] - coupled[k]
         step[k] = residual[k] - taken[k] - memory.stuck[k] * coupled[k]
-    return products

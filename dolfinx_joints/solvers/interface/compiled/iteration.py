@@ -17,13 +17,26 @@ from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.laws.discrete_gradient import discrete_gradient_points
 from dolfinx_joints.laws.friction import backward_euler_points
 from dolfinx_joints.laws.return_mapping import Answer, Start
-from dolfinx_joints.solvers.interface.compiled.corrections import COUPLED, STEP, Memory, correct
+from dolfinx_joints.solvers.interface.compiled.corrections import (
+    COUPLED,
+    FREE,
+    STEP,
+    Memory,
+    correct,
+)
 from dolfinx_joints.solvers.interface.compiled.products import multiply
 from dolfinx_joints.solvers.line_search import FALL, PATIENCE, WHOLE
 
 Floats = NDArray[np.float64]
 
 EPSILON = float(np.finfo(np.float64).eps)
+
+# Where the error of S f is more than this part of the residual, S f is computed anew; more than
+# this part of the next residual, were convergence quadratic, the next S f is computed exactly.
+STALE, NEXT = 0.1, 0.3
+
+# Columns of the sizes of iterates.
+SCALE, NORM, LARGEST, ERROR = 0, 1, 2, 3
 
 
 class Points(NamedTuple):
@@ -59,7 +72,8 @@ class Iterates(NamedTuple):
         residual: r, likewise.
         tangent: T, shape (3, n, 3, 3).
         answer: Of the laws, its arrays one for each of the three.
-        sizes: Largest force that the laws give; 2-norm and largest of r, shape (3, 3).
+        sizes: Largest force that the laws give; 2-norm and largest of r; error of S f, shape
+            (3, 4).
     """
 
     force: Floats
@@ -79,6 +93,7 @@ class Limits(NamedTuple):
         iterations: Most iterations.
         cuts: Most halvings of a correction.
         inner: Residual of corrections, relative to their right-hand sides, at first.
+        rough: Error of S inside corrections, relative to its products.
         poor: Residual above which points are swept, relative to the largest force; infinite for
             none.
         colours: In so many colours.
@@ -89,6 +104,7 @@ class Limits(NamedTuple):
     iterations: int
     cuts: int
     inner: float
+    rough: float
     poor: float
     colours: int
 
@@ -139,7 +155,7 @@ def evaluate(points: Points, iterates: Iterates, at: int) -> None:
             for b in range(3):
                 tangent[i, a, b] = root[k] * answer.tangent[i, a, b] * scale[3 * i + b]
     sizes = iterates.sizes[at]
-    sizes[0], sizes[1], sizes[2] = largest, np.sqrt(total), worst
+    sizes[SCALE], sizes[NORM], sizes[LARGEST] = largest, np.sqrt(total), worst
 
 
 @part
@@ -163,6 +179,7 @@ def _sweep(
         multiply(split, change, memory.numbers[2], moved)
         for k in range(len(moved)):
             coupled[k] += moved[k]
+    iterates.sizes[out, ERROR] = iterates.sizes[at, ERROR]
     evaluate(points, iterates, out)
 
 
@@ -172,38 +189,68 @@ def _better(
 ) -> int:
     """The iterate, or that after a sweep where it is poor and the sweep better."""
     sizes = iterates.sizes
-    if not sizes[here, 2] > limits.poor * sizes[here, 0]:
+    if not sizes[here, LARGEST] > limits.poor * sizes[here, SCALE]:
         return here
     swept = (here + 1) % 3
     _sweep(points, split, iterates, here, swept, limits.colours, memory)
-    return swept if sizes[swept, 1] < sizes[here, 1] else here
+    return swept if sizes[swept, NORM] < sizes[here, NORM] else here
 
 
 @part
-def _search(points: Points, iterates: Iterates, here: int, cuts: int, memory: Memory) -> int:
-    """Take the correction, halved while it does not make the residual smaller."""
-    step, coupled, norms = memory.vectors[STEP], memory.vectors[COUPLED], iterates.sizes[:, 1]
+def _search(
+    points: Points, iterates: Iterates, here: int, cuts: int, error: float, memory: Memory
+) -> int:
+    """Take the correction, halved while it does not make the residual smaller.
+
+    S f has the given error where the whole correction is taken.
+    """
+    step, coupled, sizes = memory.vectors[STEP], memory.vectors[COUPLED], iterates.sizes
     best, trial, share = -1, (here + 1) % 3, 1.0
     for _ in range(cuts + 1):
         for k in range(len(step)):
             iterates.force[trial, k] = iterates.force[here, k] - share * step[k]
             iterates.coupled[trial, k] = iterates.coupled[here, k] - share * coupled[k]
+        sizes[trial, ERROR] = (1.0 - share) * sizes[here, ERROR] + share * error
         evaluate(points, iterates, trial)
-        if best < 0 or norms[trial] < norms[best]:
+        if best < 0 or sizes[trial, NORM] < sizes[best, NORM]:
             best, trial = trial, (2 * here + 3 - trial) % 3 if best < 0 else best
-        if norms[best] < norms[here]:
+        if sizes[best, NORM] < sizes[here, NORM]:
             break
         share *= 0.5
     return best
 
 
 @part
+def _couple_exactly(split: Any, iterates: Iterates, here: int, memory: Memory) -> None:
+    """Replace S d by the difference of S f as it is and S (f - d)."""
+    step, coupled, after = memory.vectors[STEP], memory.vectors[COUPLED], memory.vectors[FREE]
+    for k in range(len(step)):
+        after[k] = iterates.force[here, k] - step[k]
+    multiply(split, after, memory.numbers[2], coupled)
+    for k in range(len(step)):
+        coupled[k] = iterates.coupled[here, k] - coupled[k]
+
+
+@part
+def _renew(points: Points, split: Any, iterates: Iterates, at: int, memory: Memory) -> None:
+    """Compute S f anew."""
+    multiply(split, iterates.force[at], memory.numbers[2], iterates.coupled[at])
+    iterates.sizes[at, ERROR] = 0.0
+    evaluate(points, iterates, at)
+
+
+@part
+def _largest(values: Floats) -> float:
+    largest = 0.0
+    for k in range(len(values)):
+        largest = max(largest, abs(values[k]))
+    return largest
+
+
+@part
 def _rounding(points: Points, iterates: Iterates, at: int) -> float:
     """Scaled force that rounding of the gaps may leave."""
-    force, coupled = 0.0, 0.0
-    for k in range(iterates.force.shape[1]):
-        force = max(force, abs(iterates.force[at, k]))
-        coupled = max(coupled, abs(iterates.coupled[at, k]))
+    force, coupled = _largest(iterates.force[at]), _largest(iterates.coupled[at])
     return 64.0 * EPSILON * (points.reach + force + coupled)
 
 
@@ -234,14 +281,17 @@ def iterate(
     """
     sizes, here = iterates.sizes, 0
     for at in range(starts):
+        sizes[at, ERROR] = 0.0
         evaluate(points, iterates, at)
-        here = at if sizes[at, 1] < sizes[here, 1] else here
+        here = at if sizes[at, NORM] < sizes[here, NORM] else here
     iteration, last, inner_tolerance = 0, np.inf, limits.inner
     norms, since, whole = np.empty(limits.iterations + 1), 0, 0
     while True:
         here = _better(points, split, iterates, here, limits, memory)
-        size = sizes[here, 2]
-        scale = sizes[here, 0] or size or 1.0
+        if sizes[here, ERROR] > STALE * sizes[here, LARGEST]:
+            _renew(points, split, iterates, here, memory)
+        size = sizes[here, LARGEST]
+        scale = sizes[here, SCALE] or size or 1.0
         relative, rounding = size / scale, _rounding(points, iterates, here) / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
@@ -254,12 +304,17 @@ def iterate(
         last, least = size, 0.1 * limits.enough * scale
         tolerance = max(inner_tolerance, 0.3 * limits.enough / relative)
         residual, tangent = iterates.residual[here], iterates.tangent[here]
-        correct(split, inner, residual, tangent, least, tolerance, memory)
+        error = sizes[here, ERROR] + limits.rough * size
+        exactly = error > NEXT * relative * size
+        correct(inner, residual, tangent, least, tolerance, not exactly, memory)
+        if exactly:
+            _couple_exactly(split, iterates, here, memory)
+        error = sizes[here, ERROR] + limits.rough * _largest(memory.vectors[COUPLED])
         # As in `LineSearch`.
-        norms[since], since, cuts = sizes[here, 1], since + 1, limits.cuts
+        norms[since], since, cuts = sizes[here, NORM], since + 1, limits.cuts
         if since > PATIENCE and norms[since - 1] > FALL * norms[since - 1 - PATIENCE]:
             whole = WHOLE
         if whole > 0:
             whole, since, cuts = whole - 1, 0, 0
-        here = _search(points, iterates, here, cuts, memory)
+        here = _search(points, iterates, here, cuts, 0.0 if exactly else error, memory)
         iteration += 1

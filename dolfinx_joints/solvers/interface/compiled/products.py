@@ -31,9 +31,11 @@ class Dense(NamedTuple):
 
     Attributes:
         rows: Shape (m, m), symmetric.
+        work: Room for a product, shape (m,), of the type of the rows.
     """
 
-    rows: Floats
+    rows: NDArray[Any]
+    work: NDArray[Any]
 
 
 class LowRank(NamedTuple):
@@ -85,13 +87,15 @@ def kept_of(points: int, split: Dense | LowRank) -> Kept:
 
 
 def _dense_product(split: Dense, values: Floats, nonzero: Ints, out: Floats) -> None:
-    count = 0
+    count, product = 0, split.work
     for k in range(len(values)):
-        out[k] = 0.0
+        product[k] = 0.0
         if values[k] != 0.0:
             nonzero[count] = k
             count += 1
-    add_rows(split.rows, nonzero[:count], values, out)
+    add_rows(split.rows, nonzero[:count], values, product)
+    for k in range(len(values)):
+        out[k] = product[k]
 
 
 def _low_rank_product(split: LowRank, values: Floats, nonzero: Ints, out: Floats) -> None:

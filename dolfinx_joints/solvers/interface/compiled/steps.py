@@ -24,7 +24,12 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     kept_of,
     take,
 )
-from dolfinx_joints.solvers.interface.compliance import Compliance, Compressed, Split
+from dolfinx_joints.solvers.interface.compliance import (
+    ROUGH_TOLERANCE,
+    Compliance,
+    Compressed,
+    Split,
+)
 from dolfinx_joints.solvers.interface.corrections import FINEST, MOST_PRODUCTS, Corrections
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
@@ -32,6 +37,9 @@ Floats = NDArray[np.float64]
 
 # The whole of S is kept in single precision beside a compressed one up to so many unknowns: 0.15 GB
 LARGEST_WHOLE = 6000
+
+# Error of products in single precision, relative to them.
+SINGLE_ERROR = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +73,7 @@ class CompiledSteps:
         self, contact: Contact, compliance: Compliance, corrections: Corrections, areas: Floats
     ) -> None:
         """Set the room aside."""
-        self._contact, self._corrections = contact, corrections
+        self._contact, self._compliance, self._corrections = contact, compliance, corrections
         size, forms = len(areas), _forms_of(compliance)
         self._split, self._inner = forms.split, forms.inner
         self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
@@ -74,10 +82,12 @@ class CompiledSteps:
         self._iterates: Iterates | None = None
         single = isinstance(self._inner, Dense)
         stuck = corrections.stuck
+        self._rough = SINGLE_ERROR if single else ROUGH_TOLERANCE
         self._memory = Memory(
             active=kept_of(size // 3, self._inner),
-            changed=kept_of(0 if stuck is None else size // 3, Dense(np.empty((0, 0)))),
-            tied=Dense(np.empty((0, 0))),
+            changed=kept_of(0 if stuck is None else size // 3, self._inner),
+            ties=False,
+            tied=self._inner,
             stuck=np.empty(0) if stuck is None else stuck.ravel(),
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
@@ -127,7 +137,7 @@ class CompiledSteps:
             root=self._root,
             reach=float((passed / self._scale[live]).max(initial=0.0)),
         )
-        iterates = self._room(start)
+        iterates, limits = self._room(start), limits._replace(rough=self._rough)
         for i, (force, coupled) in enumerate(starts):
             iterates.force[i], iterates.coupled[i] = force, coupled
         converged, last, iterations, relative = iterate(
@@ -146,10 +156,14 @@ class CompiledSteps:
 
     def _tie(self) -> None:
         """Take up W once it pays."""
-        if len(self._memory.stuck) and not len(self._memory.tied.rows):
+        if len(self._memory.stuck) and not self._memory.ties:
             whole = self._corrections.tied()
             if whole is not None:
-                self._memory = self._memory._replace(tied=Dense(whole))
+                if isinstance(self._inner, Dense):
+                    tied = _rows_of(whole, np.float32)
+                else:
+                    tied = _blocks_of(self._compliance.roughly(whole), whole)
+                self._memory = self._memory._replace(ties=True, tied=tied)
             elif self._corrections.stuck is None:
                 self._memory = self._memory._replace(stuck=np.empty(0))
 
@@ -175,7 +189,7 @@ class CompiledSteps:
         if "kept" in state_dict:
             kept = state_dict["kept"]
             take(self._inner, self._memory.active, kept, len(kept))
-        if "changed" in state_dict and len(self._memory.tied.rows):
+        if "changed" in state_dict and self._memory.ties:
             changed = state_dict["changed"]
             take(self._memory.tied, self._memory.changed, changed, len(changed))
 
@@ -194,9 +208,13 @@ class _Forms(NamedTuple):
 def _forms_of(compliance: Compliance) -> _Forms:
     if compliance.forms is None:
         split, inner = _splits(compliance)
-        known = compliance.split if compliance.effective.symmetric else None
-        whole = split.size <= LARGEST_WHOLE
-        compliance.forms = _Forms(_given(split), _given(inner, whole=whole), deflation_of(known))
+        symmetric = split if compliance.effective.symmetric else None
+        whole = split.whole() if split.size <= LARGEST_WHOLE else None
+        compliance.forms = _Forms(
+            _rows_of(whole) if isinstance(split, RowMatrix) else _blocks_of(split, None),
+            _rows_of(whole, np.float32) if isinstance(inner, RowMatrix) else _blocks_of(inner, whole),
+            deflation_of(symmetric),
+        )
     forms: _Forms = compliance.forms
     return forms
 
@@ -206,10 +224,12 @@ def _splits(compliance: Compliance) -> tuple[Split, Split]:
     return compliance.split, compliance.rough or compliance.split
 
 
-def _given(split: Split, *, whole: bool = False) -> Dense | LowRank:
-    """S as the compiled functions take it, a compressed one beside its whole if that is wanted."""
-    if isinstance(split, RowMatrix):
-        return Dense(split.whole())
+def _rows_of(whole: Floats, dtype: type = np.float64) -> Dense:
+    return Dense(whole.astype(dtype, copy=False), np.empty(len(whole), dtype))
+
+
+def _blocks_of(split: Split, whole: Floats | None) -> LowRank:
+    """A compressed S as the compiled functions take it, beside its whole if that is given."""
     assert isinstance(split, Compressed)
     matrix = split.matrix
     return LowRank(
@@ -218,7 +238,7 @@ def _given(split: Split, *, whole: bool = False) -> Dense | LowRank:
         matrix.order,
         split.live,
         np.empty((2, matrix.shape[0]), dtype=matrix.data.dtype),
-        split.whole().astype(np.float32) if whole else np.empty((0, 0), dtype=np.float32),
+        np.empty((0, 0), dtype=np.float32) if whole is None else whole.astype(np.float32),
     )
 
 
@@ -232,5 +252,5 @@ def _iterates_of(start: Start) -> Iterates:
         residual,
         np.zeros((3, points, 3, 3)),
         Answer._make(np.zeros((3, *array.shape), array.dtype) for array in one),
-        np.zeros((3, 3)),
+        np.zeros((3, 4)),
     )

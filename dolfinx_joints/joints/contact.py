@@ -278,6 +278,8 @@ class Contact:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of each joint, shape (number of joints,), [J] (collective)."""
+        if len(self._laws) == 1:
+            return self.integrals(self._laws[0].law.stored_energy(state))
         density = np.empty(len(state.gap))
         for part in self._laws:
             density[part.points] = part.law.stored_energy(part.state_of(state))
@@ -288,6 +290,8 @@ class Contact:
 
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
+        if len(self._laws) == 1:
+            return self._laws[0].losses(rule, before, answer, traction)
         friction, numerical, impact = np.empty((3, len(traction)))
         for part in self._laws:
             here = part.points

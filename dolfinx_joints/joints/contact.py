@@ -291,7 +291,8 @@ class Contact:
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
         if len(self._laws) == 1:
-            return self._laws[0].losses(rule, before, answer, traction)
+            found = self._laws[0].losses(rule, before, answer, traction)
+            return Losses(*np.broadcast_arrays(*found))
         friction, numerical, impact = np.empty((3, len(traction)))
         for part in self._laws:
             here = part.points

@@ -20,7 +20,7 @@ from dolfinx_joints.common.kernels import njit
 Floats = NDArray[np.float64]
 Indices = NDArray[np.uint32]
 
-# Of the largest entry: what assembly may leave of the symmetry of K.
+# What assembly may leave of the symmetry of K, of the diagonal of both nodes, and of M, of all.
 ROUNDING = 1e-13
 
 # Entries of K above which products are a small part of a step, and copies of K take memory.
@@ -68,8 +68,11 @@ class Halves:
         flipped = [0, 3, 6, 1, 4, 7, 2, 5, 8, 9]
         if not np.all(there) or np.count_nonzero(rows == columns) < nodes:
             return None
-        error = np.abs(blocks[turned][:, flipped] - blocks).max(axis=0)
-        if error[:9].max() > ROUNDING * blocks[:, :9].max() or error[9] > ROUNDING * once.max():
+        error = np.abs(blocks[turned][:, flipped] - blocks)
+        own = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
+        if np.any(error[:, :9].max(axis=1) > ROUNDING * own[rows] * own[columns]):
+            return None
+        if error[:, 9].max() > ROUNDING * once.max():
             return None
         right = columns >= rows
         starts = np.append(0, np.cumsum(np.bincount(rows[right], minlength=nodes)))

@@ -171,6 +171,11 @@ class MatrixSystem:
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
 
+    def norm(self, displacement: PETSc.Vec) -> float:
+        """2-norm over the dofs of the body, without the water's unknowns [m] (collective)."""
+        of_body = displacement if self.coupled is None else self.coupled.body(displacement)
+        return float(of_body.norm())
+
     def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
         """M x and K x written to ``mass`` and ``stiffness`` (collective)."""
         if self._halves is not None:

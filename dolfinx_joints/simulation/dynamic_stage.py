@@ -173,7 +173,7 @@ class DynamicRun:
         if self._reduced is not None:
             return self._reduced.distance(state)
         self._work.waxpy(-1.0, self.origin, state.displacement)
-        return float(self._work.norm())
+        return self._solver.system.norm(self._work)
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
@@ -270,7 +270,7 @@ class DynamicRun:
     def outcome(self) -> Outcome:
         """Where the run stands."""
         # A body at rest: both are rounding.
-        moved = self._largest > 1e-10 * float(self.origin.norm())
+        moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
         return Outcome(
             state=self._reduced.whole(self.state) if self._reduced else self.state,
             energy=self._ledger.row,

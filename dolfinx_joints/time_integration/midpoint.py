@@ -228,7 +228,7 @@ class _Step:
         change = combination((1.0, after.acceleration), (-1.0, self._before.acceleration))
         if self._exact is not None:
             add_free_vibration(self._exact, self._modal_rates, self._dt, change)
-        return float(change.norm()) * self._dt**2 / 12.0
+        return self._system.norm(change) * self._dt**2 / 12.0
 
 
 class _Turn:

@@ -107,8 +107,8 @@ class _Alpha:
             absorbed=products.absorbed / (of_damping * dt),
             joints=joint_works(system, state, joints, self.rule.over(dt), mean_traction=True),
         )
-        change = combination((1.0, a_known), (-1.0, a)).norm()
-        error = float(change) * dt**2 * abs(self.beta - 1.0 / 6.0)
+        change = combination((1.0, a_known), (-1.0, a))
+        error = system.norm(change) * dt**2 * abs(self.beta - 1.0 / 6.0)
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=error)
 
     def _right_hand_side(

@@ -215,7 +215,8 @@ class Stepper:
         tolerance = self._control.tolerance
         if tolerance is None:
             return False
-        return report.local_error > tolerance * max(self._largest, after.displacement.norm())
+        moved = self._solver.system.norm(after.displacement)
+        return report.local_error > tolerance * max(self._largest, moved)
 
     def _calm(self, report: StepReport) -> bool:
         """Whether a substep of twice the length would do: the local error grows with its cube."""
@@ -227,7 +228,8 @@ class Stepper:
         if state.joints is not None:
             self.chatter.see(state.joints, report.dt, dt)
         if self._control.tolerance is not None:
-            self._largest = max(self._largest, float(state.displacement.norm()))
+            moved = self._solver.system.norm(state.displacement)
+            self._largest = max(self._largest, moved)
 
 
 def ends_of_steps(start: float, dt: float, steps: int) -> NDArray[np.float64]:

@@ -123,7 +123,7 @@ def test_gmres_with_and_without_deflation(kind, monkeypatch):
     # A compliance whose points move together, as those of one body do.
     together = np.tile(np.linspace(1.0, 2.0, POINTS)[:, None], (1, 3)).ravel()
     s = s + 3.0 * np.outer(together, together) / len(together)
-    split = products.Dense(s)
+    split = products.Dense(s, np.empty(len(s)))
     kept = products.kept_of(POINTS, split)
     points = np.flatnonzero(np.abs(blocks).max(axis=(1, 2)) > 0.0)
     products.take(split, kept, points, len(points))

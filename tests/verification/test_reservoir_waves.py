@@ -104,7 +104,8 @@ def response(model, axis, frequencies, steps, per_period=40):
     return (waves @ np.array(kept.forces)[:, 0]) / (waves @ [pulse(t)[axis] for t in times])
 
 
-def exact_force(frequency, alpha, modes=60):
+def exact_force(frequency, alpha, modes=60, length=np.inf):
+    """Force on the face, endless or up to a wall that moves with it: between them p is odd."""
     omega = 2.0 * np.pi * frequency
     damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * C)
     rates = (2.0 * np.arange(1, modes) - 1.0) * np.pi / (2.0 * H) + 0j
@@ -116,7 +117,7 @@ def exact_force(frequency, alpha, modes=60):
     decay = np.where(decay.real < 0.0, -decay, decay)
     moment = (1.0 - np.cos(rates * H)) / rates
     size = H / 2.0 - np.sin(2.0 * rates * H) / (4.0 * rates)
-    return -RHO * np.sum(moment**2 / size / decay)
+    return -RHO * np.sum(moment**2 / size / decay * np.tanh(decay * length / 2.0))
 
 
 def test_force_on_a_rigid_face(comm):
@@ -134,6 +135,22 @@ def test_force_on_a_rigid_face(comm):
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())
     assert errors[1] < 0.01
     assert errors[1] < errors[0] / 4.0
+
+
+def test_a_wall_at_the_far_end_moves_with_the_ground(comm):
+    """Over 0 to 3 times the first frequency, within 2 % of the largest force."""
+    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
+    exact = np.array([exact_force(f, 0.75, length=2.0 * H) for f in frequencies])
+    waves = dj.ReservoirWaves(
+        group="up",
+        level=H,
+        length=2.0 * H,
+        bottom_reflection=0.75,
+        sound_speed=C,
+        far_end="rigid",
+    )
+    found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
+    assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("far_end", ["rigid", "radiating"])

@@ -51,7 +51,7 @@ class ReservoirMass:
     Attributes:
         group: Name of the facet group, which reaches up to the level or higher.
         level: Height of the water, a coordinate along z (y in 2-D) [m].
-        length: Of the reservoir, up to a rigid end [m]; endless unless given.
+        length: Of the reservoir, up to a rigid end at rest [m]; endless unless given.
         upstream: Horizontal vector along which it extends; the mean normal of the wet face, without
             its vertical part, unless given.
         density: Of the water [kg/m^3].

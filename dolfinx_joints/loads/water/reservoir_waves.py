@@ -55,9 +55,10 @@ class ReservoirWaves:
         sound_speed: In the water [m/s].
         bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
             the normal, alpha.
-        far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``.
+        far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``: a wall.
         absorbing_length: Of the part before the far end in which waves are damped more and more,
-            which takes the slow ones near the frequencies of the cross-section as well [m].
+            which takes the slow ones near the frequencies of the cross-section as well; zero or at least
+            two elements [m].
         layers: Number of elements along the reservoir; twice as long as the edges on the face are
             in the mean unless given.
     """
@@ -115,6 +116,12 @@ class _Moved:
         face = wet.face
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
+        layer = waves.length / count
+        if 0.0 < waves.absorbing_length < 2.0 * layer:
+            raise ValueError(
+                f"{waves}: absorbing_length is {waves.absorbing_length:g} m; it must be zero or at "
+                f"least two elements along the reservoir, {2.0 * layer:.3g} m."
+            )
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
         self._bottom, self._floor = _edges(face, wet.upstream)
@@ -124,7 +131,11 @@ class _Moved:
         size = count * len(self._s)
         rows, dofs, values = self._wet.coupling
         coupling = coo_array((values, (rows, dofs)), shape=(size, self._dofs)).tocsr()
-        floor = np.multiply.outer(_lengths(self._s), self._floor).reshape(size, self._gdim)
+        floor = np.multiply.outer(_lengths(self._s), self._floor)
+        if waves.far_end == "rigid":
+            wall = self._face_matrices[3] @ np.ones(count)
+            floor[-1] += np.multiply.outer(wall, self._wet.upstream)
+        floor = floor.reshape(size, self._gdim)
         uniform = np.tile(np.eye(self._gdim), (self._dofs // self._gdim, 1))
         places = np.zeros((count, self._gdim))
         wet = self._wet.face.nodes != SURFACE

@@ -122,7 +122,7 @@ class Condensed:
             return None
         areas = np.repeat(self._contact.operator.areas, 3)
         compiled = CompiledSteps(self._contact, self.compliance, self.corrections, areas)
-        compiled.load_state_dict(self._restored)
+        compiled.load_state_dict(self._restored.get("compiled", {}))
         return compiled
 
     def state_dict(self) -> dict[str, Any]:
@@ -130,7 +130,7 @@ class Condensed:
         if "corrections" not in self.__dict__:
             return dict(self._restored)
         compiled = self.__dict__.get("compiled")
-        more = {} if compiled is None else compiled.state_dict()
+        more = {} if compiled is None else {"compiled": compiled.state_dict()}
         return self.corrections.state_dict() | more
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:

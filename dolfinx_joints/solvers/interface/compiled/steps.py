@@ -125,6 +125,7 @@ class CompiledSteps:
             starts: One or two starts, f and S f.
             limits: Limits.
         """
+        self._memory.missed[0] = self._corrections.missed
         self._tie()
         start, live = self._contact.start_of_loops(rule, state), self._scale > 0.0
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()[live]

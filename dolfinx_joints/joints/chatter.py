@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
 
@@ -50,22 +51,10 @@ class Chatter:
         if self._contact is None:
             return
         operator = self._contact.operator
-        pressure = -operator.areas * joints.traction[:, 0] * dt
-        pressed = pressure > 0.0
-        ended = ~pressed & (self._lasts > 0.0)
         resolved = max((RESOLVED - 0.5) * dt, whole)
-        brief = np.maximum(self._lasts, self._flight) < resolved
-        short = ended & brief & (self._rubbed > 0.0)
-        of_points = short, short * self._impulse, pressed * pressure
-        joint, count = operator.joint, len(operator.names)
-        self._sums += np.array([np.bincount(joint, values, count) for values in of_points])
-        self._flight = np.where(pressed, self._flight, np.where(ended, dt, self._flight + dt))
-        for total, more in (
-            (self._lasts, dt),
-            (self._impulse, pressure),
-            (self._rubbed, np.abs(joints.dissipation)),
-        ):
-            total[:] = np.where(pressed, total + more, 0.0)
+        points = self._lasts, self._impulse, self._rubbed, self._flight
+        given = operator.areas, joints.traction, joints.dissipation
+        _see(*given, operator.joint, dt, resolved, points, self._sums)
 
     def _total(self) -> Floats:
         """Sums over all ranks (collective)."""
@@ -106,3 +95,33 @@ class Chatter:
         self._found = dict(state_dict["found"])
         if comm.rank == 0:
             self._sums[:] = state_dict["sums"]
+
+
+@njit(cache=True)
+def _see(
+    areas: Floats,
+    traction: Floats,
+    dissipation: Floats,
+    joint: NDArray[Any],
+    dt: float,
+    resolved: float,
+    points: tuple[Floats, Floats, Floats, Floats],
+    sums: Floats,
+) -> None:
+    """Take note of a substep; the last two are those of `Chatter`."""
+    lasts, impulse, rubbed, flight = points
+    for i in range(len(areas)):
+        pressure = -areas[i] * traction[i, 0] * dt
+        if pressure > 0.0:
+            sums[2, joint[i]] += pressure
+            lasts[i] += dt
+            impulse[i] += pressure
+            rubbed[i] += abs(dissipation[i])
+            continue
+        if lasts[i] > 0.0:
+            if max(lasts[i], flight[i]) < resolved and rubbed[i] > 0.0:
+                sums[0, joint[i]] += 1.0
+                sums[1, joint[i]] += impulse[i]
+            flight[i] = 0.0
+        flight[i] += dt
+        lasts[i], impulse[i], rubbed[i] = 0.0, 0.0, 0.0

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Floats
 
@@ -41,8 +42,8 @@ class SmallDisplacements:
         """Take note of the gaps of the local points, initial gap included, shape (n, 3), [m]."""
         if self._contact is None or self._sizes is None:
             return
-        jump = np.linalg.norm(gap - self._contact.initial_gap, axis=1) / self._sizes
-        np.maximum.at(self._largest, self._contact.operator.joint, jump)
+        contact = self._contact
+        _see(gap, contact.initial_gap, self._sizes, contact.operator.joint, self._largest)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """What has been seen and said so far (collective)."""
@@ -76,3 +77,12 @@ class SmallDisplacements:
                     "longer small.",
                     stacklevel=3,
                 )
+
+
+@njit(cache=True)
+def _see(gap: Floats, initial: Floats, sizes: Floats, joint: NDArray[Any], largest: Floats) -> None:
+    """Raise the largest jump of each joint to those of its points."""
+    for i in range(len(gap)):
+        a, b, c = gap[i, 0] - initial[i, 0], gap[i, 1] - initial[i, 1], gap[i, 2] - initial[i, 2]
+        jump = np.sqrt(a * a + b * b + c * c) / sizes[i]
+        largest[joint[i]] = max(largest[joint[i]], jump)

@@ -70,6 +70,18 @@ def of_ranks(comm: Any, values: NDArray[Any]) -> NDArray[Any]:
     return found
 
 
+def gathered(comm: Any, values: NDArray[Any]) -> NDArray[Any] | None:
+    """Arrays of all ranks one after the other on rank 0, None elsewhere (collective)."""
+    parts = comm.gather(values, root=0)
+    return None if parts is None else np.concatenate(parts)
+
+
+def own_part(comm: Any, every: NDArray[Any], count: int) -> NDArray[Any]:
+    """The ``count`` rows of this rank of an array in the order of the ranks (collective)."""
+    stop = comm.scan(count)
+    return every[stop - count : stop]
+
+
 def on_root(comm: Any, work: Callable[[], T]) -> T:
     """Run ``work`` on rank 0 and give its result, or its exception, to every rank (collective)."""
     result: T | None = None

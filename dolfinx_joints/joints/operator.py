@@ -110,8 +110,7 @@ class GapOperator:
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any] | None:
         """Values of all points in global order on rank 0, None elsewhere (collective)."""
-        parts = self.comm.gather(values, root=0)
-        return None if parts is None else np.concatenate(parts)
+        return gathered(self.comm, values)
 
 
 class JointOperator(GapOperator):

@@ -4,7 +4,7 @@
 
 With s the root of a point's own compliance, forces count as f = s F and gaps as g / s, both in
 [J^(1/2)], so that G becomes I + S with small entries S, which is what the joints' iteration needs.
-A vector of all points is the same on every rank; a rank keeps the rows of S of its own points.
+Vectors are those of the rank's own points, of whose rows of S it keeps what is not its neighbours'.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers.direct import BLOCK
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix, gathered
+from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
+from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.interface.unit_forces import UnitForces
 from dolfinx_joints.solvers.multigrid import IterativeSolver
 from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+AnyLowRank = LowRankMatrix | RankedLowRankMatrix
 
 # Beyond this size the compressed S is not only smaller, its products are also faster; a rough one
 # inside corrections pays beyond it too.
@@ -43,31 +45,36 @@ class Part(Protocol):
     """Some rows and the same columns of S."""
 
     def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size (collective)."""
+        """The part times a vector of its size, the rank's part of both (collective)."""
 
 
 class Split(Protocol):
     """S, known by its products.
 
     Attributes:
-        size: Number of rows.
+        size: Number of rows of all ranks.
+        local: Of the rank.
         nbytes: Memory of what is kept on this rank [bytes].
     """
 
     size: int
+    local: int
     nbytes: int
 
     def cost(self, rows: int) -> float:
-        """Entries that a product with so many nonzero values reads."""
+        """Entries that a product with so many nonzero values of all ranks reads."""
 
     def whole(self) -> Floats | None:
-        """The matrix, shape (size, size), None where it is not kept (collective)."""
+        """The matrix, shape (size, size), None where it cannot be had (collective)."""
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
+        """Times a vector that is zero but for some of the rank's rows, shape (local,) (collective).
+
+        Rows are numbered among the rank's.
+        """
 
     def block(self, rows: Rows) -> Part:
-        """The part of some rows, sorted, and the same columns (collective)."""
+        """The part of some of the rank's rows, sorted, and the same columns (collective)."""
 
 
 class Compliance:
@@ -88,9 +95,8 @@ class Compliance:
         kind: Which of the kinds it is.
         own: Compliance of each local point on its own area, normal and tangential (the mean of
             the directions in which it can move), shape (n, 2), [m/Pa].
-        scale: s, three per point of all ranks, 1 where a point cannot move, [(m/N)^(1/2)].
-        dead: Directions in which a point cannot move, such as the third in a plane, all ranks,
-            shape (points, 3).
+        scale: s, three per local point, 1 where a point cannot move, [(m/N)^(1/2)].
+        dead: Directions in which a point cannot move, such as the third in a plane, shape (n, 3).
         split: S.
         forms: What the compiled iteration has made of S, None before.
         rough: S to `ROUGH_TOLERANCE`; None where S is small, the places of the points are not
@@ -139,10 +145,11 @@ class Compliance:
         start, stop = operator.getOwnershipRange()
         own = (np.arange(start, stop), np.arange(stop - start))
         self._scale(columns[own], joints.areas, largest)
-        columns /= self.scale[:, None]
-        columns /= self.scale[start:stop]
+        every = Parts(stop - start, self._comm)
+        columns /= every.all_of(self.scale)[:, None]
+        columns /= self.scale
         columns[own] -= 1.0
-        columns[self.dead.ravel()] = 0.0
+        columns[every.all_of(self.dead.ravel())] = 0.0
         return columns
 
     def roughly(self, columns: Floats) -> Compressed:
@@ -156,11 +163,11 @@ class Compliance:
             part[numbers[here] - mine.start, here] += 1.0
             return part
 
-        ones = np.ones(len(columns))
+        ones = np.ones(columns.shape[1])
         rough = self._compressed(of_unit_diagonal, ones, ROUGH_TOLERANCE, np.float32)
         return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
-    def _products(self, matrix: LowRankMatrix) -> Split:
+    def _products(self, matrix: AnyLowRank) -> Split:
         return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
 
     def _columns(self, size: int) -> Floats:
@@ -180,20 +187,19 @@ class Compliance:
         scale: Floats,
         tolerance: float,
         dtype: type = np.float64,
-    ) -> LowRankMatrix:
+    ) -> AnyLowRank:
         """Columns in blocks of low rank (collective)."""
         joints = self._joints
-        start = self._comm.scan(len(joints.areas)) - len(joints.areas)
-        return LowRankMatrix(
-            columns,
-            np.concatenate(self._comm.allgather(joints.points)),
-            rows=None if self._comm.size == 1 else slice(start, start + len(joints.areas)),
-            scale=scale,
-            joint=np.concatenate(self._comm.allgather(joints.joint)),
-            tolerance=tolerance,
-            dtype=dtype,
-            symmetric=self.effective.symmetric,
-        )
+        facts = {
+            "scale": scale,
+            "joint": joints.joint,
+            "tolerance": tolerance,
+            "dtype": dtype,
+            "symmetric": self.effective.symmetric,
+        }
+        if self._comm.size == 1:
+            return LowRankMatrix(columns, joints.points, **facts)
+        return RankedLowRankMatrix(columns, joints.points, self._comm, **facts)
 
     def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
         """Own compliances from those in each direction, shape (3 n,), [m/N]."""
@@ -204,9 +210,8 @@ class Compliance:
             own = np.minimum(own, largest / areas[:, None])
         self.own = areas[:, None] * own
         roots = np.where(each > 0.0, np.sqrt(np.repeat(own, (1, 2), axis=1)), 0.0)
-        every = np.concatenate(self._comm.allgather(roots))
-        self.dead = every == 0.0
-        self.scale = np.where(self.dead, 1.0, every).ravel()
+        self.dead = roots == 0.0
+        self.scale = np.where(self.dead, 1.0, roots).ravel()
 
     @property
     def kept_bytes(self) -> int:
@@ -242,14 +247,14 @@ class _Products:
         dead: NDArray[np.bool_],
         comm: Any,
     ) -> None:
-        """Keep what is needed."""
-        self._multiply, self._scale, self._comm = multiply, scale, comm
-        self.live, self.size = ~dead.ravel(), len(scale)
-        self.nbytes = 0
+        """Keep what is needed (collective)."""
+        self._multiply, self._scale = multiply, scale
+        self.live, self.local = ~dead.ravel(), len(scale)
+        self.size, self.nbytes = comm.allreduce(self.local), 0
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Times a vector, shape (size,) (collective)."""
-        gaps = gathered(self._comm, self._multiply(values / self._scale))
+        """Times a vector, the rank's part of both, shape (local,) (collective)."""
+        gaps = self._multiply(values / self._scale)
         return np.where(self.live, gaps / self._scale - values, 0.0)
 
     def block(self, rows: Rows) -> _Rows:
@@ -270,12 +275,12 @@ class Compressed(_Products):
 
     Attributes:
         matrix: The blocks.
-        live: Whether an unknown can move, shape (size,).
+        live: Whether an unknown of the rank can move, shape (local,).
     """
 
     def __init__(
         self,
-        matrix: LowRankMatrix,
+        matrix: AnyLowRank,
         scale: Floats,
         dead: NDArray[np.bool_],
         comm: Any,
@@ -291,10 +296,11 @@ class Compressed(_Products):
         """As many whatever the vector."""
         return self._entries
 
-    def whole(self) -> Floats:
-        """The matrix, shape (size, size) (collective)."""
-        mine = self.matrix.rows(np.arange(self.matrix.shape[0]))
-        every = np.vstack(self._comm.allgather(mine))
+    def whole(self) -> Floats | None:
+        """The matrix, shape (size, size); None on several ranks."""
+        if isinstance(self.matrix, RankedLowRankMatrix):
+            return None
+        every = self.matrix.whole()
         every /= self._scale[:, None] * self._scale
         every[np.diag_indices(self.size)] -= 1.0
         every[~self.live] = 0.0
@@ -309,7 +315,7 @@ class _Rows:
         self._whole, self._rows = whole, rows
 
     def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size (collective)."""
-        every = np.zeros(self._whole.size)
+        """The part times a vector of its size, the rank's part of both (collective)."""
+        every = np.zeros(self._whole.local)
         every[self._rows] = values
         return self._whole.product(every, self._rows)[self._rows]

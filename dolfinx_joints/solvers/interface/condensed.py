@@ -138,15 +138,14 @@ class Condensed:
         self._restored = state_dict
 
     def _stuck(self) -> Floats:
-        """T0 of sticking points of all ranks, shape (points, 3): c / (c + weight / k)."""
+        """T0 of sticking points, shape (n, 3): c / (c + weight / k)."""
         contact = self._contact
         own = np.repeat(self.compliance.own, (1, 2), axis=1)
         stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
         with np.errstate(divide="ignore"):
             total = own + self._weight / stiffness
         ratio = np.divide(own, total, out=np.zeros_like(own), where=total > 0.0)
-        every = np.concatenate(contact.operator.comm.allgather(ratio))
-        return np.where(self.compliance.dead, 0.0, every)
+        return np.where(self.compliance.dead, 0.0, ratio)
 
     def destroy(self) -> None:
         """Free matrices and factor."""

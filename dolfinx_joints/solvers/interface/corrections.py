@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.mpi import gathered, of_ranks
 from dolfinx_joints.solvers.interface.compliance import Part, Split
 from dolfinx_joints.solvers.interface.gmres import gmres
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -61,8 +62,8 @@ class Correction:
     """A correction of the scaled forces.
 
     Attributes:
-        step: d, shape (m,).
-        coupled: S d, shape (m,).
+        step: d, of the rank's unknowns, shape (m,).
+        coupled: S d, likewise.
         products: Products with the matrix of the set.
     """
 
@@ -77,8 +78,8 @@ class Corrections:
     Args:
         split: S.
         rough: S to some 1e-4, for systems of many points, or None.
-        stuck: T0, the diagonal of the tangent of sticking points, shape (points, 3); None
-            where the second set is of no use.
+        stuck: T0, the diagonal of the tangent of the rank's points where they stick, shape
+            (points, 3); None where the second set is of no use.
         comm: Communicator of the ranks.
 
     Attributes:
@@ -92,7 +93,7 @@ class Corrections:
         self.stuck = stuck if split.size <= LARGEST_TIED else None
         self._exact = isinstance(split, RowMatrix)
         self._kept: Rows = np.empty(0, dtype=np.int64)
-        self._inside = np.zeros(split.size // 3, dtype=bool)
+        self._points = split.local // 3
         self._block: Part | None = None
         self._tied: _Tied | None = None
         self.missed, self._finest = 0.0, 0.0
@@ -101,30 +102,35 @@ class Corrections:
         """Solve (I + T S) d = r (collective).
 
         Args:
-            residual: r, shape (m,).
-            tangent: T, shape (points, 3, 3).
+            residual: r, of the rank's unknowns, shape (m,).
+            tangent: T, of the rank's points, shape (points, 3, 3).
             tolerance: Of the residual, relative to r.
         """
         active = _where(tangent, np.zeros((1, 3)), 0.0)
+        changed = active if self.stuck is None else _where(tangent, self.stuck, SAME)
+        held = self._holds(active)
+        counts = np.array([len(active), len(changed), np.count_nonzero(residual), held])
+        every = of_ranks(self._comm, counts)
+        actives, changes, loaded = (int(n) for n in every[:, :3].sum(axis=0))
         if self.stuck is not None:
-            changed = _where(tangent, self.stuck, SAME)
-            tied = self._tied_if_cheaper(3 * len(active), 3 * len(changed), residual)
+            tied = self._tied_if_cheaper(3 * actives, 3 * changes, loaded)
             if tied is not None:
-                return tied.solve(residual, tangent, changed, tolerance)
-        return self._solve_active(residual, tangent, active, tolerance)
+                return tied.solve(residual, tangent, changed, changes, tolerance)
+        if self._block is None or not every[:, 3].all():
+            self._block = self._hold(active)
+        return self._solve_active(residual, tangent, tolerance)
 
-    def _tied_if_cheaper(self, active: int, changed: int, residual: Floats) -> _Tied | None:
+    def _tied_if_cheaper(self, active: int, changed: int, loaded: int) -> _Tied | None:
         """The second way, made once what it would have saved so far is what it costs.
 
-        None where the first is cheaper, or there is no second.
+        None where the first is cheaper, or there is no second. Numbers are of unknowns.
         """
         assert self.stuck is not None
-        size, loaded = float(len(residual)), np.count_nonzero(residual)
         inner = float(active) ** 2
         if self._rough is not None:
             inner = min(inner, self._rough.cost(active))
         first = PRODUCTS * inner + self._split.cost(active)
-        second = PRODUCTS * float(changed) ** 2 + (loaded + changed) * size
+        second = PRODUCTS * float(changed) ** 2 + float(loaded + changed) * self._split.size
         if second >= first:
             return None
         self._tie()
@@ -150,39 +156,35 @@ class Corrections:
         tied, self._tied = self._tied, None
         return None if tied is None else tied.matrix.whole()
 
-    def _solve_active(
-        self, residual: Floats, tangent: Floats, active: Rows, tolerance: float
-    ) -> Correction:
-        rows, block = self._block_of(active)
-        points = self._kept
+    def _solve_active(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
+        rows, block = _rows_of(self._kept), self._block
+        assert block is not None
         step = residual.copy()
         step[rows] = 0.0
-        right, others = residual[rows], np.flatnonzero(step)
-        here = tangent[points]
-        if len(others):
+        here, others = tangent[self._kept], np.flatnonzero(step)
+        right = residual[rows]
+        if of_ranks(self._comm, np.array([len(others)])).any():
             right = right - _turned(here, self._split.product(step, others)[rows])
         step[rows], products = gmres(
             lambda v: v + _turned(here, block.product(v)),
             right,
             tolerance=max(tolerance, self._finest),
             most=MOST_PRODUCTS,
+            comm=self._comm,
         )
         coupled = self._split.product(step, np.flatnonzero(step))
         return Correction(step=step, coupled=coupled, products=products)
 
-    def _block_of(self, active: Rows) -> tuple[Rows, Part]:
-        """Rows and part of S of a set that holds the active points, kept while it does."""
-        inside = self._inside[active].all()
-        if self._block is None or not inside or len(self._kept) > 2 * len(active) + 20:
-            self._block = self._hold(active)
-        return _rows_of(self._kept), self._block
+    def _holds(self, active: Rows) -> bool:
+        """Whether the rank's part of the set that is kept will do for the active points."""
+        if self._block is None or len(self._kept) > 2 * len(active) + 20:
+            return False
+        return bool(np.isin(active, self._kept, assume_unique=True).all())
 
     def _hold(self, points: Rows) -> Part:
-        """The part of S of a set to be kept."""
+        """The part of S of a set to be kept, of the rank's points these (collective)."""
         self._kept = points
-        self._inside[:] = False
-        self._inside[points] = True
-        size = 3 * len(points)
+        size = 3 * int(of_ranks(self._comm, np.array([len(points)])).sum())
         rough = self._rough
         if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
             rough = None
@@ -190,20 +192,27 @@ class Corrections:
         return (rough or self._split).block(_rows_of(points))
 
     def state_dict(self) -> dict[str, Any]:
-        """State that later corrections depend on beyond their arguments."""
-        kept = {} if self._block is None else {"kept": self._kept}
-        return {"missed": self.missed, **kept}
+        """State that later corrections depend on beyond their arguments (collective)."""
+        if self._block is None:
+            return {"missed": self.missed}
+        first = self._comm.scan(self._points) - self._points
+        return {"missed": self.missed, "kept": gathered(self._comm, self._kept + first)}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
         self.missed = state_dict["missed"]
         if "kept" in state_dict:
-            self._block = self._hold(state_dict["kept"])
+            first = self._comm.scan(self._points) - self._points
+            own = state_dict["kept"] - first
+            self._block = self._hold(own[(own >= 0) & (own < self._points)])
 
 
 def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:
-    """W, or None where I + T0 S is singular: rigid joints that meet, more points than dofs."""
-    root = np.sqrt(stuck)
+    """W, or None where I + T0 S is singular: rigid joints that meet, more points than dofs.
+
+    All of S is on every rank, T0 of the rank's unknowns.
+    """
+    root = np.sqrt(Parts(len(stuck), comm).all_of(stuck))
     inner = root[:, None] * whole * root
     inner[np.diag_indices(len(inner))] += 1.0
     try:
@@ -217,23 +226,26 @@ def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:
     half = solve_triangular(
         lower, root[:, None] * whole, lower=True, overwrite_b=True, check_finite=False
     )
-    return _Tied(RowMatrix.of(whole - half.T @ half, comm), stuck)
+    return _Tied(RowMatrix.of(whole - half.T @ half, comm, len(stuck)), stuck, comm)
 
 
 class _Tied:
     """W = S (I + T0 S)^-1, symmetric, and the system of the points that do not stick."""
 
-    def __init__(self, matrix: RowMatrix, stuck: Floats) -> None:
+    def __init__(self, matrix: RowMatrix, stuck: Floats, comm: Any) -> None:
         """Keep W and T0."""
-        self.matrix, self._stuck = matrix, stuck
+        self.matrix, self._stuck, self._comm = matrix, stuck, comm
 
     def solve(
-        self, residual: Floats, tangent: Floats, changed: Rows, tolerance: float
+        self, residual: Floats, tangent: Floats, changed: Rows, changes: int, tolerance: float
     ) -> Correction:
-        """See `Corrections.solve`; ``changed`` are the points where T is not T0."""
+        """See `Corrections.solve`; ``changed`` are the rank's points where T is not T0.
+
+        There are so many ``changes`` on all ranks.
+        """
         known = self.matrix.product(residual, np.flatnonzero(residual))
         coupled, turned, products = known, residual, 0
-        if len(changed):
+        if changes:
             rows = _rows_of(changed)
             block = self.matrix.block(rows)
             change = tangent[changed].copy()
@@ -243,6 +255,7 @@ class _Tied:
                 known[rows],
                 tolerance=tolerance,
                 most=MOST_PRODUCTS,
+                comm=self._comm,
             )
             taken = np.zeros_like(residual)
             taken[rows] = _turned(change, y)

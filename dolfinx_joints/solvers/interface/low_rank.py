@@ -104,40 +104,40 @@ def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> 
 
 
 class LowRankMatrix:
-    """Some rows of a compliance matrix in blocks.
+    """A compliance matrix in blocks.
 
     Blocks hold the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each of
     them to the absolute tolerance in the spectral norm.
 
     Args:
-        columns: Gives the columns of some unknowns, shape (3 rows, k), for their numbers, shape
-            (k,). Called once for each panel, in the same order on all ranks.
-        points: Coordinates of all points, shape (n, 3), [m].
-        rows: Range of the points whose rows are kept; all unless given.
+        columns: Gives the columns of some unknowns, shape (3 n, k), for their numbers, shape (k,).
+            Called once for each panel; None where panels are taken one by one, and then `close`
+            called.
+        points: Coordinates of the points, shape (n, 3), [m].
         scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
         joint: Number of the joint of each point, shape (n,).
         tolerance: Largest error of a block relative to the unit diagonal.
         dtype: Type that blocks are kept in and multiplied with, float64 or float32.
         leaf: Largest number of points in a cluster that is not cut.
-        symmetric: Whether the matrix is; where all rows are kept, only one of two mirrored blocks
-            then is.
+        symmetric: Whether the matrix is; only one of two mirrored blocks then is kept.
 
     Attributes:
-        shape: Rows and columns.
+        size: Rows and columns.
         nbytes: Memory of the blocks [bytes].
         symmetric: Whether only one of two mirrored blocks is kept.
         order: Unknowns in the order of the columns, shape (3 n,).
+        scale: Scale in this order, 1 where a point cannot move.
+        panels: Clusters whose columns are taken.
         blocks: Top, left, height, width, rank, whether mirrored, and first entry of each block.
         data: Their entries, one after the other.
     """
 
     def __init__(
         self,
-        columns: Callable[[Ints], Floats],
+        columns: Callable[[Ints], Floats] | None,
         points: Floats,
         *,
         scale: Floats,
-        rows: slice | None = None,
         joint: NDArray[Any] | None = None,
         tolerance: float = 1e-12,
         dtype: Any = np.float64,
@@ -145,69 +145,73 @@ class LowRankMatrix:
         symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel."""
-        kept = np.arange(len(points))[slice(None) if rows is None else rows]
-        self.symmetric = symmetric and len(kept) == len(points)
-        self.shape = (3 * len(kept), 3 * len(points))
-        self._tolerance, self._dtype = tolerance, np.dtype(dtype)
-        order, across = clusters(points, leaf, joint)
-        down, self._trees = order, across
-        if not self.symmetric:
-            labels = None if joint is None else np.asarray(joint)[kept]
-            down, self._trees = clusters(points[kept], leaf, labels)
-        self._down, self.order = _unknowns(down), _unknowns(order)
-        scale = np.where(
-            scale > 0.0, scale, 1.0
-        )  # clamped points do not move: zero rows and columns
-        self._scales = scale[_unknowns(kept)][self._down], scale[self.order]
+        self.symmetric, self.size = symmetric, 3 * len(points)
+        self.tolerance, self.dtype = tolerance, np.dtype(dtype)
+        order, self._trees = clusters(points, leaf, joint)
+        self.order = _unknowns(order)
+        self.scale = np.where(scale > 0.0, scale, 1.0)[self.order]  # zero rows and columns
+        self.panels = [panel for tree in self._trees for panel in tree.leaves()]
         self._start_over()
-        for tree in across:
-            for panel in tree.leaves():
-                self._take(panel, columns(self.order[panel.unknowns]))
-        self._close()
+        if columns is not None:
+            for panel in self.panels:
+                self.take(panel, columns(self.order[panel.unknowns]))
+            self.close()
 
     def _start_over(self) -> None:
         """No blocks yet."""
         self._table: list[tuple[int, ...]] = []
-        self.data, self._filled = np.empty(0, self._dtype), 0
+        self.data, self._filled = np.empty(0, self.dtype), 0
 
-    def _close(self) -> None:
+    def close(self) -> None:
         """Give back what the blocks did not fill."""
         self.data.resize(self._filled, refcheck=False)
         self.nbytes = self.data.nbytes
         self.blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
 
-    def _take(self, panel: Cluster, columns: Floats) -> None:
+    def take(self, panel: Cluster, columns: Floats) -> None:
         """Cut the rows of a panel into blocks."""
-        across = self._scales[1][panel.unknowns]
-        scaled = columns[self._down] / self._scales[0][:, None] / across
-        for tree in self._trees:
-            self._cut(tree, panel, scaled)
+        for rows, *parts in self.pieces(panel, self.scale[panel.unknowns], columns, own=True):
+            mirrored = self.symmetric and rows.start >= panel.stop
+            at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
+            width, rank = 3 * (panel.stop - panel.start), len(parts[0])
+            rank = rank if len(parts) == 2 else DENSE
+            self._table.append((*at, width, rank, int(mirrored), self._filled))
+            self._store(parts)
 
-    def _cut(self, rows: Cluster, panel: Cluster, scaled: Floats) -> None:
-        """Make a block of a cluster of rows, or of its halves."""
-        meets = self.symmetric and rows.start < panel.stop
+    def pieces(
+        self, panel: Cluster, scale: Floats, columns: Floats, *, own: bool = False
+    ) -> Iterator[tuple[Any, ...]]:
+        """Clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
+
+        Args:
+            panel: The panel, one of these points' ``own`` or of others'.
+            scale: Of its unknowns.
+            columns: Its columns, shape (3 n, k).
+        """
+        scaled = columns[self.order] / self.scale[:, None] / scale
+        for tree in self._trees:
+            yield from self._cut(tree, panel, scaled, own)
+
+    def _cut(
+        self, rows: Cluster, panel: Cluster, scaled: Floats, own: bool
+    ) -> Iterator[tuple[Any, ...]]:
+        """A cluster of rows, or its halves."""
+        meets = own and self.symmetric and rows.start < panel.stop
         if meets and rows.stop <= panel.start:
             return  # the mirror image of a block of an earlier panel
         block = scaled[rows.unknowns]
         if not block.any():
             return
         if not meets and _admissible(rows, panel):
-            factors = _factors(block, self._tolerance)
-            if sum(f.size for f in factors) <= WORTH * block.size:
-                self._keep(rows, panel, len(factors[0]), *factors)
+            factors = factors_if_worth(block, self.tolerance)
+            if factors is not None:
+                yield rows, *factors
                 return
         if rows.halves and not (meets and rows.start == panel.start and rows.stop == panel.stop):
             for half in rows.halves:
-                self._cut(half, panel, scaled)
+                yield from self._cut(half, panel, scaled, own)
         else:
-            self._keep(rows, panel, DENSE, block)
-
-    def _keep(self, rows: Cluster, panel: Cluster, rank: int, *parts: Floats) -> None:
-        mirrored = self.symmetric and rows.start >= panel.stop
-        at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
-        width = 3 * (panel.stop - panel.start)
-        self._table.append((*at, width, rank, int(mirrored), self._filled))
-        self._store(parts)
+            yield rows, block
 
     def _store(self, parts: Sequence[Floats]) -> None:
         """Put the entries of a block behind those of the others."""
@@ -227,68 +231,61 @@ class LowRankMatrix:
             dtype: Type that its blocks are kept in and multiplied with.
         """
         rough = copy(self)
-        rough._tolerance, rough._dtype = tolerance, np.dtype(dtype)
+        rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
         rough._start_over()
         for top, left, height, width, rank, mirrored, start in self.blocks:
             down, across = self._block(height, width, rank, start)
             parts: tuple[Floats, ...] = (across,)
             if rank != DENSE:
-                kept = int(np.count_nonzero(np.einsum("ij,ij->i", down, down) > tolerance))
+                kept = rank_of(down, tolerance)
                 parts, rank = (down[:kept], across[:kept]), kept
             else:
-                factors = _factors(across, tolerance)
-                if sum(f.size for f in factors) <= WORTH * across.size:
+                factors = factors_if_worth(across, tolerance)
+                if factors is not None:
                     parts, rank = factors, len(factors[0])
             rough._table.append((top, left, height, width, rank, mirrored, rough._filled))
             rough._store(parts)
-        rough._close()
+        rough.close()
         return rough
 
     def product(self, vector: Floats) -> Floats:
-        """The rows times a vector of all unknowns, shape (3 n,) to shape (3 rows,)."""
-        x = (self._scales[1] * vector[self.order]).astype(self._dtype)
-        y = np.zeros(self.shape[0], dtype=self._dtype)
+        """The matrix times a vector, shape (3 n,)."""
+        x = (self.scale * vector[self.order]).astype(self.dtype)
+        y = np.zeros(self.size, dtype=self.dtype)
         multiply_blocks(self.blocks, self.data, x, y)
-        out = np.empty(self.shape[0])
-        out[self._down] = self._scales[0] * y
+        out = np.empty(self.size)
+        out[self.order] = self.scale * y
         return out
 
     def products(self, vectors: list[Floats]) -> Sequence[Floats]:
         """`product` of several vectors, reading the blocks once."""
         if len(vectors) == 1:
             return [self.product(vectors[0])]
-        x = (self._scales[1][:, None] * np.column_stack(vectors)[self.order]).astype(self._dtype)
-        y = np.zeros((self.shape[0], len(vectors)), dtype=self._dtype)
+        x = (self.scale[:, None] * np.column_stack(vectors)[self.order]).astype(self.dtype)
+        y = np.zeros((self.size, len(vectors)), dtype=self.dtype)
         _multiply_all(self.blocks, self.data, x, y)
-        out = np.empty((len(vectors), self.shape[0]))
-        out[:, self._down] = (self._scales[0][:, None] * y).T
+        out = np.empty((len(vectors), self.size))
+        out[:, self.order] = (self.scale[:, None] * y).T
         return list(out)
 
-    def rows(self, numbers: Ints) -> Floats:
-        """Some of the rows, shape (k, 3 n), for their numbers among those kept, shape (k,)."""
-        place = np.empty(self.shape[0], dtype=np.int64)
-        place[self._down] = np.arange(self.shape[0])
-        places = place[numbers]
-        out = np.zeros((len(numbers), self.shape[1]))
+    def whole(self) -> Floats:
+        """The matrix itself, shape (3 n, 3 n)."""
+        out = np.zeros((self.size, self.size))
         for top, left, height, width, rank, mirrored, start in self.blocks:
-            factors = self._block(height, width, rank, start)
-            inside = np.flatnonzero((places >= top) & (places < top + height))
-            if len(inside):
-                part = factors[0][:, places[inside] - top].T @ factors[1]
-                out[inside, left : left + width] = part
-            inside = np.flatnonzero((places >= left) & (places < left + width))
-            if mirrored and len(inside):
-                part = factors[1][:, places[inside] - left].T @ factors[0]
-                out[inside, top : top + height] = part
+            down, across = self._block(height, width, rank, start)
+            block = down.T @ across
+            out[top : top + height, left : left + width] = block
+            if mirrored:
+                out[left : left + width, top : top + height] = block.T
         result = np.empty_like(out)
-        result[:, self.order] = out * self._scales[1]
-        return result * self._scales[0][places, None]
+        result[np.ix_(self.order, self.order)] = out * self.scale[:, None] * self.scale
+        return result
 
     def _block(self, height: int, width: int, rank: int, start: int) -> tuple[Any, Any]:
         """Factors L, R of a block L^T R."""
         if rank == DENSE:
             dense = self.data[start : start + height * width].reshape(height, width)
-            return np.eye(height, dtype=self._dtype), dense
+            return np.eye(height, dtype=self.dtype), dense
         left = self.data[start : start + rank * height].reshape(rank, height)
         start += rank * height
         return left, self.data[start : start + rank * width].reshape(rank, width)
@@ -312,6 +309,17 @@ def _factors(block: Floats, tolerance: float) -> tuple[Floats, Floats]:
     rank = int(np.count_nonzero(values > tolerance))
     root = np.sqrt(values[:rank])
     return (left[:, :rank] * root).T, root[:, None] * right[:rank]
+
+
+def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
+    """L, R as above where they take less than the block."""
+    factors = _factors(block, tolerance)
+    return factors if sum(f.size for f in factors) <= WORTH * block.size else None
+
+
+def rank_of(factor: Floats, tolerance: float) -> int:
+    """Rows of L, or of R, that a tolerance needs: their squares are the singular values."""
+    return int(np.count_nonzero(np.einsum("ij,ij->i", factor, factor) > tolerance))
 
 
 @njit(cache=True, fastmath=SUMS)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.law import JointState, Response, Rule
@@ -20,29 +21,35 @@ from dolfinx_joints.solvers.interface.condensed import Condensed
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# Local points of each colour by law, and the unknowns of all points of the colour.
+# Local points of each colour by law, and their unknowns.
 Colours = list[tuple[list[LawPoints], Rows]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Iterate:
-    """Scaled forces with what follows from them.
+    """Scaled forces of the rank's points with what follows from them.
 
     Attributes:
-        force: f, shape (m,), the same on every rank.
+        force: f, shape (m,).
         coupled: S f.
         residual: r.
         tangent: T, shape (points, 3, 3).
-        largest: Largest scaled force that the law gives.
-        response: Of the rank's points.
+        response: Of the points.
+        largest: Largest scaled force that the law gives, of all ranks.
+        norm: 2-norm of r, of all ranks.
+        worst: Largest |r|, of all ranks.
+        size: Largest |f| plus the largest |S f| of all ranks.
     """
 
     force: Floats
     coupled: Floats
     residual: Floats
     tangent: Floats
-    largest: float
     response: Response
+    largest: float
+    norm: float
+    worst: float
+    size: float
 
 
 class JointStep:
@@ -52,28 +59,26 @@ class JointStep:
         self,
         contact: Contact,
         condensed: Condensed,
-        areas: Floats,
-        mine: slice,
         trial_gap: Floats,
         state: JointState,
         rule: Rule,
     ) -> None:
-        self.condensed, self._contact, self._mine = condensed, contact, mine
-        self._compliance, self._areas = condensed.compliance, areas
+        self.condensed, self._contact = condensed, contact
+        self._compliance, self._comm = condensed.compliance, contact.operator.comm
+        self._areas = np.repeat(contact.operator.areas, 3)
         self._trial_gap, self.state, self._rule = trial_gap, state, rule
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
-        reach = float((passed / self._compliance.scale[mine]).max(initial=0.0))
-        self._reach = contact.operator.comm.allreduce(reach, MPI.MAX)
+        reach = float((passed / self._compliance.scale).max(initial=0.0))
+        self._reach = self._comm.allreduce(reach, MPI.MAX)
 
     def rounding(self, at: Iterate) -> float:
         """Scaled force that rounding of the gaps may leave."""
-        parts = self._reach, *(np.abs(v).max(initial=0.0) for v in (at.force, at.coupled))
-        return 64.0 * float(np.finfo(float).eps) * float(sum(parts))
+        return 64.0 * float(np.finfo(float).eps) * (self._reach + at.size)
 
     def evaluate(self, force: Floats, coupled: Floats) -> Iterate:
-        """Residual and tangent of all points, response of the rank's (collective)."""
-        scale, comm = self._compliance.scale, self._contact.operator.comm
-        gap = self._trial_gap - (scale * coupled)[self._mine].reshape(-1, 3)
+        """Residual, tangent and response (collective)."""
+        scale, dead = self._compliance.scale, self._compliance.dead
+        gap = self._trial_gap - (scale * coupled).reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         if springs is None:
             response = self._contact.respond_condensed(gap, own, self.state, self._rule)
@@ -83,24 +88,22 @@ class JointStep:
                 *springs.without(gap, own, self.state.gap), self.state, self._rule
             )
             traction, tangent = springs.taken_off(response, own, self.state.gap)
-        forces = self._areas[self._mine] * scale[self._mine] * response.traction.ravel()
         # Where nothing can move, the scale has no meaning.
-        forces[self._compliance.dead.ravel()[self._mine]] = 0.0
-        largest = float(np.abs(forces).max(initial=0.0))
-        if comm.size > 1:
-            largest = comm.allreduce(largest, MPI.MAX)
-            traction = np.concatenate(comm.allgather(traction))
-            tangent = np.concatenate(comm.allgather(tangent))
-        residual, scaled = _scaled(
-            force, traction, tangent, scale, self._areas, self._compliance.dead
-        )
+        given = np.where(dead.ravel(), 0.0, self._areas * scale * response.traction.ravel())
+        residual, scaled = _scaled(force, traction, tangent, scale, self._areas, dead)
+        sizes = [np.abs(v).max(initial=0.0) for v in (given, residual, force, coupled)]
+        every = of_ranks(self._comm, np.array([*sizes, residual @ residual]))
+        largest, worst, forces, gaps = (float(v) for v in every[:, :4].max(axis=0))
         return Iterate(
             force=force,
             coupled=coupled,
             residual=residual,
             tangent=scaled,
-            largest=largest,
             response=response,
+            largest=largest,
+            norm=float(np.sqrt(every[:, 4].sum())),
+            worst=worst,
+            size=forces + gaps,
         )
 
     def sweep(self, at: Iterate, colours: Colours) -> Iterate:
@@ -108,24 +111,21 @@ class JointStep:
 
         Near points, which open and close together, see what their neighbours have just done.
         """
-        compliance, comm = self._compliance, self._contact.operator.comm
-        areas, mine = self._areas[self._mine], self._mine
-        scale, dead = compliance.scale[mine], compliance.dead.ravel()[mine]
-        forces, coupled = at.force[mine].copy(), at.coupled
+        compliance = self._compliance
+        scale, dead = compliance.scale, compliance.dead.ravel()
+        forces, coupled = at.force.copy(), at.coupled
         for colour, rows in colours:
-            gap = self._trial_gap - (scale * coupled[mine]).reshape(-1, 3)
+            gap = self._trial_gap - (scale * coupled).reshape(-1, 3)
             change = np.zeros_like(forces)
             for points, traction in self._contact.condensed_tractions(
                 colour, gap, compliance.own, self.state, self._rule
             ):
                 here = (3 * points[:, None] + np.arange(3)).ravel()
-                wanted = areas[here] * scale[here] * traction.ravel()
+                wanted = self._areas[here] * scale[here] * traction.ravel()
                 change[here] = np.where(dead[here], 0.0, wanted) - forces[here]
             forces += change
-            every = change if comm.size == 1 else np.concatenate(comm.allgather(change))
-            coupled = coupled + compliance.split.product(every, rows)
-        force = forces if comm.size == 1 else np.concatenate(comm.allgather(forces))
-        return self.evaluate(force, coupled)
+            coupled = coupled + compliance.split.product(change, rows)
+        return self.evaluate(forces, coupled)
 
 
 @njit(cache=True)

@@ -16,73 +16,112 @@ Rows = NDArray[np.int64]
 
 
 class RowMatrix:
-    """A matrix over the joint unknowns, of which a rank keeps its own rows, column by column.
+    """A dense matrix over the joint unknowns, of which a rank keeps the rows of its own points.
 
     Each column of the rank's rows is contiguous in memory: products with vectors that are mostly
-    zero read only what they need. Taken or given as a whole, the matrix must be symmetric.
+    zero read only what they need. Vectors are those of the rank's unknowns; in products all are on
+    every rank for a moment. Taken or given as a whole, the matrix must be symmetric.
 
     Args:
         columns: Columns of the rank's rows, one after the other, shape (size, local).
         comm: Communicator of the ranks.
 
     Attributes:
-        size: Number of rows.
+        size: Number of rows of all ranks.
+        local: Of the rank.
         nbytes: Memory of the rank's rows [bytes].
     """
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep them."""
         self._columns, self._comm, self.size = columns, comm, len(columns)
+        self.local = columns.shape[1]
         self.nbytes = columns.nbytes
-        stop = comm.scan(columns.shape[1])
-        self._mine = (stop - columns.shape[1], stop)
-        self._widest = max(comm.allgather(columns.shape[1]))
+        self._unknowns = Parts(columns.shape[1], comm)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Times a vector that is zero but for some rows, shape (size,) (collective)."""
+        """Times a vector that is zero but for some of the rank's rows (collective).
+
+        Args:
+            values: Shape (local,).
+            rows: Numbers among the rank's, sorted.
+        """
+        every = values
+        if self._comm.size > 1:
+            parts = Parts(len(rows), self._comm)
+            every = np.zeros(self.size)
+            rows, found = parts.all_of(rows + self._unknowns.first), parts.all_of(values[rows])
+            every[rows] = found
         mine = np.zeros(self._columns.shape[1])
-        add_rows(self._columns, rows, values, mine)
-        return gathered(self._comm, mine)
+        add_rows(self._columns, rows, every, mine)
+        return mine
 
     def block(self, rows: Rows) -> Block:
-        """The part of some rows, sorted, and the same columns (collective)."""
-        first, last = np.searchsorted(rows, self._mine)
-        here = rows[first:last] - self._mine[0]
-        return Block(_picked(self._columns, rows, here), self._comm)
+        """The part of some of the rank's rows, sorted, and the same columns (collective)."""
+        parts = Parts(len(rows), self._comm)
+        return Block(_picked(self._columns, parts.all_of(rows + self._unknowns.first), rows), parts)
 
     def cost(self, rows: int) -> float:
-        """Entries that a product with so many nonzero values reads."""
-        return float(rows * self._widest)
+        """Entries that a product with so many nonzero values of all ranks reads."""
+        return float(rows * max(self._unknowns.counts))
 
     def whole(self) -> Floats:
-        """The matrix, shape (size, size) (collective)."""
+        """The matrix, shape (size, size), on every rank (collective)."""
         if self._comm.size == 1:
             return self._columns
         return np.hstack(self._comm.allgather(self._columns))
 
     @classmethod
-    def of(cls, whole: Floats, comm: Any) -> RowMatrix:
-        """A matrix given as a whole, in columns of about equal numbers of points."""
-        points = np.linspace(0, len(whole) // 3, comm.size + 1).astype(np.int64)
-        part = whole[:, 3 * points[comm.rank] : 3 * points[comm.rank + 1]]
-        return cls(np.ascontiguousarray(part), comm)
+    def of(cls, whole: Floats, comm: Any, local: int | None = None) -> RowMatrix:
+        """A matrix given as a whole; the rank keeps so many rows, equal numbers of points if None.
+
+        (Collective.)
+        """
+        if local is None:
+            ends = 3 * np.linspace(0, len(whole) // 3, comm.size + 1).astype(np.int64)
+            local = int(ends[comm.rank + 1] - ends[comm.rank])
+        first = Parts(local, comm).first
+        return cls(np.ascontiguousarray(whole[:, first : first + local]), comm)
 
 
 class Block:
     """A square part of a `RowMatrix`."""
 
-    def __init__(self, columns: Floats, comm: Any) -> None:
+    def __init__(self, columns: Floats, parts: Parts) -> None:
         """Keep the columns of the rank's rows."""
-        self._columns, self._comm = columns, comm
+        self._columns, self._parts = columns, parts
 
     def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size (collective)."""
-        return gathered(self._comm, values @ self._columns)
+        """The part times a vector of its size, the rank's part of both (collective)."""
+        found: Floats = self._parts.all_of(values) @ self._columns
+        return found
 
 
-def gathered(comm: Any, mine: Floats) -> Floats:
-    """Parts of all ranks, one after the other (collective)."""
-    return mine if comm.size == 1 else np.concatenate(comm.allgather(mine))
+class Parts:
+    """Parts of a vector on the ranks.
+
+    Args:
+        count: Entries of the rank's part.
+        comm: Communicator of the ranks.
+
+    Attributes:
+        counts: Entries of each rank.
+        first: Entries of the ranks before.
+    """
+
+    def __init__(self, count: int, comm: Any) -> None:
+        """Tell each other (collective)."""
+        self._comm = comm
+        self.counts = [count] if comm.size == 1 else comm.allgather(count)
+        self.first = sum(self.counts[: comm.rank])
+
+    def all_of(self, mine: NDArray[Any]) -> NDArray[Any]:
+        """Parts of all ranks, one after the other (collective)."""
+        if self._comm.size == 1:
+            return mine
+        every = np.empty(sum(self.counts), mine.dtype)
+        self._comm.Allgatherv(np.ascontiguousarray(mine), [every, self.counts])
+        return every
 
 
 @njit(cache=True)

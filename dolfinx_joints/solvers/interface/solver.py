@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.mpi import gathered, own_part
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
@@ -84,16 +85,12 @@ class InterfaceSolver:
         if system.contact is None:
             raise ValueError("A system without joints has nothing to condense onto.")
         self._contact: Contact = system.contact
-        comm = self._contact.operator.comm
         self._unconstrained = unconstrained_dofs(system)
         self._operator = self._contact.operator.constrained(self._unconstrained)
-        self._areas = np.repeat(np.concatenate(comm.allgather(self._contact.operator.areas)), 3)
-        start, stop = self._operator.getOwnershipRange()
-        self._mine = slice(start, stop)
-        size = self._operator.getSize()[0]
+        size, local = self._operator.getSize()[0], self._operator.getLocalSize()[0]
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
-        nothing = np.zeros(size)
+        nothing = np.zeros(local)
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
@@ -123,9 +120,7 @@ class InterfaceSolver:
         starts = self._starts(condensed)
         found = self._compiled(condensed, trial_gap, state, rule, starts)
         if found is None:
-            step = JointStep(
-                self._contact, condensed, self._areas, self._mine, trial_gap, state, rule
-            )
+            step = JointStep(self._contact, condensed, trial_gap, state, rule)
             found = self._in_python(step, starts, x)
         else:
             self._expand_all(condensed, found.force, x)
@@ -171,7 +166,7 @@ class InterfaceSolver:
         """The joint forces, and x with what they cause (collective)."""
         condensed = step.condensed
         tried = [step.evaluate(*start) for start in starts]
-        start = min(tried, key=lambda at: float(np.linalg.norm(at.residual)))
+        start = min(tried, key=lambda at: at.norm)
         found, iterations, relative = self._iterate(step, self._smoothed(step, start))
         self._expand_all(condensed, found.force - found.residual, x)
         for _ in range(REFINEMENTS * condensed.static):
@@ -194,8 +189,11 @@ class InterfaceSolver:
         return found
 
     def state_dict(self) -> dict[str, Any]:
-        """State that the next steps start from: matrices, forces of the last step and before."""
-        kept = self._condensed.items()
+        """State that the next steps start from: matrices, forces of the last step and before.
+
+        Forces of all points, on rank 0 (collective).
+        """
+        comm, kept = self._contact.operator.comm, self._condensed.items()
         matrices = {
             str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}
             for i, (key, condensed) in enumerate(kept)
@@ -205,8 +203,8 @@ class InterfaceSolver:
         known = {
             name: {
                 "matrix": objects.index(condensed) if condensed in objects else None,
-                "force": force,
-                "coupled": coupled,
+                "force": gathered(comm, force),
+                "coupled": gathered(comm, coupled),
             }
             for name, (condensed, force, coupled) in starts
         }
@@ -229,7 +227,11 @@ class InterfaceSolver:
         def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
             known = state_dict[name]["matrix"]
             found = None if known is None else kept[known]
-            return found, state_dict[name]["force"], state_dict[name]["coupled"]
+            comm, local = self._contact.operator.comm, self._operator.getLocalSize()[0]
+            force, coupled = (
+                own_part(comm, state_dict[name][part], local) for part in ("force", "coupled")
+            )
+            return found, force, coupled
 
         self._last, self._before = start("last"), start("before")
         self._sweeps = state_dict["sweeps"]
@@ -250,19 +252,19 @@ class InterfaceSolver:
     def _smoothed(self, step: JointStep, at: Iterate) -> Iterate:
         """A sweep over the points, where the last steps were hard (collective)."""
         helps = self._sweeps and not step.condensed.static
-        poor = np.abs(at.residual).max(initial=0.0) > POOR * at.largest
+        poor = at.worst > POOR * at.largest
         if not (helps and poor and step.condensed.compliance.kind == "dense"):
             return at
         swept = step.sweep(at, self._colours)
-        return min(at, swept, key=lambda tried: float(np.linalg.norm(tried.residual)))
+        return min(at, swept, key=lambda tried: tried.norm)
 
     @cached_property
     def _colours(self) -> Colours:
         """Points of equal numbers modulo `COLOURS` (collective when first asked for)."""
-        points = np.arange(len(self._areas) // 3)
-        parts = self._contact.colours(COLOURS)
-        rows = [(3 * points[c::COLOURS, None] + np.arange(3)).ravel() for c in range(COLOURS)]
-        return list(zip(parts, rows, strict=True))
+        first, stop = (row // 3 for row in self._operator.getOwnershipRange())
+        colour = np.repeat(np.arange(first, stop) % COLOURS, 3)
+        rows = [np.flatnonzero(colour == c) for c in range(COLOURS)]
+        return list(zip(self._contact.colours(COLOURS), rows, strict=True))
 
     def _expand_all(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that the joint forces cause (collective)."""
@@ -277,7 +279,7 @@ class InterfaceSolver:
         """
         _, known, coupled = self._last
         scale, change = condensed.compliance.scale, force - known
-        self._points.setArray((change / scale)[self._mine])
+        self._points.setArray(change / scale)
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solve(self._nodal, self._moved)
         if condensed.static:
@@ -285,10 +287,8 @@ class InterfaceSolver:
         self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
-        comm = self._contact.operator.comm
         gaps = self._points.getArray(readonly=True)
-        every = gaps.copy() if comm.size == 1 else np.concatenate(comm.allgather(gaps))
-        caused = np.where(condensed.compliance.dead.ravel(), 0.0, every / scale - change)
+        caused = np.where(condensed.compliance.dead.ravel(), 0.0, gaps / scale - change)
         self._last = (condensed, force, coupled + caused)
 
     def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -309,7 +309,7 @@ class InterfaceSolver:
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
-            size = float(np.abs(at.residual).max(initial=0.0))
+            size = at.worst
             scale = at.largest or size or 1.0
             relative, rounding = size / scale, step.rounding(at) / scale
             # Forces of points that touch as a step ends are all rounding: they may be rough.
@@ -346,15 +346,14 @@ class InterfaceSolver:
         self, step: JointStep, at: Iterate, correction: Correction, line_search: LineSearch
     ) -> Iterate:
         """Take the correction, halved while it does not make the residual smaller."""
-        norm, smallest = float(np.linalg.norm(at.residual)), np.inf
-        for cut in range(line_search.cuts(norm) + 1):
+        smallest = np.inf
+        for cut in range(line_search.cuts(at.norm) + 1):
             share = 0.5**cut
             trial = step.evaluate(
                 at.force - share * correction.step, at.coupled - share * correction.coupled
             )
-            size = float(np.linalg.norm(trial.residual))
-            if size < smallest or cut == 0:
-                smallest, best = size, trial
-            if size < norm:
+            if trial.norm < smallest or cut == 0:
+                smallest, best = trial.norm, trial
+            if trial.norm < at.norm:
                 break
         return best

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.solvers.direct import BLOCK
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
@@ -77,7 +78,7 @@ class UnitForces:
         return gaps
 
     def product(self, forces: Floats) -> Floats:
-        """G F at the rank's points, F of all points (collective)."""
+        """G F at the rank's points, F likewise (collective)."""
         self._load(forces)
         self._effective.solve(self._nodal, self._moved)
         return self._gaps()
@@ -98,24 +99,23 @@ class UnitForces:
         """
         comm = self._operator.comm.tompi4py()
         estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
-        every = np.concatenate(comm.allgather(estimate))
-        points = np.unique(np.linspace(0, len(every) // 3 - 1, SAMPLES).astype(np.int64))
+        size = self._operator.getSize()[0]
+        points = np.unique(np.linspace(0, size // 3 - 1, SAMPLES).astype(np.int64))
         numbers = (3 * points[:, None] + np.arange(3)).ravel()
         start, stop = self._operator.getOwnershipRange()
         gaps = self.gaps(numbers)
         here = np.flatnonzero((numbers >= start) & (numbers < stop))
-        found = np.zeros(len(numbers))
-        found[here] = gaps[numbers[here] - start, here]
-        found = np.sum(comm.allgather(found), axis=0)
+        known = np.zeros((2, len(numbers)))
+        known[:, here] = gaps[numbers[here] - start, here], estimate[numbers[here] - start]
+        found, estimated = of_ranks(comm, known).sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(every[numbers] > 0.0, found / every[numbers], np.nan).reshape(-1, 3)
+            ratio = np.where(estimated > 0.0, found / estimated, np.nan).reshape(-1, 3)
         factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]
         return estimate * np.tile(factors, len(estimate) // 3)
 
     def _load(self, forces: Floats) -> None:
-        """Nodal forces of joint forces of all points."""
-        start, stop = self._operator.getOwnershipRange()
-        self._points.setArray(forces[start:stop])
+        """Nodal forces of joint forces."""
+        self._points.setArray(forces)
         self._operator.multTranspose(self._points, self._nodal)
 
     def _gaps(self) -> Floats:

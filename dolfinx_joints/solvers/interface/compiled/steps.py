@@ -238,7 +238,7 @@ def _blocks_of(split: Split, whole: Floats | None) -> LowRank:
         matrix.data,
         matrix.order,
         split.live,
-        np.empty((2, matrix.shape[0]), dtype=matrix.data.dtype),
+        np.empty((2, matrix.size), dtype=matrix.data.dtype),
         np.empty((0, 0), dtype=np.float32) if whole is None else whole.astype(np.float32),
     )
 

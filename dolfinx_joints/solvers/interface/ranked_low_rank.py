@@ -1,0 +1,281 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compliances of joint points in blocks, spread over the ranks that own the points.
+
+A rank keeps the blocks of its own points. Of a block L^T R between two ranks the owner of the rows
+keeps L and that of the columns R, so that what passes between them in a product are the few numbers
+R x, and L x for the mirror image. Of a dense block the owner of the rows keeps all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers.interface.low_rank import (
+    LEAF,
+    SUMS,
+    Cluster,
+    LowRankMatrix,
+    factors_if_worth,
+    multiply_blocks,
+    rank_of,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# What a rank has of a block with another's points: a factor; all of a dense one, transposed; or
+# nothing but the place of its unknowns.
+FACTOR, DENSE, PLACE = 0, 1, 2
+
+
+@dataclass(eq=False)
+class Shares:
+    """A rank's parts of its blocks with the points of one other rank.
+
+    Args:
+        dtype: Type of the factors.
+
+    Attributes:
+        table: First unknown, number of unknowns, rows of the factor and kind of each block.
+        factors: Their factors, empty for `PLACE`.
+    """
+
+    dtype: Any
+    table: list[tuple[int, int, int, int]] = field(default_factory=list)
+    factors: list[NDArray[Any]] = field(default_factory=list)
+
+    def add(self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int) -> None:
+        """Take up a part, before any product."""
+        rows = unknowns if kind == PLACE else len(factor)
+        self.table.append((first, unknowns, rows, kind))
+        kept = np.empty((0, unknowns)) if kind == PLACE else factor
+        self.factors.append(np.ascontiguousarray(kept, self.dtype))
+
+    def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
+        """The same blocks with other factors and kinds."""
+        shares = Shares(dtype)
+        for (first, unknowns, _, _), (factor, kind) in zip(self.table, parts, strict=True):
+            shares.add(first, unknowns, factor, kind)
+        return shares
+
+    @cached_property
+    def arrays(self) -> tuple[Ints, NDArray[Any]]:
+        """Table and entries as the loops take them; the factors become views of the latter."""
+        data = np.concatenate([f.ravel() for f in self.factors])
+        at = 0
+        for i, factor in enumerate(self.factors):
+            self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
+            at += factor.size
+        return np.array(self.table, dtype=np.int64), data
+
+    @cached_property
+    def length(self) -> int:
+        """Numbers that go to the other rank, and come from it, in a product."""
+        return sum(rows for _, _, rows, _ in self.table)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Panel:
+    """Columns that are taken at once, as other ranks need to know them."""
+
+    numbers: Ints
+    cluster: Cluster
+    scale: Floats
+
+
+class RankedLowRankMatrix:
+    """`LowRankMatrix` over the points of all ranks.
+
+    Args:
+        columns: Gives the rank's rows of some columns, shape (3 n, k), for the columns' numbers
+            among all ranks' unknowns, shape (k,); called in the same order on all ranks.
+        points: Coordinates of the rank's points, shape (n, 3), [m].
+        comm: Communicator of the ranks.
+        scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
+        joint: Number of the joint of each point, shape (n,).
+        tolerance: Largest error of a block relative to the unit diagonal.
+        dtype: Type that blocks are kept in and multiplied with, float64 or float32.
+        leaf: Largest number of points in a cluster that is not cut.
+        symmetric: Whether the matrix is.
+
+    Attributes:
+        own: Blocks of the rank's points among themselves.
+    """
+
+    def __init__(
+        self,
+        columns: Callable[[Ints], Floats],
+        points: Floats,
+        comm: Any,
+        *,
+        scale: Floats,
+        joint: NDArray[Any],
+        tolerance: float = 1e-12,
+        dtype: Any = np.float64,
+        leaf: int = LEAF,
+        symmetric: bool = True,
+    ) -> None:
+        """Take the columns panel by panel, those of rank 0 first (collective)."""
+        self._comm, self.symmetric = comm, symmetric
+        self.own = LowRankMatrix(
+            None,
+            points,
+            scale=scale,
+            joint=joint,
+            tolerance=tolerance,
+            dtype=dtype,
+            leaf=leaf,
+            symmetric=symmetric,
+        )
+        self._first = comm.scan(self.own.size) - self.own.size
+        self._rows: dict[int, Shares] = {}
+        self._columns: dict[int, Shares] = {}
+        for root, count in enumerate(comm.allgather(len(self.own.panels))):
+            for number in range(count):
+                self._take(root, number, columns)
+        self.own.close()
+        self._close()
+
+    def _take(self, root: int, number: int, columns: Callable[[Ints], Floats]) -> None:
+        """Take a panel of a rank (collective)."""
+        comm, own, panel = self._comm, self.own, None
+        if comm.rank == root:
+            cluster = own.panels[number]
+            at = cluster.unknowns
+            panel = _Panel(
+                numbers=own.order[at] + self._first,
+                cluster=Cluster(cluster.start, cluster.stop, cluster.low, cluster.high),
+                scale=own.scale[at],
+            )
+        panel = comm.bcast(panel, root=root)
+        found, others = columns(panel.numbers), []
+        if comm.rank == root:
+            own.take(own.panels[number], found)
+        elif comm.rank > root or not self.symmetric:
+            shares = self._rows.setdefault(root, Shares(own.dtype))
+            for rows, *parts in own.pieces(panel.cluster, panel.scale, found):
+                first, unknowns = 3 * rows.start, 3 * (rows.stop - rows.start)
+                dense = len(parts) == 1
+                factor = parts[0].T if dense else parts[0]
+                shares.add(first, unknowns, factor, DENSE if dense else FACTOR)
+                others.append(None if dense else parts[1].astype(own.dtype))
+        for rank, factors in enumerate(comm.gather(others, root=root) or ()):
+            at = own.panels[number].unknowns
+            for factor in factors:
+                shares = self._columns.setdefault(rank, Shares(own.dtype))
+                kind = PLACE if factor is None else FACTOR
+                shares.add(at.start, at.stop - at.start, factor, kind)
+
+    def _close(self) -> None:
+        """Settle what goes to which rank and comes from where."""
+        self._rows = {rank: shares for rank, shares in self._rows.items() if shares.table}
+        self._sends, self._adds = dict(self._columns), dict(self._rows)
+        if self.symmetric:
+            self._sends |= self._rows
+            self._adds |= self._columns
+        both = list(self._rows.values()) + list(self._columns.values())
+        self.nbytes = self.own.nbytes + sum(shares.arrays[1].nbytes for shares in both)
+
+    @property
+    def sent(self) -> int:
+        """Numbers that the rank sends in a product."""
+        return sum(shares.length for shares in self._sends.values())
+
+    def rougher(self, tolerance: float, dtype: Any = np.float32) -> RankedLowRankMatrix:
+        """`LowRankMatrix.rougher` (collective)."""
+        rough, told = copy(self), [[] for _ in range(self._comm.size)]
+        rough.own = self.own.rougher(tolerance, dtype)
+        rough._rows, rough._columns = {}, {}
+        for rank, shares in self._rows.items():
+            parts = []
+            for (_, _, _, kind), factor in zip(shares.table, shares.factors, strict=True):
+                kept, other = (factor, kind), None
+                if kind == FACTOR:
+                    other = rank_of(factor, tolerance)
+                    kept = factor[:other], FACTOR
+                else:
+                    factors = factors_if_worth(factor.T, tolerance)
+                    if factors is not None:
+                        kept, other = (factors[0], FACTOR), factors[1]
+                parts.append(kept)
+                told[rank].append(other)
+            rough._rows[rank] = shares.replaced(parts, dtype)
+        for rank, others in enumerate(self._comm.alltoall(told)):
+            if others:
+                shares, parts = self._columns[rank], []
+                for factor, other in zip(shares.factors, others, strict=True):
+                    if isinstance(other, int):
+                        parts.append((factor[:other], FACTOR))
+                    else:
+                        parts.append((other, PLACE if other is None else FACTOR))
+                rough._columns[rank] = shares.replaced(parts, dtype)
+        rough._close()
+        return rough
+
+    def product(self, vector: Floats) -> Floats:
+        """The matrix times a vector, the rank's part of both, shape (3 n,) (collective)."""
+        comm, own = self._comm, self.own
+        x = (own.scale * vector[own.order]).astype(own.dtype)
+        y = np.zeros(own.size, dtype=own.dtype)
+        come = {rank: np.empty(shares.length, own.dtype) for rank, shares in self._adds.items()}
+        waiting = [comm.Irecv(values, source=rank) for rank, values in come.items()]
+        gone = []
+        for rank, shares in self._sends.items():
+            gone.append(np.empty(shares.length, own.dtype))
+            _reduce(*shares.arrays, x, gone[-1])
+            waiting.append(comm.Isend(gone[-1], dest=rank))
+        multiply_blocks(own.blocks, own.data, x, y)
+        for request in waiting:
+            request.Wait()
+        for rank, shares in self._adds.items():
+            _expand(*shares.arrays, come[rank], y)
+        out = np.empty(own.size)
+        out[own.order] = own.scale * y
+        return out
+
+    def products(self, vectors: list[Floats]) -> Sequence[Floats]:
+        """`product` of several vectors (collective)."""
+        return [self.product(vector) for vector in vectors]
+
+
+@njit(cache=True, fastmath=SUMS)
+def _reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any]) -> None:
+    """Products of the factors with their parts of x, or these themselves."""
+    at, start = 0, 0
+    for b in range(len(table)):
+        first, unknowns, rows, kind = table[b]
+        if kind == PLACE:
+            out[at : at + unknowns] = x[first : first + unknowns]
+        else:
+            for k in range(rows):
+                total = data.dtype.type(0.0)
+                for j in range(unknowns):
+                    total += data[start + k * unknowns + j] * x[first + j]
+                out[at + k] = total
+            start += rows * unknowns
+        at += rows
+
+
+@njit(cache=True, fastmath=SUMS)
+def _expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
+    """Add the transposed factors times values, or these themselves, to their parts of y."""
+    at, start = 0, 0
+    for b in range(len(table)):
+        first, unknowns, rows, kind = table[b]
+        if kind == PLACE:
+            y[first : first + unknowns] += values[at : at + unknowns]
+        else:
+            for k in range(rows):
+                for j in range(unknowns):
+                    y[first + j] += data[start + k * unknowns + j] * values[at + k]
+            start += rows * unknowns
+        at += rows

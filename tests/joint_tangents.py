@@ -4,12 +4,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
 pytest.importorskip("scipy")
+
+from whole_vectors import all_of
+
+from dolfinx_joints.common.mpi import own_part
+from dolfinx_joints.solvers.interface.corrections import Correction, Corrections
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 POINTS = 40
 
@@ -71,3 +80,20 @@ def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:
     if kind == "few":
         r[np.random.default_rng(seed).permutation(3 * POINTS)[9:]] = 0.0
     return r
+
+
+class WholeCorrections:
+    """Corrections of several ranks that take and give vectors of all points."""
+
+    def __init__(self, split: Any, rough: Any, stuck: np.ndarray | None, comm: Any) -> None:
+        self._comm, self._points = comm, split.local // 3
+        self.of_rank = Corrections(split, rough, None if stuck is None else self._own(stuck), comm)
+
+    def _own(self, every: np.ndarray) -> np.ndarray:
+        return own_part(self._comm, every, self._points)
+
+    def solve(self, residual: np.ndarray, tangent: np.ndarray, tolerance: float) -> Correction:
+        right = self._own(residual.reshape(-1, 3)).ravel()
+        found = self.of_rank.solve(right, self._own(tangent), tolerance)
+        step, coupled = (all_of(self._comm, part) for part in (found.step, found.coupled))
+        return replace(found, step=step, coupled=coupled)

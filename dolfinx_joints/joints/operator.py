@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
-from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.common.mpi import gathered, lasting
 from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type

@@ -18,7 +18,6 @@ from whole_vectors import all_of
 
 from dolfinx_joints.common.mpi import own_part
 from dolfinx_joints.solvers.interface.corrections import Correction, Corrections
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 POINTS = 40
 

@@ -54,7 +54,6 @@ from dolfinx_joints import (
 from dolfinx_joints.simulation import checkpoint_file, fingerprint
 from dolfinx_joints.simulation.inventory import Inventory
 from dolfinx_joints.solvers.interface import solver as interface
-from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 
@@ -664,23 +663,32 @@ def test_signal_9_at_random_moments(wall_file, tmp_path, ranks):
     assert ranks > 1 or one[1:] == other[1:]
 
 
+@pytest.mark.mpi
 def test_corrections_go_on_with_the_same_bits(comm):
     """The set of points kept and the way chosen belong to what is remembered.
 
     Corrections solved to 3 % depend on them: without `load_state_dict` the two differ by far more
     than rounding.
     """
-    from joint_tangents import right_side, scaled_compliance, states, stuck_tangent, tangents
+    from joint_tangents import (
+        WholeCorrections,
+        right_side,
+        scaled_compliance,
+        states,
+        stuck_tangent,
+        tangents,
+    )
 
     matrix, stuck = RowMatrix.of(scaled_compliance(), comm), stuck_tangent(10.0)
-    first = Corrections(matrix, None, stuck, comm)
+    first = WholeCorrections(matrix, None, stuck, comm)
     kinds = ["mixed", "stuck", "mostly open", "mostly stuck", "one closed", "mixed", "sliding"]
     for i, kind in enumerate(kinds):
         residual, tangent = right_side(seed=i), tangents(states(kind, i), stuck)
-        other = Corrections(matrix, None, stuck, comm)
-        other.load_state_dict(first.state_dict())
+        other = WholeCorrections(matrix, None, stuck, comm)
+        known = first.of_rank.state_dict()
+        other.of_rank.load_state_dict(comm.bcast(known, root=0))
         found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
         np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
         assert again.products == found.products
-        assert other.state_dict()["missed"] == first.state_dict()["missed"], kind
-    assert first.state_dict()["missed"] > 0.0  # the second way has been taken
+        assert other.of_rank.missed == first.of_rank.missed, kind
+    assert first.of_rank.missed > 0.0  # the second way has been taken

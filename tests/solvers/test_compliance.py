@@ -15,6 +15,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from whole_vectors import Whole, all_of
+
 import dolfinx_joints as dj
 from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
@@ -56,22 +58,19 @@ class Scene:
         self.operator.multTranspose(points, nodal)
         self.bulk.solver.solve(nodal, moved)
         self.operator.mult(moved, points)
-        return np.concatenate(self.comm.allgather(points.getArray().copy()))
+        return self.all_of(points.getArray().copy())
 
-    @property
-    def areas(self) -> np.ndarray:
-        return np.concatenate(self.comm.allgather(self.joints.areas))
+    def by_split(self, found: Compliance, force: np.ndarray) -> np.ndarray:
+        """G F from S: in f = s F and g / s, G is I + S."""
+        dead, scale = self.all_of(found.dead.ravel()), self.all_of(found.scale)
+        f = scale * force
+        return np.where(dead, 0.0, scale * (f + self.product(found.split, f)))
 
+    def product(self, split: Any, values: np.ndarray) -> np.ndarray:
+        return Whole(split, self.comm).product(values)
 
-def by_split(found: Compliance, force: np.ndarray) -> np.ndarray:
-    """G F from S: in f = s F and g / s, G is I + S."""
-    live, f = ~found.dead.ravel(), found.scale * force
-    gap = found.scale * (f + found.split.product(f, np.flatnonzero(f)))
-    return np.where(live, gap, 0.0)
-
-
-def own_of_all(found: Compliance, comm: Any) -> np.ndarray:
-    return np.concatenate(comm.allgather(found.own))
+    def all_of(self, part: np.ndarray) -> np.ndarray:
+        return all_of(self.comm, part)
 
 
 def forces(size: int, number: int = 3) -> list[np.ndarray]:
@@ -123,7 +122,8 @@ def test_every_kind_is_the_definition(scene, name, kind):
     for force in forces(case.size):
         expected = case.gaps(force)
         size = np.abs(expected).max()
-        np.testing.assert_allclose(by_split(found, force), expected, rtol=0, atol=1e-10 * size)
+        gap = case.by_split(found, force)
+        np.testing.assert_allclose(gap, expected, rtol=0, atol=1e-10 * size)
 
 
 @pytest.mark.parametrize("name", ["wall", "tetrahedra"])
@@ -134,7 +134,8 @@ def test_of_statics_and_of_higher_degree(scene, name, kind):
     for force in forces(case.size):
         expected = case.gaps(force)
         size = np.abs(expected).max()
-        np.testing.assert_allclose(by_split(found, force), expected, rtol=0, atol=1e-10 * size)
+        gap = case.by_split(found, force)
+        np.testing.assert_allclose(gap, expected, rtol=0, atol=1e-10 * size)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -143,9 +144,9 @@ def test_symmetric_and_positive(scene, kind):
     case = scene("blocks")
     found = case.compliance(kind)
     rng = np.random.default_rng(3)
-    every = np.arange(case.size)
-    x, y = (np.where(found.dead.ravel(), 0.0, rng.normal(size=case.size)) for _ in range(2))
-    s_x, s_y = (found.split.product(v, every) for v in (x, y))
+    dead = case.all_of(found.dead.ravel())
+    x, y = (np.where(dead, 0.0, rng.normal(size=case.size)) for _ in range(2))
+    s_x, s_y = (case.product(found.split, v) for v in (x, y))
     size = np.linalg.norm(x) * np.linalg.norm(s_y)
     assert abs(x @ s_y - y @ s_x) <= 1e-12 * size
     assert x @ (x + s_x) > 0.0
@@ -156,7 +157,7 @@ def test_own_compliances(scene, name):
     """Area times the diagonal of G, tangential the mean over the directions that move."""
     case = scene(name)
     found = case.compliance("dense")
-    own = own_of_all(found, case.comm)
+    own, areas = case.all_of(found.own), case.all_of(case.joints.areas)
     diagonal = np.zeros((case.size // 3, 3))
     points = np.unique(np.linspace(0, len(diagonal) - 1, 7).astype(int))
     for i, k in product(points, range(3)):
@@ -164,12 +165,12 @@ def test_own_compliances(scene, name):
         unit[3 * i + k] = 1.0
         diagonal[i, k] = case.gaps(unit)[3 * i + k]
     moving = 1 if name == "plane" else 2
-    expected = case.areas[:, None] * np.column_stack(
+    expected = areas[:, None] * np.column_stack(
         [diagonal[:, 0], diagonal[:, 1:].sum(axis=1) / moving]
     )
     np.testing.assert_allclose(own[points], expected[points], rtol=1e-10, atol=0)
     assert np.any(expected[points] > 0.0)
-    scaled = own / case.areas[:, None]
+    scaled = found.own / case.joints.areas[:, None]
     shown = np.where(found.dead, 1.0, np.repeat(np.sqrt(scaled), (1, 2), axis=1))
     np.testing.assert_allclose(found.scale.reshape(-1, 3), shown, rtol=1e-14)
 
@@ -180,8 +181,7 @@ def test_estimated_own_compliances(scene, name, kind):
     # Any will do, but what is far off makes the iteration slow: within a factor of three, where
     # corners are 2.3 times as compliant as their diagonal of A says.
     case = scene(name)
-    exact = own_of_all(case.compliance("dense"), case.comm)
-    found = own_of_all(case.compliance(kind), case.comm)
+    exact, found = (case.all_of(case.compliance(each).own) for each in ("dense", kind))
     np.testing.assert_array_equal(found > 0.0, exact > 0.0)
     ratio = found[exact > 0.0] / exact[exact > 0.0]
     assert ratio.min() > 1.0 / 3.0
@@ -196,17 +196,16 @@ def test_dead_directions(scene, kind):
     np.testing.assert_array_equal(found.dead, np.tile([False, False, True], (len(found.dead), 1)))
     wall = scene("wall")
     clamped = wall.compliance(kind)
-    heights = np.concatenate(wall.comm.allgather(wall.joints.points))[:, 2]
+    heights = wall.all_of(wall.joints.points)[:, 2]
     lowest = heights < heights.min() + 1e-9
-    np.testing.assert_array_equal(clamped.dead, np.tile(lowest[:, None], (1, 3)))
+    np.testing.assert_array_equal(wall.all_of(clamped.dead), np.tile(lowest[:, None], (1, 3)))
     assert 0 < np.count_nonzero(lowest) < len(lowest)
-    for made, size in ((found, case.size), (clamped, wall.size)):
-        dead = made.dead.ravel()
-        np.testing.assert_array_equal(made.scale[dead], 1.0)
-        every = np.random.default_rng(4).normal(size=size)
-        only_dead, numbers = np.where(dead, every, 0.0), np.arange(size)
-        assert not made.split.product(only_dead, numbers).any()
-        assert not made.split.product(every, numbers)[dead].any()
+    for made, of in ((found, case), (clamped, wall)):
+        np.testing.assert_array_equal(made.scale[made.dead.ravel()], 1.0)
+        dead = of.all_of(made.dead.ravel())
+        every = np.random.default_rng(4).normal(size=of.size)
+        assert not of.product(made.split, np.where(dead, every, 0.0)).any()
+        assert not of.product(made.split, every)[dead].any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -215,8 +214,7 @@ def test_all_joint_points_clamped(scene, kind):
     case = scene("blocks", held=["joint_1+", "joint_1-"])
     found = case.compliance(kind)
     assert found.dead.all()
-    every = np.ones(case.size)
-    assert not found.split.product(every, np.arange(case.size)).any()
+    assert not case.product(found.split, np.ones(case.size)).any()
 
 
 @pytest.mark.parametrize("kind", ["dense", "compressed"])
@@ -224,8 +222,11 @@ def test_parts_of_what_is_kept(scene, kind):
     """Products of a block, and of the matrix as a whole, are those of S."""
     case = scene("blocks")
     found = case.compliance(kind)
-    whole = found.split.whole()
-    assert whole.shape == (case.size, case.size)
+    split = Whole(found.split, case.comm)
+    whole, kept = split.matrix(), found.split.whole()
+    assert (kept is None) == (kind == "compressed" and case.comm.size > 1)
+    if kept is not None:
+        np.testing.assert_allclose(kept, whole, rtol=0, atol=1e-11)
     np.testing.assert_allclose(whole, whole.T, rtol=0, atol=1e-11)
     rng = np.random.default_rng(5)
     for count in (0, 1, 30, case.size // 3):
@@ -233,9 +234,9 @@ def test_parts_of_what_is_kept(scene, kind):
         rows = (3 * points[:, None] + np.arange(3)).ravel()
         values, every = rng.normal(size=len(rows)), np.zeros(case.size)
         every[rows] = values
-        part = found.split.block(rows).product(values)
+        part = split.block_product(rows, values)
         np.testing.assert_allclose(part, whole[np.ix_(rows, rows)] @ values, rtol=0, atol=1e-10)
-        all_rows = found.split.product(every, rows)
+        all_rows = split.product(every)
         np.testing.assert_allclose(all_rows, whole @ every, rtol=0, atol=1e-10)
 
 
@@ -247,12 +248,11 @@ def test_the_rough_one_is_near(scene, name, kind, monkeypatch):
     case = scene(name)
     found = case.compliance(kind)
     x = np.random.default_rng(6).normal(size=case.size)
-    every = np.arange(case.size)
-    fine, rough = (s.product(x, every) for s in (found.split, found.rough))
+    fine, rough = (case.product(s, x) for s in (found.split, found.rough))
     difference = np.linalg.norm(rough - fine)
     assert difference <= 1e-3 * np.linalg.norm(x)
     assert difference > 0.0
-    assert not rough[found.dead.ravel()].any()
+    assert not rough[case.all_of(found.dead.ravel())].any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -260,14 +260,11 @@ def test_the_rough_one_is_near(scene, name, kind, monkeypatch):
 def test_ranks_do_not_matter(scene, name, kind):
     case, alone = scene(name), scene(name, on=MPI.COMM_SELF)
     found, expected = case.compliance(kind), alone.compliance(kind)
-    np.testing.assert_array_equal(found.dead, expected.dead)
-    np.testing.assert_allclose(found.scale, expected.scale, rtol=1e-9)
+    np.testing.assert_array_equal(case.all_of(found.dead), expected.dead)
+    np.testing.assert_allclose(case.all_of(found.scale), expected.scale, rtol=1e-9)
     force = forces(case.size)[0]
-    gap = by_split(found, force)
-    reference = by_split(expected, force)
+    gap, reference = case.by_split(found, force), alone.by_split(expected, force)
     np.testing.assert_allclose(gap, reference, rtol=0, atol=1e-10 * np.abs(reference).max())
-    for part in case.comm.allgather(gap):
-        np.testing.assert_array_equal(part, gap)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -275,14 +272,14 @@ def test_the_largest_own_compliance(scene, kind):
     # Half of the mean: points above it are cut, the others stay, and G is what it was.
     case = scene("wall")
     free = case.compliance(kind)
-    bound = 0.5 * own_of_all(free, case.comm).mean(axis=0)
+    bound = 0.5 * case.all_of(free.own).mean(axis=0)
     largest = np.tile(bound, (len(case.joints.areas), 1))
     found = case.compliance(kind, largest=largest)
     np.testing.assert_allclose(found.own, np.minimum(free.own, largest), rtol=1e-12)
     force = forces(case.size)[0]
     expected = case.gaps(force)
     size = np.abs(expected).max()
-    np.testing.assert_allclose(by_split(found, force), expected, rtol=0, atol=1e-10 * size)
+    np.testing.assert_allclose(case.by_split(found, force), expected, rtol=0, atol=1e-10 * size)
 
 
 def test_which_kind_auto_takes(scene, monkeypatch):
@@ -302,7 +299,7 @@ def test_free_with_an_iterative_bulk(scene):
     force = forces(case.size)[0]
     expected = reference.gaps(force)
     size = np.abs(expected).max()
-    np.testing.assert_allclose(by_split(found, force), expected, rtol=0, atol=1e-9 * size)
+    np.testing.assert_allclose(case.by_split(found, force), expected, rtol=0, atol=1e-9 * size)
 
 
 def test_a_dense_one_without_a_mesh():

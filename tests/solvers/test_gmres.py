@@ -5,11 +5,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
+pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
+
+from whole_vectors import all_of
 
 from dolfinx_joints.solvers.interface.gmres import gmres
 
@@ -174,3 +178,54 @@ def test_a_nilpotent_matrix_does_not_break_it_down():
     x, products = gmres(Counted(matrix), b, tolerance=1e-12, most=20)
     np.testing.assert_allclose(x, np.linalg.solve(matrix, b), atol=1e-12)
     assert products == size
+
+
+class Counting:
+    """A communicator that counts what is asked of it but for its size."""
+
+    def __init__(self, comm: Any) -> None:
+        self._comm, self.size, self.calls = comm, comm.size, 0
+
+    def __getattr__(self, name: str) -> Any:
+        self.calls += 1
+        return getattr(self._comm, name)
+
+
+def part_of(comm: Any, owner: int | None) -> slice:
+    """The rank's unknowns: an equal part, or all on one rank and none on the others."""
+    ends = np.linspace(0, SIZE, comm.size + 1).astype(int)
+    if owner is not None:
+        ends[1:-1] = SIZE if owner == 0 else 0
+    return slice(ends[comm.rank], ends[comm.rank + 1])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("owner", [None, 0, -1])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-13])
+@pytest.mark.parametrize("share", [0.1, 0.99, 10.0])
+def test_ranks_do_not_matter(comm, share, tolerance, owner):
+    # 10: far from the identity, of condition some hundreds.
+    matrix, b, part = near_identity(share=share), vector(), part_of(comm, owner)
+    limits = {"tolerance": tolerance, "most": 2 * SIZE}
+    mine, products = gmres(
+        lambda x: matrix[part] @ all_of(comm, x), b[part], comm=comm, **limits
+    )
+    x, expected = gmres(Counted(matrix), b, **limits)
+    error = 1e-13 * np.linalg.cond(matrix) * abs(x).max()
+    np.testing.assert_allclose(all_of(comm, mine), x, rtol=0, atol=error)
+    assert products == expected
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("share", "more"), [(0.5, 1), (1e-3, 2)])
+def test_the_ranks_wait_once_in_a_product(comm, share, more):
+    # Once more for the size of b; and for the first direction, of which next to nothing is left
+    # beside b where the matrix is that near to the identity.
+    matrix, b, part = near_identity(share=share), vector(), part_of(comm, None)
+    counting = Counting(comm)
+    apply = Counted(matrix[part])
+    _, products = gmres(
+        lambda x: apply(all_of(comm, x)), b[part], tolerance=1e-9, most=SIZE, comm=counting
+    )
+    assert apply.products == products > 2
+    assert counting.calls == (products + more if comm.size > 1 else 0)

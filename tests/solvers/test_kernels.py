@@ -32,10 +32,11 @@ import dolfinx_joints
 from dolfinx_joints.laws import discrete_gradient, friction
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
-from dolfinx_joints.solvers.interface import corrections, gmres
+from dolfinx_joints.solvers.interface import corrections, gmres, ranked_low_rank
 from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.solvers.interface import residual as joint_step
 from dolfinx_joints.solvers.interface import row_matrix as row_matrices
+from dolfinx_joints.solvers.interface.ranked_low_rank import DENSE, FACTOR, PLACE, Shares
 
 RANDOM = np.random.default_rng(20)
 ROUNDING = 1e-13
@@ -94,22 +95,44 @@ def test_gmres(monkeypatch, name):
         np.testing.assert_allclose(matrix @ x, right, rtol=1e-10)
 
 
-@pytest.mark.parametrize("share", ["all rows", "some rows"])
-def test_low_rank_products(monkeypatch, share):
-    # All rows: of a block and its mirror image one is kept; some rows: each block for itself.
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_low_rank_products(monkeypatch, symmetric):
+    # Of a block and its mirror image one is kept, or each for itself.
     points, joint = plates(across=6)
-    rows = None if share == "all rows" else np.arange(40)
-    small = compressed(kernel(points, joint), points, leaf=6, tolerance=1e-3, rows=rows)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    small = compressed(matrix, points, leaf=6, tolerance=1e-3, symmetric=symmetric)
     vector = RANDOM.normal(size=3 * len(points))
     ranks = small.blocks[:, 4]
     assert ranks.min() < 0 < ranks.max()  # blocks of both kinds
-    assert small.blocks[:, 5].any() == (rows is None)
+    assert small.blocks[:, 5].any() == symmetric
     vectors = [vector, np.ones_like(vector)]
     one, *several = check(
         monkeypatch, lowrank, lambda: (small.product(vector), *small.products(vectors))
     )
     check_same(several[0], one)
     check_same(several[1], small.product(vectors[1]))
+
+
+def test_products_between_ranks(monkeypatch):
+    # 12 unknowns: a factor of the first six, a dense block of six, and the places of three.
+    factor, dense = RANDOM.normal(size=(2, 6)), RANDOM.normal(size=(3, 6))
+    shares = Shares(np.float64)
+    shares.add(0, 6, factor, FACTOR)
+    shares.add(3, 6, dense, DENSE)
+    shares.add(9, 3, None, PLACE)
+    matrix = np.zeros((8, 12))
+    matrix[:2, :6], matrix[2:5, 3:9], matrix[5:, 9:] = factor, dense, np.eye(3)
+    x, values = RANDOM.normal(size=12), RANDOM.normal(size=8)
+
+    def work():
+        reduced, expanded = np.empty(shares.length), np.ones(12)
+        ranked_low_rank._reduce(*shares.arrays, x, reduced)
+        ranked_low_rank._expand(*shares.arrays, values, expanded)
+        return reduced, expanded
+
+    reduced, expanded = check(monkeypatch, ranked_low_rank, work)
+    np.testing.assert_allclose(reduced, matrix @ x, atol=1e-14)
+    np.testing.assert_allclose(expanded, 1.0 + matrix.T @ values, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [0, 1, 4, 7])

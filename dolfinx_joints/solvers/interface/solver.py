@@ -121,7 +121,7 @@ class InterfaceSolver:
         found = self._compiled(condensed, trial_gap, state, rule, starts)
         if found is None:
             step = JointStep(self._contact, condensed, trial_gap, state, rule)
-            found = self._in_python(step, starts, x)
+            found = self._in_python(step, starts, b, x)
         else:
             self._expand_all(condensed, found.force, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
@@ -161,7 +161,7 @@ class InterfaceSolver:
         return condensed.compiled.solve(trial_gap, state, rule, starts, limits)
 
     def _in_python(
-        self, step: JointStep, starts: list[tuple[Floats, Floats]], x: PETSc.Vec
+        self, step: JointStep, starts: list[tuple[Floats, Floats]], b: PETSc.Vec, x: PETSc.Vec
     ) -> Solved:
         """The joint forces, and x with what they cause (collective)."""
         condensed = step.condensed
@@ -171,6 +171,7 @@ class InterfaceSolver:
         self._expand_all(condensed, found.force - found.residual, x)
         for _ in range(REFINEMENTS * condensed.static):
             # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
+            self._balance(step.condensed, b, x)
             found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
             if more == 0:
                 break
@@ -291,8 +292,23 @@ class InterfaceSolver:
         caused = np.where(condensed.compliance.dead.ravel(), 0.0, gaps / scale - change)
         self._last = (condensed, force, coupled + caused)
 
-    def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve A x = b again for what rounding left: loose blocks on soft springs move far."""
+    def _balance(self, condensed: Condensed, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Correct x for what rounding left of equilibrium (collective).
+
+        Loose blocks on soft springs move far without joint forces, and these bring them back.
+        """
+        _, force, coupled = self._last
+        scale, right = condensed.compliance.scale, b.copy()
+        self._points.setArray(force / scale)
+        self._operator.multTranspose(self._points, self._nodal)
+        right.axpy(-1.0, self._nodal)
+        self._operator.mult(self._refine(condensed.matrix, right, x), self._points)
+        gaps = self._points.getArray(readonly=True) / scale
+        gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)
+        self._last = (condensed, force, coupled - gaps)
+
+    def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> PETSc.Vec:
+        """Solve A x = b again for what rounding left; the change of x."""
         rest, change = right.duplicate(), x.duplicate()
         matrix.full.mult(x, rest)
         rest.aypx(-1.0, right)
@@ -300,6 +316,7 @@ class InterfaceSolver:
         matrix.solve(rest, change)
         change.pointwiseMult(change, self._unconstrained)
         x.axpy(1.0, change)
+        return change
 
     def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
         """The solution, iterations, and residual relative to the largest force."""

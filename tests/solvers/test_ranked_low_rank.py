@@ -1,0 +1,165 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Compressed compliances over the ranks against dense matrices and those of one rank."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mpi4py")
+pytest.importorskip("numba")
+
+from plates import compressed, kernel, plates
+from whole_vectors import all_of
+
+from dolfinx_joints.common.mpi import own_part
+from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
+
+pytestmark = pytest.mark.mpi
+
+# The second: a rank that owns no points, where there are others.
+CASES = [*product([True, False], [None, 0, -1])]
+ROUGH = 1e-4
+
+
+def one_by_one(across: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of one plate after the other, along it, and the joint of each."""
+    points, joint = plates(across, joints)
+    order = np.lexsort((points[:, 1], joint))
+    return points[order], joint[order]
+
+
+def ranked(
+    comm: Any,
+    matrix: np.ndarray,
+    points: np.ndarray,
+    joint: np.ndarray,
+    *,
+    empty: int | None = None,
+    **options: Any,
+) -> RankedLowRankMatrix:
+    """Points are dealt in equal parts to all ranks, or to all but one."""
+    parts = np.ones(comm.size)
+    if empty is not None and comm.size > 1:
+        parts[empty] = 0.0
+    ends = (len(points) * np.cumsum([0.0, *parts]) / parts.sum()).astype(int)
+    mine = np.arange(*ends[comm.rank : comm.rank + 2])
+    rows = (3 * mine[:, None] + np.arange(3)).ravel()
+    return RankedLowRankMatrix(
+        lambda numbers: matrix[np.ix_(rows, numbers)],
+        points[mine],
+        comm,
+        scale=np.sqrt(matrix.diagonal())[rows],
+        joint=joint[mine],
+        **options,
+    )
+
+
+def times(comm: Any, small: RankedLowRankMatrix, vector: np.ndarray) -> np.ndarray:
+    """The product of the ranks' matrix with a vector of all."""
+    return all_of(comm, small.product(own_part(comm, vector, small.own.size)))
+
+
+def error(comm: Any, small: RankedLowRankMatrix, matrix: np.ndarray) -> float:
+    """Error of a product relative to the vector, both scaled, and divided by what may add up.
+
+    Each block is exact to the tolerance; those in a row or a column are at most as many as there
+    are clusters.
+    """
+    scale = np.sqrt(matrix.diagonal())
+    vector = np.random.default_rng(3).standard_normal(len(matrix))
+    wrong = times(comm, small, vector / scale) - matrix @ (vector / scale)
+    clusters = comm.allreduce(len(small.own.panels))
+    return float(np.linalg.norm(wrong / scale) / np.linalg.norm(vector) / clusters)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
+@pytest.mark.parametrize(("symmetric", "empty"), CASES)
+def test_product_to_the_tolerance(comm, symmetric, empty, tolerance):
+    # Five joints: some have points on two ranks.
+    points, joint = one_by_one(across=8, joints=5)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 16, "symmetric": symmetric, "empty": empty, "tolerance": tolerance}
+    small = ranked(comm, matrix, points, joint, **options)
+    assert error(comm, small, matrix) <= tolerance
+    # No more than what is not zero, of two mirrored blocks one: 1 / 15 is on the diagonal.
+    dense = np.count_nonzero(matrix) * matrix.itemsize
+    assert comm.allreduce(small.nbytes) <= (0.6 if symmetric else 1.0) * dense
+
+
+@pytest.mark.parametrize(("symmetric", "empty"), CASES)
+def test_a_rougher_one(comm, symmetric, empty):
+    points, joint = one_by_one(across=8, joints=5)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 16, "symmetric": symmetric, "empty": empty}
+    fine = ranked(comm, matrix, points, joint, **options)
+    vector = np.random.default_rng(4).standard_normal(len(matrix))
+    before = times(comm, fine, vector)
+    rough = fine.rougher(ROUGH)
+    assert 1e-3 * ROUGH < error(comm, rough, matrix) <= 1.001 * ROUGH
+    assert comm.allreduce(rough.nbytes) < 0.5 * comm.allreduce(fine.nbytes)
+    np.testing.assert_array_equal(times(comm, fine, vector), before)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_blocks_are_those_of_one_rank(comm, symmetric):
+    # A joint on each rank: clusters are the same; products add the blocks in another order.
+    points, joint = one_by_one(across=10, joints=comm.size)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 16, "symmetric": symmetric, "tolerance": 1e-6}
+    fine = ranked(comm, matrix, points, joint, **options)
+    of_one = compressed(matrix, points, joint=joint, **options)
+    rng, scale = np.random.default_rng(5), np.sqrt(matrix.diagonal())
+    vector = rng.standard_normal(len(matrix)) / scale
+    pairs = [(fine, of_one, 1e-13), (fine.rougher(ROUGH), of_one.rougher(ROUGH), 1e-5)]
+    for found, expected, rounding in pairs:
+        assert comm.allreduce(found.nbytes) == expected.nbytes
+        one, other = (y / scale for y in (times(comm, found, vector), expected.product(vector)))
+        np.testing.assert_allclose(one, other, rtol=0, atol=rounding * np.abs(other).max())
+
+
+def test_mirrored_blocks_are_symmetric(comm):
+    points, joint = one_by_one(across=8, joints=5)
+    matrix = kernel(points, joint)
+    small = ranked(comm, matrix, points, joint, tolerance=1e-2, leaf=16)
+    a, b = np.random.default_rng(6).standard_normal((2, len(matrix)))
+    assert a @ times(comm, small, b) == pytest.approx(b @ times(comm, small, a), rel=1e-12)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_few_numbers_pass_between_ranks_far_apart(comm, symmetric, tolerance):
+    # A plate 10 off the next on each rank, and all of it one cluster: as many numbers go to a rank
+    # as its block with this one has singular values above the tolerance, by NumPy.
+    points, joint = one_by_one(across=14, joints=comm.size)
+    points[:, 0] *= 10.0
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 196, "symmetric": symmetric, "tolerance": tolerance}
+    small = ranked(comm, matrix, points, joint, **options)
+    scale = np.sqrt(matrix.diagonal())
+    scaled = (matrix / scale[:, None] / scale).reshape(comm.size, 588, comm.size, 588)
+    others = [rank for rank in range(comm.size) if abs(rank - comm.rank) == 1]
+    values = [np.linalg.svd(scaled[rank, :, comm.rank], compute_uv=False) for rank in others]
+    expected = sum(int(np.count_nonzero(each > tolerance)) for each in values)
+    assert small.sent == expected
+    assert (expected > 0) == (comm.size > 1)
+    assert expected <= 0.1 * 588 * len(others)
+    assert error(comm, small, matrix) <= tolerance
+
+
+def test_nothing_passes_where_nothing_couples(comm):
+    # Two apart in their order, joints share no body; points that are held have zero rows.
+    points, joint = one_by_one(across=8, joints=comm.size)
+    loose = ranked(comm, kernel(points, 2 * joint), points, joint, leaf=16)
+    assert loose.sent == 0
+    matrix, held = kernel(points, joint), slice(0, 3 * 64)
+    matrix[held] = matrix[:, held] = 0.0
+    small = ranked(comm, matrix, points, joint, leaf=16)
+    assert small.sent == 0 or 0 < comm.rank
+    found = times(comm, small, np.ones(len(matrix)))
+    np.testing.assert_allclose(found, matrix @ np.ones(len(matrix)), rtol=1e-10, atol=0)
+    assert not found[held].any()

@@ -1,0 +1,38 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What the ranks have of joint vectors, taken and given as a whole to be compared with dense ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_joints.common.mpi import own_part
+
+
+def all_of(comm: Any, part: np.ndarray) -> np.ndarray:
+    """Parts of all ranks, one after the other, on each of them (collective)."""
+    return np.concatenate(comm.allgather(part))
+
+
+class Whole:
+    """S of all ranks, by products with vectors of all unknowns."""
+
+    def __init__(self, split: Any, comm: Any) -> None:
+        self._split, self._comm = split, comm
+        self._first = comm.scan(split.local) - split.local
+
+    def product(self, values: np.ndarray) -> np.ndarray:
+        mine = own_part(self._comm, values, self._split.local)
+        return all_of(self._comm, self._split.product(mine, np.flatnonzero(mine)))
+
+    def block_product(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Of the part of some rows, sorted, and the same columns."""
+        here = (rows >= self._first) & (rows < self._first + self._split.local)
+        part = self._split.block(rows[here] - self._first)
+        return all_of(self._comm, part.product(values[here]))
+
+    def matrix(self) -> np.ndarray:
+        """S, column by column."""
+        return np.column_stack([self.product(unit) for unit in np.eye(self._split.size)])

@@ -274,6 +274,7 @@ class Compressed(_Products):
     """S in blocks of low rank.
 
     Attributes:
+        alone: The same with products that wait for no other run.
         matrix: The blocks.
         live: Whether an unknown of the rank can move, shape (local,).
     """
@@ -289,6 +290,7 @@ class Compressed(_Products):
         """Keep the matrix; several runs multiply with it through rounds."""
         multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
         super().__init__(multiply, scale, dead, comm)
+        self.alone = self if rounds is None else _Products(matrix.product, scale, dead, comm)
         self.matrix, self.nbytes = matrix, int(matrix.nbytes)
         self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
 

@@ -209,12 +209,12 @@ class _Forms(NamedTuple):
 def _forms_of(compliance: Compliance) -> _Forms:
     if compliance.forms is None:
         split, inner = _splits(compliance)
-        symmetric = split if compliance.effective.symmetric else None
-        whole = split.whole() if split.size <= LARGEST_WHOLE else None
+        # A run that waited for others here would hold the lock of what finds eigenvalues.
+        alone = split.alone if isinstance(split, Compressed) else split
+        known = deflation_of(alone if compliance.effective.symmetric else None)
+        beside = split.whole() if split.size <= LARGEST_WHOLE else None
         compliance.forms = _Forms(
-            _rows_of(whole) if isinstance(split, RowMatrix) else _blocks_of(split, None),
-            _rows_of(whole, np.float32) if isinstance(inner, RowMatrix) else _blocks_of(inner, whole),
-            deflation_of(symmetric),
+            _form_of(split, None), _form_of(inner, beside, np.float32), known
         )
     forms: _Forms = compliance.forms
     return forms
@@ -225,13 +225,19 @@ def _splits(compliance: Compliance) -> tuple[Split, Split]:
     return compliance.split, compliance.rough or compliance.split
 
 
+def _form_of(split: Split, whole: Floats | None, dtype: type = np.float64) -> Dense | LowRank:
+    """S as the compiled functions take it, a compressed one beside its whole if that is given."""
+    if isinstance(split, RowMatrix):
+        return _rows_of(split.whole(), dtype)
+    assert isinstance(split, Compressed)
+    return _blocks_of(split, whole)
+
+
 def _rows_of(whole: Floats, dtype: type = np.float64) -> Dense:
     return Dense(whole.astype(dtype, copy=False), np.empty(len(whole), dtype))
 
 
-def _blocks_of(split: Split, whole: Floats | None) -> LowRank:
-    """A compressed S as the compiled functions take it, beside its whole if that is given."""
-    assert isinstance(split, Compressed)
+def _blocks_of(split: Compressed, whole: Floats | None) -> LowRank:
     matrix = split.matrix
     return LowRank(
         matrix.blocks,

@@ -57,8 +57,8 @@ class ReservoirWaves:
             the normal, alpha.
         far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``: a wall.
         absorbing_length: Of the part before the far end in which waves are damped more and more,
-            which takes the slow ones near the frequencies of the cross-section as well; zero or at least
-            two elements [m].
+            which takes the slow ones near the frequencies of the cross-section as well; zero or at
+            least two elements [m].
         layers: Number of elements along the reservoir; twice as long as the edges on the face are
             in the mean unless given.
     """

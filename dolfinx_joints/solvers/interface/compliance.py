@@ -190,7 +190,8 @@ class Compliance:
     ) -> AnyLowRank:
         """Columns in blocks of low rank (collective)."""
         joints = self._joints
-        facts = {
+        assert joints.points is not None
+        facts: dict[str, Any] = {
             "scale": scale,
             "joint": joints.joint,
             "tolerance": tolerance,

@@ -184,9 +184,10 @@ class LowRankMatrix:
         """Clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
 
         Args:
-            panel: The panel, one of these points' ``own`` or of others'.
+            panel: The panel.
             scale: Of its unknowns.
             columns: Its columns, shape (3 n, k).
+            own: Whether it is one of these points, not of others.
         """
         scaled = columns[self.order] / self.scale[:, None] / scale
         for tree in self._trees:
@@ -226,9 +227,7 @@ class LowRankMatrix:
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
         """The same matrix to a larger tolerance, from the blocks of this one.
 
-        Args:
-            tolerance: Largest error of a block relative to the unit diagonal.
-            dtype: Type that its blocks are kept in and multiplied with.
+        Tolerance and type are those of the class.
         """
         rough = copy(self)
         rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
@@ -236,13 +235,12 @@ class LowRankMatrix:
         for top, left, height, width, rank, mirrored, start in self.blocks:
             down, across = self._block(height, width, rank, start)
             parts: tuple[Floats, ...] = (across,)
+            factors = factors_if_worth(across, tolerance) if rank == DENSE else None
             if rank != DENSE:
-                kept = rank_of(down, tolerance)
-                parts, rank = (down[:kept], across[:kept]), kept
-            else:
-                factors = factors_if_worth(across, tolerance)
-                if factors is not None:
-                    parts, rank = factors, len(factors[0])
+                rank = rank_of(down, tolerance)
+                parts = down[:rank], across[:rank]
+            elif factors is not None:
+                parts, rank = factors, len(factors[0])
             rough._table.append((top, left, height, width, rank, mirrored, rough._filled))
             rough._store(parts)
         rough.close()

@@ -55,9 +55,9 @@ class Shares:
 
     def add(self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int) -> None:
         """Take up a part, before any product."""
-        rows = unknowns if kind == PLACE else len(factor)
+        rows = unknowns if factor is None else len(factor)
         self.table.append((first, unknowns, rows, kind))
-        kept = np.empty((0, unknowns)) if kind == PLACE else factor
+        kept = np.empty((0, unknowns)) if factor is None else factor
         self.factors.append(np.ascontiguousarray(kept, self.dtype))
 
     def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
@@ -147,16 +147,8 @@ class RankedLowRankMatrix:
 
     def _take(self, root: int, number: int, columns: Callable[[Ints], Floats]) -> None:
         """Take a panel of a rank (collective)."""
-        comm, own, panel = self._comm, self.own, None
-        if comm.rank == root:
-            cluster = own.panels[number]
-            at = cluster.unknowns
-            panel = _Panel(
-                numbers=own.order[at] + self._first,
-                cluster=Cluster(cluster.start, cluster.stop, cluster.low, cluster.high),
-                scale=own.scale[at],
-            )
-        panel = comm.bcast(panel, root=root)
+        comm, own = self._comm, self.own
+        panel: _Panel = comm.bcast(self._panel(number) if comm.rank == root else None, root=root)
         found, others = columns(panel.numbers), []
         if comm.rank == root:
             own.take(own.panels[number], found)
@@ -175,6 +167,15 @@ class RankedLowRankMatrix:
                 kind = PLACE if factor is None else FACTOR
                 shares.add(at.start, at.stop - at.start, factor, kind)
 
+    def _panel(self, number: int) -> _Panel:
+        """One of the rank's panels."""
+        cluster = self.own.panels[number]
+        return _Panel(
+            numbers=self.own.order[cluster.unknowns] + self._first,
+            cluster=Cluster(cluster.start, cluster.stop, cluster.low, cluster.high),
+            scale=self.own.scale[cluster.unknowns],
+        )
+
     def _close(self) -> None:
         """Settle what goes to which rank and comes from where."""
         self._rows = {rank: shares for rank, shares in self._rows.items() if shares.table}
@@ -192,32 +193,30 @@ class RankedLowRankMatrix:
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> RankedLowRankMatrix:
         """`LowRankMatrix.rougher` (collective)."""
-        rough, told = copy(self), [[] for _ in range(self._comm.size)]
+        rough = copy(self)
         rough.own = self.own.rougher(tolerance, dtype)
         rough._rows, rough._columns = {}, {}
+        # What the owners of the columns are told: how much of R is kept, R of a block that has been
+        # dense, or nothing for one that stays it.
+        told: list[list[Any]] = [[] for _ in range(self._comm.size)]
         for rank, shares in self._rows.items():
-            parts = []
+            kept: list[tuple[NDArray[Any] | None, int]] = []
             for (_, _, _, kind), factor in zip(shares.table, shares.factors, strict=True):
-                kept, other = (factor, kind), None
+                factors = factors_if_worth(factor.T, tolerance) if kind == DENSE else None
                 if kind == FACTOR:
-                    other = rank_of(factor, tolerance)
-                    kept = factor[:other], FACTOR
+                    told[rank].append(rank_of(factor, tolerance))
+                    kept.append((factor[: told[rank][-1]], FACTOR))
                 else:
-                    factors = factors_if_worth(factor.T, tolerance)
-                    if factors is not None:
-                        kept, other = (factors[0], FACTOR), factors[1]
-                parts.append(kept)
-                told[rank].append(other)
-            rough._rows[rank] = shares.replaced(parts, dtype)
-        for rank, others in enumerate(self._comm.alltoall(told)):
-            if others:
-                shares, parts = self._columns[rank], []
-                for factor, other in zip(shares.factors, others, strict=True):
-                    if isinstance(other, int):
-                        parts.append((factor[:other], FACTOR))
-                    else:
-                        parts.append((other, PLACE if other is None else FACTOR))
-                rough._columns[rank] = shares.replaced(parts, dtype)
+                    told[rank].append(None if factors is None else factors[1])
+                    kept.append((factor, DENSE) if factors is None else (factors[0], FACTOR))
+            rough._rows[rank] = shares.replaced(kept, dtype)
+        for rank, news in enumerate(self._comm.alltoall(told)):
+            if news:
+                shares, kept = self._columns[rank], []
+                for factor, new in zip(shares.factors, news, strict=True):
+                    known = factor[:new] if isinstance(new, int) else new
+                    kept.append((known, PLACE if known is None else FACTOR))
+                rough._columns[rank] = shares.replaced(kept, dtype)
         rough._close()
         return rough
 

@@ -31,6 +31,7 @@ from dolfinx_joints.solvers.interface.compliance import (
     Split,
 )
 from dolfinx_joints.solvers.interface.corrections import FINEST, MOST_PRODUCTS, Corrections
+from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
@@ -160,10 +161,12 @@ class CompiledSteps:
         if len(self._memory.stuck) and not self._memory.ties:
             whole = self._corrections.tied()
             if whole is not None:
-                if isinstance(self._inner, Dense):
-                    tied = _rows_of(whole, np.float32)
-                else:
-                    tied = _blocks_of(self._compliance.roughly(whole), whole)
+                dense = isinstance(self._inner, Dense)
+                tied = (
+                    _rows_of(whole, np.float32)
+                    if dense
+                    else _blocks_of(self._compliance.roughly(whole), whole)
+                )
                 self._memory = self._memory._replace(ties=True, tied=tied)
             elif self._corrections.stuck is None:
                 self._memory = self._memory._replace(stuck=np.empty(0))
@@ -213,9 +216,7 @@ def _forms_of(compliance: Compliance) -> _Forms:
         alone = split.alone if isinstance(split, Compressed) else split
         known = deflation_of(alone if compliance.effective.symmetric else None)
         beside = split.whole() if split.size <= LARGEST_WHOLE else None
-        compliance.forms = _Forms(
-            _form_of(split, None), _form_of(inner, beside, np.float32), known
-        )
+        compliance.forms = _Forms(_form_of(split, None), _form_of(inner, beside, np.float32), known)
     forms: _Forms = compliance.forms
     return forms
 
@@ -239,6 +240,7 @@ def _rows_of(whole: Floats, dtype: type = np.float64) -> Dense:
 
 def _blocks_of(split: Compressed, whole: Floats | None) -> LowRank:
     matrix = split.matrix
+    assert isinstance(matrix, LowRankMatrix)  # of one rank
     return LowRank(
         matrix.blocks,
         matrix.data,

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the ranks have of joint vectors, taken and given as a whole to be compared with dense ones."""
+"""Joint vectors of all ranks, taken and given as a whole to be compared with dense ones."""
 
 from __future__ import annotations
 

@@ -207,9 +207,7 @@ def test_ranks_do_not_matter(comm, share, tolerance, owner):
     # 10: far from the identity, of condition some hundreds.
     matrix, b, part = near_identity(share=share), vector(), part_of(comm, owner)
     limits = {"tolerance": tolerance, "most": 2 * SIZE}
-    mine, products = gmres(
-        lambda x: matrix[part] @ all_of(comm, x), b[part], comm=comm, **limits
-    )
+    mine, products = gmres(lambda x: matrix[part] @ all_of(comm, x), b[part], comm=comm, **limits)
     x, expected = gmres(Counted(matrix), b, **limits)
     error = 1e-13 * np.linalg.cond(matrix) * abs(x).max()
     np.testing.assert_allclose(all_of(comm, mine), x, rtol=0, atol=error)

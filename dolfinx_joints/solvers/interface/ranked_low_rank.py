@@ -108,6 +108,8 @@ class RankedLowRankMatrix:
         symmetric: Whether the matrix is.
 
     Attributes:
+        comm: Communicator of the ranks.
+        symmetric: Whether the matrix is.
         own: Blocks of the rank's points among themselves.
     """
 
@@ -125,7 +127,7 @@ class RankedLowRankMatrix:
         symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel, those of rank 0 first (collective)."""
-        self._comm, self.symmetric = comm, symmetric
+        self.comm, self.symmetric = comm, symmetric
         self.own = LowRankMatrix(
             None,
             points,
@@ -147,7 +149,7 @@ class RankedLowRankMatrix:
 
     def _take(self, root: int, number: int, columns: Callable[[Ints], Floats]) -> None:
         """Take a panel of a rank (collective)."""
-        comm, own = self._comm, self.own
+        comm, own = self.comm, self.own
         panel: _Panel = comm.bcast(self._panel(number) if comm.rank == root else None, root=root)
         found, others = columns(panel.numbers), []
         if comm.rank == root:
@@ -198,7 +200,7 @@ class RankedLowRankMatrix:
         rough._rows, rough._columns = {}, {}
         # What the owners of the columns are told: how much of R is kept, R of a block that has been
         # dense, or nothing for one that stays it.
-        told: list[list[Any]] = [[] for _ in range(self._comm.size)]
+        told: list[list[Any]] = [[] for _ in range(self.comm.size)]
         for rank, shares in self._rows.items():
             kept: list[tuple[NDArray[Any] | None, int]] = []
             for (_, _, _, kind), factor in zip(shares.table, shares.factors, strict=True):
@@ -210,7 +212,7 @@ class RankedLowRankMatrix:
                     told[rank].append(None if factors is None else factors[1])
                     kept.append((factor, DENSE) if factors is None else (factors[0], FACTOR))
             rough._rows[rank] = shares.replaced(kept, dtype)
-        for rank, news in enumerate(self._comm.alltoall(told)):
+        for rank, news in enumerate(self.comm.alltoall(told)):
             if news:
                 shares, kept = self._columns[rank], []
                 for factor, new in zip(shares.factors, news, strict=True):
@@ -222,7 +224,7 @@ class RankedLowRankMatrix:
 
     def product(self, vector: Floats) -> Floats:
         """The matrix times a vector, the rank's part of both, shape (3 n,) (collective)."""
-        comm, own = self._comm, self.own
+        comm, own = self.comm, self.own
         x = (own.scale * vector[own.order]).astype(own.dtype)
         y = np.zeros(own.size, dtype=own.dtype)
         come = {rank: np.empty(shares.length, own.dtype) for rank, shares in self._adds.items()}

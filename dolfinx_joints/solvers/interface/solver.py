@@ -171,7 +171,8 @@ class InterfaceSolver:
         self._expand_all(condensed, found.force - found.residual, x)
         for _ in range(REFINEMENTS * condensed.static):
             # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
-            self._balance(step.condensed, b, x)
+            if step.condensed.springs is not None:
+                self._balance(step.condensed, b, x)
             found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
             if more == 0:
                 break

@@ -301,17 +301,15 @@ def _admissible(a: Cluster, b: Cluster) -> bool:
     return size <= ADMISSIBLE * float(np.linalg.norm(gap))
 
 
-def _factors(block: Floats, tolerance: float) -> tuple[Floats, Floats]:
-    """L, R of the fewest rows with the block L^T R to the tolerance in the spectral norm."""
+def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
+    """L, R of the fewest rows with the block L^T R to the tolerance in the spectral norm.
+
+    None where they take more than the block.
+    """
     left, values, right = np.linalg.svd(block, full_matrices=False)
     rank = int(np.count_nonzero(values > tolerance))
     root = np.sqrt(values[:rank])
-    return (left[:, :rank] * root).T, root[:, None] * right[:rank]
-
-
-def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
-    """L, R as above where they take less than the block."""
-    factors = _factors(block, tolerance)
+    factors = (left[:, :rank] * root).T, root[:, None] * right[:rank]
     return factors if sum(f.size for f in factors) <= WORTH * block.size else None
 
 

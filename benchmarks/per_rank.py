@@ -5,10 +5,10 @@
 
 The wall of the other benchmarks, cut by ``--joints``, runs on each number of ranks under mpirun, as
 many processes as there are, whether they have a processor each or not. Memory is the largest of a
-rank above what the bare process takes once everything is imported. Messages and bytes are those that a
-rank sends in a step, the first left out: products of PETSc, its sums, and what the joint solver
-sends itself; a collective one counts as one, with what the rank gives. Those inside MUMPS are not
-counted. Results are compared with those of the first number of ranks.
+rank above what the bare process takes once everything is imported. Messages and bytes are those
+that a rank sends in a step, the first left out: products of PETSc, its sums, and what the joint
+solver sends itself; a collective one counts as one, with what the rank gives. Those inside MUMPS
+are not counted. Results are compared with those of the first number of ranks.
 """
 
 from __future__ import annotations

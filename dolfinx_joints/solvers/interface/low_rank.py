@@ -173,8 +173,8 @@ class LowRankMatrix:
         for rows, *parts in self.pieces(panel, self.scale[panel.unknowns], columns, own=True):
             mirrored = self.symmetric and rows.start >= panel.stop
             at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
-            width, rank = 3 * (panel.stop - panel.start), len(parts[0])
-            rank = rank if len(parts) == 2 else DENSE
+            width = 3 * (panel.stop - panel.start)
+            rank = len(parts[0]) if len(parts) == 2 else DENSE
             self._table.append((*at, width, rank, int(mirrored), self._filled))
             self._store(parts)
 
@@ -225,10 +225,7 @@ class LowRankMatrix:
             self._filled = end
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
-        """The same matrix to a larger tolerance, from the blocks of this one.
-
-        Tolerance and type are those of the class.
-        """
+        """The same matrix to a larger tolerance, from the blocks of this one."""
         rough = copy(self)
         rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
         rough._start_over()

@@ -176,6 +176,16 @@ class EffectiveMatrix:
         """Solve A X = B for the owned rows of many right-hand sides (collective)."""
         return self._complete.solve_block(right)
 
+    @property
+    def takes_sparse(self) -> bool:
+        """Whether right-hand sides with few entries may go to `solve_sparse`."""
+        return isinstance(self._complete, DirectSolver) and self._complete.package == "mumps"
+
+    def solve_sparse(self, rows: PETSc.Mat) -> Floats:
+        """Solve A X = B for B^T with few entries, see `DirectSolver.solve_sparse` (collective)."""
+        assert isinstance(self._complete, DirectSolver)
+        return self._complete.solve_sparse(rows)
+
     def multiply(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """A x written to ``out`` (collective)."""
         self.full.mult(x, out)

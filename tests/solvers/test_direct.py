@@ -94,6 +94,23 @@ def test_block_and_single_solves_share_a_factor(comm):
     solver.destroy()
 
 
+def test_sparse_right_hand_sides(comm):
+    """Unit forces anywhere, also two in one column, against the block that is not sparse."""
+    matrix, size = chain(comm), 40
+    whole = np.zeros((size, 4))
+    whole[[0, 13, 39, 20, 21], [0, 1, 2, 3, 3]] = [1.0, 2.0, 1.0, 1.0, -1.0]
+    own, dofs = (4, size) if comm.rank == 0 else (0, 0)
+    rows = PETSc.Mat().createAIJ(((own, 4), (dofs, size)), nnz=2, comm=comm)
+    for i, j in np.argwhere(whole.T) if own else ():
+        rows[i, j] = whole[j, i]
+    rows.assemble()
+    solver = DirectSolver(matrix, symmetric=True, mumps=True)
+    found = solver.solve_sparse(rows)
+    mine = whole[slice(*matrix.getOwnershipRange())]
+    np.testing.assert_allclose(found, solver.solve_block(mine), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(product(matrix, found), mine, rtol=0, atol=1e-13)
+
+
 def test_no_columns_are_no_work(comm):
     matrix = chain(comm)
     solver = DirectSolver(matrix, symmetric=True)

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -33,17 +36,30 @@ class UnitForces:
     """
 
     def __init__(self, effective: EffectiveMatrix, operator: PETSc.Mat) -> None:
-        """Sort the entries of B^T by column (collective)."""
+        """Keep the entries of B (collective)."""
         self._effective, self._operator = effective, operator
-        transposed = operator.transpose(PETSc.Mat())
-        starts, numbers, entries = transposed.getValuesCSR()
-        transposed.destroy()
-        order = np.argsort(numbers, kind="stable")
-        self._lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
-        self._numbers, self._entries = numbers[order], entries[order]
         self.local = operator.getLocalSize()[0]
         self._points = operator.createVecLeft()
         self._nodal, self._moved = operator.createVecRight(), operator.createVecRight()
+
+    @cached_property
+    def _rows(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """The rank's rows of B: starts, columns and values."""
+        starts, columns, values = self._operator.getValuesCSR()
+        return starts, columns, values
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Entries of the rank's columns of B, sorted by row: rows, local columns and values.
+
+        (Collective when first asked for.)
+        """
+        transposed = self._operator.transpose(PETSc.Mat())
+        starts, numbers, entries = transposed.getValuesCSR()
+        transposed.destroy()
+        order = np.argsort(numbers, kind="stable")
+        lines = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[order]
+        return numbers[order], lines, entries[order]
 
     def gaps(self, numbers: Rows) -> Floats:
         """Columns of G at the rank's points, shape (local, k), [m/N] (collective).
@@ -59,23 +75,54 @@ class UnitForces:
 
     def _block(self, numbers: Rows) -> Floats:
         """Some columns, solved for at once."""
-        firsts = np.searchsorted(self._numbers, numbers)
-        counts = np.searchsorted(self._numbers, numbers, side="right") - firsts
-        columns = np.repeat(np.arange(len(numbers)), counts)
-        within = np.arange(len(columns)) - np.repeat(np.cumsum(counts) - counts, counts)
-        taken = np.repeat(firsts, counts) + within
-        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
-        right[self._lines[taken], columns] = self._entries[taken]
-        moved = self._effective.solve_block(right)
+        if self._effective.takes_sparse:
+            rows = self._on_rank_0(numbers)
+            moved = self._effective.solve_sparse(rows)
+            rows.destroy()
+        else:
+            moved = self._effective.solve_block(self._right(numbers))
         size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
         dense = PETSc.Mat().createDense(
             size, array=np.asfortranarray(moved), comm=self._operator.comm
         )
         product = self._operator.matMult(dense)
-        gaps = product.getDenseArray(readonly=True).copy()
+        gaps: Floats = product.getDenseArray(readonly=True).copy()
         product.destroy()
         dense.destroy()
         return gaps
+
+    def _right(self, numbers: Rows) -> Floats:
+        """Owned rows of B^T for some unknowns, shape (local dofs, k)."""
+        rows, lines, entries = self._columns
+        firsts = np.searchsorted(rows, numbers)
+        counts = np.searchsorted(rows, numbers, side="right") - firsts
+        taken = ranges(firsts, counts)
+        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
+        right[lines[taken], np.repeat(np.arange(len(numbers)), counts)] = entries[taken]
+        return right
+
+    def _on_rank_0(self, numbers: Rows) -> PETSc.Mat:
+        """Rows of B of some unknowns as a matrix on rank 0 (collective)."""
+        starts, columns, values = self._rows
+        first, stop = self._operator.getOwnershipRange()
+        here = np.flatnonzero((numbers >= first) & (numbers < stop))
+        own = numbers[here] - first
+        counts = starts[own + 1] - starts[own]
+        taken, comm = ranges(starts[own], counts), self._operator.comm
+        mine = (np.repeat(here, counts), columns[taken], values[taken])
+        parts = comm.tompi4py().gather(mine, root=0)
+        count, dofs = 0 if parts is None else len(numbers), self._operator.getSize()[1]
+        empty = tuple(part[:0] for part in mine)
+        at, columns, values = (
+            np.concatenate(each) for each in zip(*(parts or [empty]), strict=True)
+        )
+        order = np.argsort(at, kind="stable")
+        starts = np.append(0, np.cumsum(np.bincount(at, minlength=count)[:count]))
+        return PETSc.Mat().createAIJ(
+            ((count, len(numbers)), (dofs if count else 0, dofs)),
+            csr=(starts.astype(PETSc.IntType), columns[order], values[order]),
+            comm=comm,
+        )
 
     def product(self, forces: Floats) -> Floats:
         """G F at the rank's points, F likewise (collective)."""
@@ -132,3 +179,10 @@ def _median(ratio: Floats) -> float:
     """Median of the numbers among some values, 1 if there is none."""
     known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
     return float(np.median(known)) if len(known) else 1.0
+
+
+def ranges(firsts: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
+    """Numbers from each first on, as many as its count says, one range after the other."""
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    found: NDArray[Any] = np.repeat(firsts, counts) + within
+    return found

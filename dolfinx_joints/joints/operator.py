@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
-from dolfinx_joints.common.mpi import lasting
+from dolfinx_joints.common.mpi import equal_blocks, lasting
 from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
@@ -145,7 +145,7 @@ class JointOperator(GapOperator):
         self.frames: Floats
         self.jointed, self.space, self.quadrature = jointed, V, quadrature
         self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
-        ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
+        ranges = equal_blocks(len(self.layout.areas), comm.size)
         block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
         self.points = self.layout.points[block]
         self.frames = self.layout.frames[block]
@@ -262,7 +262,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     slots = np.concatenate([pairs.minus, pairs.plus])
     same = np.broadcast_to(np.arange(pairs.match.shape[1]), pairs.match.shape)
     match = np.concatenate([same, pairs.match])
-    local = local_cells(mesh)[slots[:, 0]]
+    local = local_cells(mesh, slots[:, 0])
     owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
     owned = np.flatnonzero((local >= 0) & (local < owned_cells))
     kinds, kind = np.unique(

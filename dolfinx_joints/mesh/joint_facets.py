@@ -45,7 +45,11 @@ class IntegratedPairs:
 
 
 def integrated_pairs(
-    mesh: dolfinx.mesh.Mesh, shape: CellShape, pairs: JointPairs, local: NDArray[np.int32]
+    mesh: dolfinx.mesh.Mesh,
+    shape: CellShape,
+    pairs: JointPairs,
+    minus: NDArray[np.int32],
+    plus: NDArray[np.int32],
 ) -> IntegratedPairs:
     """Find the pairs of this rank, and make the quadrature points of their two sides meet.
 
@@ -53,9 +57,9 @@ def integrated_pairs(
         mesh: The split mesh; the cells across the joints are ghosts on the rank of the - side.
         shape: Reference cell.
         pairs: The facet pairs.
-        local: Local number of each input cell, -1 where this rank does not hold it.
+        minus: Local number of each pair's cell on the - side, -1 where this rank does not hold it.
+        plus: The same on the + side.
     """
-    minus, plus = local[pairs.minus[:, 0]], local[pairs.plus[:, 0]]
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     here = np.flatnonzero((minus >= 0) & (minus < owned))
     entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])[here]

@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.mesh.cells import Floats, Ints
 
@@ -40,3 +44,23 @@ class JointPairs:
     sign: Ints
     gaps_in_geometry: bool
     bonded: Ints
+
+    def rows(self) -> dict[str, NDArray[Any]]:
+        """What there is of each pair, by name."""
+        return {name: getattr(self, name) for name in PAIR_ROWS}
+
+    def block(self, start: int, stop: int) -> JointPairs:
+        """Some of the pairs."""
+        return replace(self, **{name: each[start:stop] for name, each in self.rows().items()})
+
+    def gathered(self, comm: Any) -> JointPairs:
+        """All pairs, of which each rank has a block (collective)."""
+        rows = self.rows().items()
+        return replace(self, **{name: np.concatenate(comm.allgather(each)) for name, each in rows})
+
+
+PAIR_ROWS = tuple(
+    each.name
+    for each in fields(JointPairs)
+    if each.name not in ("names", "gaps_in_geometry", "bonded")
+)

@@ -11,9 +11,10 @@ import numpy as np
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
+from dolfinx_joints.mesh.distribution import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
-from dolfinx_joints.mesh.jointed_mesh import PreparedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
+from dolfinx_joints.mesh.partition import glued
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 
 
@@ -53,17 +54,19 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             )
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
-    facets, facet_values, facet_groups = _tag_sets(slots)
+    facets, tags, facet_groups = _tag_sets(slots)
+    facet_values = np.zeros((len(split.cells), len(raw.shape.facet_vertices)), dtype=np.int32)
+    facet_values[facets[:, 0], facets[:, 1]] = tags
     chosen = {name: np.column_stack([c, c]) for name, c in raw.cell_groups.items()}
     tagged, tags, cell_groups = _tag_sets(chosen)
-    cell_values = np.zeros(len(split.cells), dtype=np.int64)
+    cell_values = np.zeros(len(split.cells), dtype=np.int32)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
         shape=raw.shape,
         cells=split.cells,
         x=x,
+        glued=glued(pairs, 0, len(x)),
         pairs=pairs,
-        facets=facets,
         facet_values=facet_values,
         facet_groups=facet_groups,
         cell_values=cell_values,

@@ -20,7 +20,8 @@ from dolfinx_joints.common.parameters import (
     check_path,
     shown,
 )
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh, PreparedMesh, distribute
+from dolfinx_joints.mesh.distribution import PreparedMesh, distribute
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays
 from dolfinx_joints.mesh.reading.gather import gather_mesh

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.mesh.cells import Floats, Ints
 
@@ -45,7 +44,7 @@ class JointPairs:
     gaps_in_geometry: bool
     bonded: Ints
 
-    def rows(self) -> dict[str, NDArray[Any]]:
+    def rows(self) -> dict[str, Any]:
         """What there is of each pair, by name."""
         return {name: getattr(self, name) for name in PAIR_ROWS}
 

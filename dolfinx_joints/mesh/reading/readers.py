@@ -20,7 +20,7 @@ from dolfinx_joints.common.parameters import (
     check_path,
     shown,
 )
-from dolfinx_joints.mesh.distribution import PreparedMesh, distribute
+from dolfinx_joints.mesh.distribution.shares import PreparedMesh, distribute
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays

@@ -12,12 +12,12 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import on_root, rows_at
+from dolfinx_joints.common.mpi import equal_blocks, on_root, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
-from dolfinx_joints.mesh.partition import partitioner_across
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class PreparedMesh:
     cell_groups: dict[str, tuple[int, ...]]
     facet_groups: dict[str, tuple[int, ...]]
 
-    def rows(self) -> dict[str, NDArray[Any]]:
+    def rows(self) -> dict[str, Any]:
         """What there is of each cell and each node, by name."""
         return {name: getattr(self, name) for name in MESH_ROWS}
 
@@ -62,7 +62,7 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
     def work() -> PreparedMesh:
         here.append(prepare())
         nothing = {name: each[:0] for name, each in here[0].rows().items()}
-        return replace(here[0], pairs=here[0].pairs.block(0, 0), **nothing)  # type: ignore
+        return replace(here[0], pairs=here[0].pairs.block(0, 0), **nothing)
 
     known = on_root(comm, work)
     return create_jointed(comm, here[0] if here else known)
@@ -99,3 +99,48 @@ def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:
     topology.create_connectivity(dim - 1, dim)
     found = topology.connectivity(dim, dim - 1).array
     return np.asarray(found).reshape(-1, len(shape.facet_vertices))
+
+
+def share_of(jointed: JointedMesh) -> PreparedMesh:
+    """Equal blocks of a mesh for each rank, cells and nodes in the order of the input (collective).
+
+    A number of a node that no cell has, has zeros for coordinates.
+    """
+    mesh, shape = jointed.mesh, jointed.shape
+    cell_map = mesh.topology.index_map(shape.dim)
+    owned = slice(cell_map.size_local)
+    tags, facet_of_cell = jointed._facet_tags, facets_of_cells(mesh, shape)
+    value_of_facet = np.zeros(int(facet_of_cell.max(initial=-1)) + 1, dtype=np.int64)
+    value_of_facet[tags.indices] = tags.values
+    number_of_node = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
+    cells = number_of_node[dolfinx_versions.geometry_nodes(mesh)[owned]]
+    values = value_of_facet[facet_of_cell[owned]]
+    table = np.column_stack([jointed.cell_tags.values[owned], cells, values])  # each cell has a tag
+    original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)[owned]
+    table = _dealt(mesh.comm, cell_map.size_global, original, table)
+    nodes = slice(mesh.geometry.index_map().size_local)
+    count = mesh.comm.allreduce(number_of_node.max(initial=-1), max) + 1
+    x = mesh.geometry.x[nodes, : mesh.geometry.dim]
+    start, stop = equal_blocks(count, mesh.comm.size)[mesh.comm.rank :][:2]
+    pairs = equal_blocks(len(jointed.pairs.joint), mesh.comm.size)[mesh.comm.rank :][:2]
+    return PreparedMesh(
+        shape=shape,
+        cells=table[:, 1 : 1 + cells.shape[1]],
+        cell_values=table[:, 0].astype(np.int32),
+        facet_values=table[:, 1 + cells.shape[1] :].astype(np.int32),
+        x=_dealt(mesh.comm, count, number_of_node[nodes], x),
+        glued=glued(jointed.pairs, start, stop),
+        pairs=jointed.pairs.block(*pairs),
+        cell_groups=dict(jointed.cell_groups),
+        facet_groups=dict(jointed._facet_groups),
+    )
+
+
+def _dealt(comm: Any, count: int, number: Ints, rows: NDArray[Any]) -> NDArray[Any]:
+    """Deal rows in equal blocks by their number; what none has, is zero (collective)."""
+    blocks = equal_blocks(count, comm.size)
+    rank = rank_of(blocks, number)
+    start, stop = blocks[comm.rank :][:2]
+    found = np.zeros((stop - start, rows.shape[1]), rows.dtype)
+    found[sent_to(comm, rank, number) - start] = sent_to(comm, rank, rows)
+    return found

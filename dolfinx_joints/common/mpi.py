@@ -106,6 +106,16 @@ def rows_at(comm: Any, rows: NDArray[Any], number: NDArray[np.int64]) -> NDArray
     return found[place.ravel()]
 
 
+def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
+    """Deal rows in equal blocks by their number; what no rank has, is zero (collective)."""
+    blocks = equal_blocks(count, comm.size)
+    rank = rank_of(blocks, number)
+    start, stop = blocks[comm.rank :][:2]
+    found = np.zeros((stop - start, *rows.shape[1:]), rows.dtype)
+    found[sent_to(comm, rank, number) - start] = sent_to(comm, rank, rows)
+    return found
+
+
 def on_root(comm: Any, work: Callable[[], T]) -> T:
     """Run ``work`` on rank 0 and give its result, or its exception, to every rank (collective)."""
     result: T | None = None

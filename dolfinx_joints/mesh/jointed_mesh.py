@@ -4,7 +4,7 @@
 
 After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh:
 any function space, form or writer works on it. `JointedMesh.dS` is the measure of integrals over
-joints. What ties the sides together is `JointPairs`, a table kept on every rank.
+joints. What ties the sides together is `JointPairs`, of which each rank has its part.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.mesh.cells import CellShape, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
-from dolfinx_joints.mesh.joint_frames import fixed_axes, ufl_frame
+from dolfinx_joints.mesh.joint_frames import ufl_frame
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 
@@ -46,7 +46,7 @@ class JointedMesh(Summarised):
         shape: Reference cell and degree of the geometry.
         cell_tags: Tags of the cells.
         cell_groups: Tags that make up each named cell group.
-        pairs: The facet pairs of the joints.
+        pairs: The facet pairs of the joints whose - cell this rank owns.
         _facet_tags: Tags of the facets, those of the joints' sides among them.
         _facet_groups: Tags that make up each named facet group and each side.
     """
@@ -66,7 +66,7 @@ class JointedMesh(Summarised):
         yield "cells", f"{number(cells)}, {self.shape.name}, degree {self.shape.degree}"
         yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, those on joints twice"
         yield "joints", names(self.joint_names) or "none"
-        yield "joint facets", number(len(self.pairs.joint)) if self.joint_names else ""
+        yield "joint facets", number(self.pairs.count) if self.joint_names else ""
         yield "cell groups", names(self.cell_groups)
         yield "facet groups", names(self.facet_groups)
         yield "ranks", ranks if ranks > 1 else ""
@@ -185,7 +185,7 @@ class JointedMesh(Summarised):
         """
         (position,) = self._positions(joint)
         normal = ufl.FacetNormal(self.mesh)("-")
-        return ufl_frame(normal, fixed_axes(self.pairs, self.shape)[position])
+        return ufl_frame(normal, self.pairs.axes[position])
 
     def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
         """Mesh of the - faces of joints, for functions on them; made once and kept (collective).
@@ -255,7 +255,7 @@ class JointedMesh(Summarised):
     def _joint_entities(self) -> list[tuple[int, NDArray[np.int32]]]:
         """Integration entities of all joints as 0, and of each by its number from 1 on."""
         found = self.integrated_pairs
-        joint = self.pairs.joint[found.number]
+        joint = self.pairs.joint
         each = [found.entities[joint == i] for i in range(len(self.joint_names))]
         return [(i, entities.ravel()) for i, entities in enumerate([found.entities, *each])]
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
 from dolfinx_joints.mesh.distribution.partition import glued
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
+from dolfinx_joints.mesh.joint_frames import fixed_axes
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
@@ -103,15 +105,18 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
 def _pair_table(
     shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
 ) -> JointPairs:
-    """Collect what every rank needs to know of the facet pairs."""
+    """Collect what ranks need to know of the facet pairs."""
     cells, minus, plus = split.cells, split.minus, split.plus
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1
     inward = x[cells[minus[:, 0], :corners]].mean(axis=1) - x[cycle].mean(axis=1)
     plus_vertices = cells[plus[:, :1], shape.facet_vertices[plus[:, 1]]]
     outward = np.einsum("ij,ij->i", facet_normals(x[cycle]), inward) < 0
-    return JointPairs(
+    pairs = JointPairs(
         names=tuple(names),
+        count=len(minus),
+        axes=(),
+        number=np.arange(len(minus)),
         joint=split.joint,
         minus=minus,
         plus=plus,
@@ -123,6 +128,7 @@ def _pair_table(
         gaps_in_geometry=duplicated,
         bonded=split.bonded,
     )
+    return replace(pairs, axes=tuple(fixed_axes(pairs, shape)))
 
 
 def _tag_sets(slots: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:

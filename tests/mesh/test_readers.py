@@ -52,10 +52,12 @@ def tagged(mesh, dim, name, groups):
 
 def measured(jointed):
     """Joint points in the order of their places, and sizes of two groups [m^2, m^3]."""
-    layout = joint_points(jointed.pairs, jointed.shape, jointed.shape.degree, "gauss")
+    comm = jointed.mesh.comm
+    layout = joint_points(comm, jointed.pairs, jointed.shape, jointed.shape.degree, "gauss")
+    layout = layout.gathered(comm, everywhere=True)
     order = np.lexsort(np.round(layout.points, 9).T)
     forms = [fem.form(1.0 * jointed.ds("inside")), fem.form(1.0 * jointed.dx("core"))]
-    sizes = [jointed.mesh.comm.allreduce(fem.assemble_scalar(form)) for form in forms]
+    sizes = [comm.allreduce(fem.assemble_scalar(form)) for form in forms]
     return [each[order] for each in (layout.points, layout.frames, layout.areas)] + [sizes]
 
 

@@ -118,8 +118,9 @@ def test_what_was_split_is_read(comm, request, new_path, name):
         split.facet_groups,
         split.cell_groups,
     )
-    for each in (*PAIR_ROWS, "names", "gaps_in_geometry", "bonded"):
-        np.testing.assert_array_equal(getattr(read.pairs, each), getattr(split.pairs, each), each)
+    pairs, wanted = read.pairs.gathered(comm), split.pairs.gathered(comm)
+    for each in (*PAIR_ROWS, "names", "count", "axes", "gaps_in_geometry", "bonded"):
+        np.testing.assert_array_equal(getattr(pairs, each), getattr(wanted, each), each)
     assert group_sizes(read) == pytest.approx(group_sizes(split), rel=1e-13)
     found, wanted = under_its_weight(read), under_its_weight(split)
     if comm.rank == 0:
@@ -174,10 +175,12 @@ def test_no_rank_reads_more_than_its_share(comm, wall_file, new_path, monkeypatc
 
     monkeypatch.setattr(h5py.Dataset, "__getitem__", watched)
     monkeypatch.setattr(dolfinx_versions, "create_mesh", created)
-    read_split(path, comm)
+    pairs = read_split(path, comm).pairs
     for name, count in {**counts, "cells given": counts["cells"], "x given": counts["x"]}.items():
         assert comm.allreduce(taken[name]) == count
         assert taken[name] <= count / comm.size + 1
+    # Each pair is with its cells, and with no other rank.
+    assert sorted(np.concatenate(comm.allgather(pairs.number))) == list(range(counts["joint"]))
 
 
 def refused(comm, path, reason):

@@ -12,7 +12,7 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import equal_blocks, on_root, rank_of, rows_at, sent_to
+from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
@@ -32,7 +32,7 @@ class PreparedMesh:
             two cells may have its tag in one of them.
         x: Node coordinates, shape (nodes, gdim), [m].
         glued: Numbers of the nodes where joints are glued together, of `partition.glued`.
-        pairs: The facet pairs.
+        pairs: The facet pairs, dealt in the same way.
         cell_groups: Tags that make up each named cell group.
         facet_groups: Tags that make up each named facet group and each side of a joint.
     """
@@ -77,6 +77,9 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
     mesh.name = "jointed_mesh"
     original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     values = rows_at(comm, np.column_stack([share.cell_values, share.facet_values]), original)
+    owned = original[: mesh.topology.index_map(shape.dim).size_local]
+    count = mesh.topology.index_map(shape.dim).size_global
+    owner = dealt(comm, count, owned, np.full(len(owned), comm.rank))
     facet_of_cell = facets_of_cells(mesh, shape)
     cell, facet = np.nonzero(values[:, 1:])
     facets, first = np.unique(facet_of_cell[cell, facet], return_index=True)
@@ -85,7 +88,7 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
         shape=shape,
         cell_tags=mesh_tags(mesh, shape.dim, np.arange(len(original)), values[:, 0]),
         cell_groups=share.cell_groups,
-        pairs=share.pairs.gathered(comm),
+        pairs=share.pairs.sent_to(comm, rows_at(comm, owner, share.pairs.minus[:, 0])),
         _facet_tags=mesh_tags(mesh, shape.dim - 1, facets, values[cell, 1 + facet][first]),
         _facet_groups=share.facet_groups,
     )
@@ -117,30 +120,22 @@ def share_of(jointed: JointedMesh) -> PreparedMesh:
     values = value_of_facet[facet_of_cell[owned]]
     table = np.column_stack([jointed.cell_tags.values[owned], cells, values])  # each cell has a tag
     original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)[owned]
-    table = _dealt(mesh.comm, cell_map.size_global, original, table)
+    table = dealt(mesh.comm, cell_map.size_global, original, table)
     nodes = slice(mesh.geometry.index_map().size_local)
-    count = mesh.comm.allreduce(number_of_node.max(initial=-1), max) + 1
+    num_nodes = mesh.comm.allreduce(number_of_node.max(initial=-1), max) + 1
     x = mesh.geometry.x[nodes, : mesh.geometry.dim]
-    start, stop = equal_blocks(count, mesh.comm.size)[mesh.comm.rank :][:2]
-    pairs = equal_blocks(len(jointed.pairs.joint), mesh.comm.size)[mesh.comm.rank :][:2]
+    start, stop = equal_blocks(num_nodes, mesh.comm.size)[mesh.comm.rank :][:2]
+    pairs = jointed.pairs
     return PreparedMesh(
         shape=shape,
         cells=table[:, 1 : 1 + cells.shape[1]],
         cell_values=table[:, 0].astype(np.int32),
         facet_values=table[:, 1 + cells.shape[1] :].astype(np.int32),
-        x=_dealt(mesh.comm, count, number_of_node[nodes], x),
-        glued=glued(jointed.pairs, start, stop),
-        pairs=jointed.pairs.block(*pairs),
+        x=dealt(mesh.comm, num_nodes, number_of_node[nodes], x),
+        glued=glued(pairs.gathered(mesh.comm), start, stop),
+        pairs=pairs.sent_to(
+            mesh.comm, rank_of(equal_blocks(pairs.count, mesh.comm.size), pairs.number)
+        ),
         cell_groups=dict(jointed.cell_groups),
         facet_groups=dict(jointed._facet_groups),
     )
-
-
-def _dealt(comm: Any, count: int, number: Ints, rows: NDArray[Any]) -> NDArray[Any]:
-    """Deal rows in equal blocks by their number; what none has, is zero (collective)."""
-    blocks = equal_blocks(count, comm.size)
-    rank = rank_of(blocks, number)
-    start, stop = blocks[comm.rank :][:2]
-    found = np.zeros((stop - start, rows.shape[1]), rows.dtype)
-    found[sent_to(comm, rank, number) - start] = sent_to(comm, rank, rows)
-    return found

@@ -34,6 +34,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 FORMAT = "dolfinx_joints split mesh"
 VERSION = 1
 
+_PAIR_ROWS = tuple(name for name in PAIR_ROWS if name != "number")  # rows are in that order
+
 _CHUNK = 1 << 20  # length of what has one checksum [bytes]
 
 
@@ -55,7 +57,7 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
     if on_root(comm, path.exists) and not overwrite:
         raise MeshError(f"{path}: there already; --force replaces (overwrite=True).")
     share, part = share_of(mesh), path.with_name(f"{path.name}.part")
-    arrays = {**share.rows(), **share.pairs.rows()}
+    arrays = _rows(share)
     blocks = {name: blocks_of(comm, len(rows)) for name, rows in arrays.items()}
     try:
         for rank in range(comm.size):  # one after the other
@@ -74,6 +76,14 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
         raise MeshError(f"{path} cannot be written: {' '.join(str(error).split())}.") from None
 
 
+def _rows(share: PreparedMesh) -> dict[str, Any]:
+    """The datasets of a file by name."""
+    return {
+        **{name: getattr(share, name) for name in MESH_ROWS},
+        **{name: getattr(share.pairs, name) for name in _PAIR_ROWS},
+    }
+
+
 def _begin(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
     """Write what the ranks have in common, and make room for their rows."""
     set_texts(file, format=FORMAT)
@@ -85,11 +95,12 @@ def _begin(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None
         "cell_groups": share.cell_groups,
         "facet_groups": share.facet_groups,
         "joints": pairs.names,
+        "axes": [int(axis) for axis in pairs.axes],
         "gaps_in_geometry": bool(pairs.gaps_in_geometry),
         "bonded": pairs.bonded.tolist(),
     }
     file.create_dataset("facts", data=np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8))
-    for name, rows in {**share.rows(), **pairs.rows()}.items():
+    for name, rows in _rows(share).items():
         row, checked = rows.shape[1:], {}
         if counts[name]:
             most = max(1, _CHUNK // (rows.itemsize * int(np.prod(row))))
@@ -127,16 +138,20 @@ def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
                     f"{VERSION}."
                 )
             facts = json.loads(bytes(file["facts"][()]).decode())
-            counts = {name: len(file[name]) for name in (*MESH_ROWS, *PAIR_ROWS)}
+            counts = {name: len(file[name]) for name in (*MESH_ROWS, *_PAIR_ROWS)}
             rows = {
                 name: file[name][slice(*equal_blocks(count, ranks)[rank : rank + 2])]
                 for name, count in counts.items()
             }
+        start, stop = equal_blocks(counts["joint"], ranks)[rank : rank + 2]
         pairs = JointPairs(
             names=tuple(facts["joints"]),
+            count=counts["joint"],
+            axes=tuple(facts["axes"]),
+            number=np.arange(start, stop),
             gaps_in_geometry=facts["gaps_in_geometry"],
             bonded=np.array(facts["bonded"], dtype=np.int64),
-            **{name: rows[name] for name in PAIR_ROWS},
+            **{name: rows[name] for name in _PAIR_ROWS},
         )
         share = PreparedMesh(
             shape=CellShape(name=facts["cell"], degree=facts["degree"]),
@@ -153,7 +168,7 @@ def _check(share: PreparedMesh, counts: dict[str, int]) -> None:
     """Check that rows have the shapes of the cells, and name what is there."""
     shape, pairs = share.shape, share.pairs
     facets, corners = shape.facet_vertices.shape
-    rows = {**share.rows(), **pairs.rows()}
+    rows = _rows(share)
     wanted = {
         "cells": (counts["cells"], shape.element().dim),
         "cell_values": (counts["cells"],),

@@ -108,12 +108,17 @@ def rows_at(comm: Any, rows: NDArray[Any], number: NDArray[np.int64]) -> NDArray
 
 def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
     """Deal rows in equal blocks by their number; what no rank has, is zero (collective)."""
-    blocks = equal_blocks(count, comm.size)
-    rank = rank_of(blocks, number)
-    start, stop = blocks[comm.rank :][:2]
+    start, stop = equal_blocks(count, comm.size)[comm.rank :][:2]
     found = np.zeros((stop - start, *rows.shape[1:]), rows.dtype)
-    found[sent_to(comm, rank, number) - start] = sent_to(comm, rank, rows)
+    set_rows(comm, found, number, rows)
     return found
+
+
+def set_rows(comm: Any, array: NDArray[Any], number: NDArray[np.int64], rows: NDArray[Any]) -> None:
+    """Set rows of a dealt array by their number among all, wherever they are (collective)."""
+    blocks = blocks_of(comm, len(array))
+    rank = rank_of(blocks, number)
+    array[sent_to(comm, rank, number) - blocks[comm.rank]] = sent_to(comm, rank, rows)
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T:

@@ -51,6 +51,11 @@ class PreparedMesh:
         """What there is of each cell and each node, by name."""
         return {name: getattr(self, name) for name in MESH_ROWS}
 
+    def without_rows(self) -> PreparedMesh:
+        """What the ranks have in common."""
+        nothing = {name: each[:0] for name, each in self.rows().items()}
+        return replace(self, pairs=self.pairs.block(0, 0), **nothing)
+
 
 MESH_ROWS = ("cells", "cell_values", "facet_values", "x", "glued")
 
@@ -61,8 +66,7 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
 
     def work() -> PreparedMesh:
         here.append(prepare())
-        nothing = {name: each[:0] for name, each in here[0].rows().items()}
-        return replace(here[0], pairs=here[0].pairs.block(0, 0), **nothing)
+        return here[0].without_rows()
 
     known = on_root(comm, work)
     return create_jointed(comm, here[0] if here else known)

@@ -59,6 +59,8 @@ from .loads.water.reservoir_waves import ReservoirWaves as ReservoirWaves
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.elastic import Elastic as Elastic
 from .materials.orthotropic import Orthotropic as Orthotropic
+from .mesh.distribution.split_file import read_split as read_split
+from .mesh.distribution.split_file import write_split as write_split
 from .mesh.joint_surface import JointSurface as JointSurface
 from .mesh.jointed_mesh import JointedMesh as JointedMesh
 from .mesh.reading.readers import mesh_from_arrays as mesh_from_arrays

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The command ``dolfinx-joints``, also ``python -m dolfinx_joints``: reports, tables, contents."""
+"""The command ``dolfinx-joints``, also ``python -m dolfinx_joints``: meshes, reports, tables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.quiet:
         set_log_level("INFO")
     try:
-        if options.command == "info":
+        if options.command == "split":
+            _split(options.mesh, options.out, options.joints, force=options.force)
+        elif options.command == "info":
             _info(options.file, whole=options.all)
         elif options.command == "csv":
             _csv(options.file, options.out, force=options.force)
@@ -52,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(
-        prog="dolfinx-joints", description="Look at the results files of runs with joints."
+        prog="dolfinx-joints",
+        description="Split meshes at their joints, and look at the results files of runs.",
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
     parser.add_argument("--quiet", action="store_true", help="do not tell how far it is")
@@ -69,6 +72,21 @@ def _parser() -> Parser:
     report.add_argument(
         "--no-3d", action="store_true", help="leave out the view in space and pictures of the body"
     )
+    split = commands.add_parser(
+        "split",
+        help="split a mesh of Gmsh at its joints",
+        description="Split a mesh and write it for read_split, with which each rank reads only its "
+        "share.",
+    )
+    split.add_argument("mesh", type=Path, metavar="MESH", help=".msh file of Gmsh")
+    split.add_argument("out", type=Path, metavar="FILE", help="HDF5 file to write")
+    split.add_argument(
+        "--joints",
+        nargs="*",
+        metavar="NAME",
+        help="those named joint... unless given",
+    )
+    split.add_argument("--force", action="store_true", help="replace a file of this name")
     info = commands.add_parser(
         "info",
         help="list the contents of a results file",
@@ -104,6 +122,17 @@ def _parser() -> Parser:
     )
     completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
     return parser
+
+
+def _split(mesh: Path, out: Path, joints: list[str] | None, *, force: bool) -> None:
+    from mpi4py import MPI
+
+    from dolfinx_joints.mesh.distribution.split_file import write_split
+    from dolfinx_joints.mesh.reading.readers import read_msh
+
+    split = read_msh(mesh, MPI.COMM_SELF, joints=joints)
+    write_split(out, split, overwrite=force)
+    print(out, split, sep="\n")
 
 
 def _info(file: Path, *, whole: bool) -> None:

@@ -26,7 +26,7 @@ def test_completion_knows_the_commands(shell, capsys):
         done = subprocess.run(
             ["bash", "-c", f"{script}\n{asked}"], capture_output=True, text=True, check=True
         )
-        assert {"report", "info", "csv", "vtk", "completion"} <= set(done.stdout.split())
+        assert {"report", "split", "info", "csv", "vtk", "completion"} <= set(done.stdout.split())
     else:
         assert script.startswith("#compdef dolfinx-joints")
 
@@ -71,6 +71,19 @@ def test_version_and_help(capsys):
             cli.main([option])
         assert ended.value.code == 0
         assert words in capsys.readouterr().out
+
+
+def test_split_writes_what_read_split_reads(wall_file, comm, tmp_path, capsys):
+    from dolfinx_joints import read_split
+
+    out, names = tmp_path / "wall.h5", ["joint_1", "joint_2"]
+    arguments = ["split", str(wall_file()), str(out), "--joints", *names]
+    assert cli.main(arguments) == 0
+    assert list(read_split(out, comm).joint_names) == names
+    assert capsys.readouterr().out.startswith(f"{out}\nJointedMesh\n")
+    assert cli.main(arguments) == 2
+    assert "there already; --force replaces" in capsys.readouterr().err
+    assert cli.main([*arguments, "--force"]) == 0
 
 
 @pytest.mark.parametrize("command", ["info", "report"])

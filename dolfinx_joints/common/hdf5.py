@@ -99,7 +99,7 @@ def check_seal(path: Path) -> None:
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:
     """Open a file for reading that a run may still write, or was killed while it did."""
-    being_written = _check_superblock(path, error)
+    being_written = check_superblock(path, error)
     try:
         if not being_written:
             return h5py.File(path, "r")
@@ -117,7 +117,7 @@ def open_growing(path: Path, error: type[Exception]) -> h5py.File:
         ) from failure
 
 
-def _check_superblock(path: Path, error: type[Exception]) -> bool:
+def check_superblock(path: Path, error: type[Exception]) -> bool:
     """Whether a writer has, or had, the file open.
 
     A file that is shorter than its superblock says is an error; HDF5 finds that itself, but not

@@ -1,6 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Errors that every rank raises alike, so that no rank waits for one that stopped; small sums."""
+"""Errors that every rank raises alike, so that no rank waits for one that stopped; rows of arrays.
+
+The rows of an array that is whole on no rank are dealt: each rank has a block, those of rank 0 come
+first.
+"""
 
 from __future__ import annotations
 
@@ -80,6 +84,53 @@ def own_part(comm: Any, every: NDArray[Any], count: int) -> NDArray[Any]:
     """The ``count`` rows of this rank of an array in the order of the ranks (collective)."""
     stop = comm.scan(count)
     return every[stop - count : stop]
+
+
+def equal_blocks(count: int, ranks: int) -> NDArray[np.int64]:
+    """First row of each rank's share of some rows, and their number, shape (ranks + 1,)."""
+    return np.linspace(0, count, ranks + 1).astype(np.int64)
+
+
+def blocks_of(comm: Any, count: int) -> NDArray[np.int64]:
+    """The same where each rank has a number of rows of its own (collective)."""
+    return np.concatenate([[0], np.cumsum(comm.allgather(count), dtype=np.int64)])
+
+
+def rank_of(blocks: NDArray[np.int64], number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rank that has each row, by its number among all."""
+    return np.searchsorted(blocks, number, side="right") - 1
+
+
+def sent_to(comm: Any, rank: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
+    """Send each row to a rank; what this one gets, from rank 0 first (collective)."""
+    order = np.argsort(rank, kind="stable")
+    ends = np.searchsorted(rank[order], np.arange(1, comm.size))
+    return np.concatenate(comm.alltoall(np.split(rows[order], ends)))
+
+
+def rows_at(comm: Any, rows: NDArray[Any], number: NDArray[np.int64]) -> NDArray[Any]:
+    """Rows of a dealt array by their number among all, in any order and repeated (collective)."""
+    blocks = blocks_of(comm, len(rows))
+    wanted, place = np.unique(number, return_inverse=True)
+    ends = np.searchsorted(wanted, blocks[1:-1])
+    asked = comm.alltoall(np.split(wanted, ends))
+    found = np.concatenate(comm.alltoall([rows[each - blocks[comm.rank]] for each in asked]))
+    return found[place.ravel()]
+
+
+def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
+    """Deal rows in equal blocks by their number; what no rank has, is zero (collective)."""
+    start, stop = equal_blocks(count, comm.size)[comm.rank :][:2]
+    found = np.zeros((stop - start, *rows.shape[1:]), rows.dtype)
+    set_rows(comm, found, number, rows)
+    return found
+
+
+def set_rows(comm: Any, array: NDArray[Any], number: NDArray[np.int64], rows: NDArray[Any]) -> None:
+    """Set rows of a dealt array by their number among all, wherever they are (collective)."""
+    blocks = blocks_of(comm, len(array))
+    rank = rank_of(blocks, number)
+    array[sent_to(comm, rank, number) - blocks[comm.rank]] = sent_to(comm, rank, rows)
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
-from dolfinx_joints.common.mpi import gathered, lasting
+from dolfinx_joints.common.mpi import gathered, lasting, rows_at
 from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
@@ -129,7 +129,7 @@ class JointOperator(GapOperator):
         jointed: The mesh.
         space: The space V.
         quadrature: The rule.
-        layout: All points of all ranks.
+        layout: The points, and this rank's facets.
         points: Coordinates of the local points, shape (n, 3), [m].
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
 
@@ -143,19 +143,12 @@ class JointOperator(GapOperator):
         self.points: Floats
         self.frames: Floats
         self.jointed, self.space, self.quadrature = jointed, V, quadrature
-        self.layout = joint_points(jointed.pairs, jointed.shape, V.ufl_element().degree, quadrature)
-        ranges = np.linspace(0, len(self.layout.areas), comm.size + 1).astype(np.int64)
-        block = slice(*(int(r) for r in ranges[comm.rank : comm.rank + 2]))
-        self.points = self.layout.points[block]
-        self.frames = self.layout.frames[block]
-        self.sizes = self.layout.sizes[block]
-        local_rows = 3 * (block.stop - block.start)
-        super().__init__(
-            _assemble_operator(jointed, V, self.layout, local_rows),
-            self.layout.areas[block],
-            self.layout.joint[block],
-            jointed.pairs.names,
-        )
+        pairs = jointed.pairs
+        self.layout = joint_points(comm, pairs, jointed.shape, V.ufl_element().degree, quadrature)
+        self.points, self.frames = self.layout.points, self.layout.frames
+        self.sizes = self.layout.sizes
+        matrix = _assemble_operator(jointed, V, self.layout)
+        super().__init__(matrix, self.layout.areas, self.layout.joint, pairs.names)
         if jointed.pairs.gaps_in_geometry:
             self.initial_gap = self.jump(_coordinates(V))
             # Faces that touch are apart by rounding; zero counts as closed, a positive gap not.
@@ -194,12 +187,10 @@ class JointTangent:
         return self._product
 
 
-def _assemble_operator(
-    jointed: JointedMesh, V: Any, layout: JointPoints, local_rows: int
-) -> PETSc.Mat:
+def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:
     """B from the basis functions of the cells on the two sides.
 
-    Each rank adds the sides whose cells it owns; PETSc sends them to the owner of the row. Where
+    Each rank adds the facets whose - cell it owns; PETSc sends them to the owner of the row. Where
     facets share a point, each adds its share of the point's area.
     """
     mesh, facet_dim = jointed.mesh, jointed.shape.dim - 1
@@ -207,22 +198,20 @@ def _assemble_operator(
     columns = (index_map.size_local * bs, index_map.size_global * bs)
     entries = 2 * bs * len(V.element.basix_element.entity_closure_dofs[facet_dim][0])
     matrix = PETSc.Mat().createAIJ(
-        ((local_rows, None), columns), nnz=(entries, entries), comm=lasting(mesh.comm)
+        ((3 * len(layout.areas), None), columns), nnz=(entries, entries), comm=lasting(mesh.comm)
     )
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     row, column, value = _side_entries(jointed, V, layout)
-    shape = (3 * len(layout.areas), columns[1])
-    sides = coo_array((value, (row, column)), shape=shape).tocsr()
+    held, row = np.unique(row, return_inverse=True)
+    sides = coo_array((value, (row, column)), shape=(len(held), columns[1])).tocsr()
     sides.data[np.abs(sides.data) < ROUNDING] = 0.0
     sides.eliminate_zeros()
-    held = np.flatnonzero(np.diff(sides.indptr)).astype(PETSc.IntType)
-    starts = np.append(sides.indptr[held], sides.nnz).astype(PETSc.IntType)
     matrix.setValuesIJV(
-        starts,
+        sides.indptr.astype(PETSc.IntType),
         sides.indices.astype(PETSc.IntType),
         sides.data,
         addv=PETSc.InsertMode.ADD_VALUES,
-        rowmap=held,
+        rowmap=held.astype(PETSc.IntType),
     )
     matrix.assemble()
     return matrix
@@ -249,7 +238,7 @@ def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
 
 
 def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[Ints, Ints, Floats]:
-    """Rows, columns and values that the sides of this rank's cells add to B.
+    """Rows, columns and values that the facets of this rank add to B (collective).
 
     Sides that show the same facet of the reference cell, turned alike, share a table of basis
     functions and are treated at once.
@@ -261,16 +250,14 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     slots = np.concatenate([pairs.minus, pairs.plus])
     same = np.broadcast_to(np.arange(pairs.match.shape[1]), pairs.match.shape)
     match = np.concatenate([same, pairs.match])
-    local = local_cells(mesh)[slots[:, 0]]
-    owned_cells = mesh.topology.index_map(mesh.topology.dim).size_local
-    owned = np.flatnonzero((local >= 0) & (local < owned_cells))
-    kinds, kind = np.unique(
-        np.column_stack([slots[owned, 1], match[owned]]), axis=0, return_inverse=True
-    )
+    local = local_cells(mesh, slots[:, 0])
+    frames = rows_at(mesh.comm, layout.frames, layout.number.ravel())
+    frames = frames.reshape(*layout.number.shape, 3, 3)
+    kinds, kind = np.unique(np.column_stack([slots[:, 1], match]), axis=0, return_inverse=True)
     dofs = V.dofmap.list
     parts: list[tuple[Ints, Ints, Floats]] = []
     for number, (facet, *turned) in enumerate(kinds):
-        sides = owned[kind.ravel() == number]
+        sides = np.flatnonzero(kind.ravel() == number)
         vertices = corners[shape.facet_vertices[facet]][turned]
         basis = _side_table(element, shape, layout.rule, vertices)[:, on_facet[facet]]
         q, a = np.nonzero(basis)
@@ -279,7 +266,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
         nodes = dofs[local[sides]][:, on_facet[facet][a]]
         blocks = V.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
         share = sign[:, None] * layout.share[pair][:, q] * basis[q, a]
-        value = layout.frames[points][..., :bs] * share[:, :, None, None]
+        value = frames[pair][:, q, :, :bs] * share[:, :, None, None]
         row = 3 * points[:, :, None, None] + np.arange(3)[:, None]
         column = bs * blocks[:, :, None, None] + np.arange(bs)
         row, column = np.broadcast_arrays(row, column)

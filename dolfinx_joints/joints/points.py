@@ -1,32 +1,38 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Where joints are evaluated: points, their areas and local frames, the same on every rank."""
+"""Where joints are evaluated: points, their areas and local frames."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import basix
 import numpy as np
+from numpy.typing import NDArray
 
+from dolfinx_joints.common.mpi import blocks_of, dealt, equal_blocks, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
-from dolfinx_joints.mesh.joint_frames import facet_geometry, fixed_axes, frames
+from dolfinx_joints.mesh.joint_frames import facet_geometry, frames
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPoints:
-    """All joint points.
+    """This rank's facets of the joints, and the joint points that it is dealt.
 
     A point at a vertex or in the middle of an edge is one for all facets of its joint around it;
-    every other point belongs to one facet.
+    every other point belongs to one facet. Points are numbered over all ranks in the order of
+    their first facet and dealt in equal blocks.
 
     Attributes:
         rule: Points on the reference facet, shape (q, facet dimension).
+        facet: Number of each facet among all, as in `JointPairs`, shape (num_facets,).
         number: Point at each facet's rule point, shape (num_facets, q).
         share: Share of the point's area that the facet holds, shape (num_facets, q).
-        points: Coordinates, shape (n, 3), [m].
+        count: Number of points on all ranks.
+        points: Coordinates of the points dealt, shape (n, 3), [m].
         frames: Rows n, s1, s2, shape (n, 3, 3).
         areas: Area of each point, shape (n,), [m^2].
         joint: Joint number of each point, ascending, shape (n,).
@@ -34,22 +40,54 @@ class JointPoints:
     """
 
     rule: Floats
+    facet: Ints
     number: Ints
     share: Floats
+    count: int
     points: Floats
     frames: Floats
     areas: Floats
     joint: Ints
     sizes: Floats
 
+    def gathered(self, comm: Any, *, everywhere: bool = False) -> JointPoints:
+        """Facets and points of all ranks on rank 0, none on others, or everywhere (collective)."""
+
+        def every(name: str) -> NDArray[Any]:
+            own = getattr(self, name)
+            parts = comm.allgather(own) if everywhere else comm.gather(own, root=0)
+            return own[:0] if parts is None else np.concatenate(parts)
+
+        order = np.argsort(every("facet"))
+        of_facets: dict[str, Any] = {
+            name: every(name)[order] for name in ("facet", "number", "share")
+        }
+        names = ("points", "frames", "areas", "joint", "sizes")
+        of_points: dict[str, Any] = {name: every(name) for name in names}
+        return replace(self, **of_facets, **of_points)
+
+    def from_facets(self, comm: Any, values: Ints) -> Ints:
+        """Whole numbers of facets (num_facets, k) at the points dealt, (n, k) (collective).
+
+        Where facets share a point, that of the last counts.
+        """
+        number, blocks = self.number.ravel(), equal_blocks(self.count, comm.size)
+        of_facet = np.column_stack([self.facet, values]).repeat(len(self.rule), axis=0)
+        rows = sent_to(comm, rank_of(blocks, number), np.column_stack([number, of_facet]))
+        rows = rows[np.argsort(rows[:, 1], kind="stable")]
+        found = np.zeros((len(self.areas), values.shape[1]), dtype=np.int64)
+        found[rows[:, 0] - blocks[comm.rank]] = rows[:, 2:]
+        return found
+
 
 def joint_points(
-    pairs: JointPairs, shape: CellShape, degree: int, quadrature: str | int
+    comm: Any, pairs: JointPairs, shape: CellShape, degree: int, quadrature: str | int
 ) -> JointPoints:
-    """Lay out the points of all joints.
+    """Lay out the points of all joints (collective).
 
     Args:
-        pairs: The facet pairs.
+        comm: Communicator of the mesh.
+        pairs: This rank's facet pairs.
         shape: Reference cell of the geometry.
         degree: Degree of the displacement.
         quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
@@ -60,30 +98,58 @@ def joint_points(
     corners = shape.facet_vertices.shape[1]
     rule, weights = facet_rule(corners, degree, quadrature)
     x, normal, size = facet_geometry(pairs, shape, rule)
-    area = size * weights
-    number = _numbers(pairs, corners, rule)
-    count = int(number.max(initial=-1)) + 1
-    first = np.unique(number.ravel(), return_index=True)[1]
-    total, mean = np.zeros(count), np.zeros((count, 3))
-    sizes = np.full(count, np.inf)
-    np.add.at(total, number, area)
-    np.add.at(mean, number, area[..., None] * normal)
-    np.minimum.at(sizes, number, _shortest_edges(pairs.nodes, corners)[:, None])
+    area = (size * weights)[..., None]
+    edge = np.broadcast_to(_shortest_edges(pairs.nodes, corners)[:, None, None], area.shape)
+    values: Floats = np.concatenate([area, area * normal, edge, x], axis=2).reshape(-1, 8)
+    # Places of the rule on facets are numbered as well; those of one point meet on one rank.
+    place = (pairs.number[:, None] * len(rule) + np.arange(len(rule))).ravel()
+    keys = _keys(pairs, corners, rule)
+    rank = keys[:, 2] % comm.size
+    table: Ints = sent_to(comm, rank, np.column_stack([place, keys]))
+    order = np.argsort(table[:, 0])  # sums do not depend on the ranks
+    table, values = table[order], sent_to(comm, rank, values)[order]
+    _, first, of = np.unique(table[:, 1:], axis=0, return_index=True, return_inverse=True)
+    of, every = of.ravel(), pairs.count * len(rule)
+    sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
+    np.add.at(sums, of, values[:, :4])
+    np.minimum.at(least, of, values[:, 4])
+    number, count = _positions(comm, table[first, 0], every), comm.allreduce(len(first))
+    share = values[:, 0] / sums[of, 0]
+    areas, mean, sizes, points = (
+        dealt(comm, count, number, each)
+        for each in (sums[:, 0], sums[:, 1:], least, values[first, 5:])
+    )
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    joint = np.repeat(pairs.joint, len(weights))[first]
-    rows = np.empty((count, 3, 3))
-    for i, axis in enumerate(fixed_axes(pairs, shape)):
-        rows[joint == i] = frames(mean[joint == i], axis, plane=pairs.nodes.shape[2] == 2)
+    joint = dealt(comm, count, number, table[first, 1])
+    rows = np.empty((len(joint), 3, 3))
+    for i, axis in enumerate(pairs.axes):
+        rows[joint == i] = frames(mean[joint == i], axis, plane=shape.dim == 2)
+    own_number, own_share = (
+        rows_at(comm, dealt(comm, every, table[:, 0], each), place).reshape(-1, len(rule))
+        for each in (number[of], share)
+    )
     return JointPoints(
         rule=rule,
-        number=number,
-        share=area / total[number] if count else area,
-        points=x.reshape(-1, 3)[first],
+        facet=pairs.number,
+        number=own_number,
+        share=own_share,
+        count=count,
+        points=points,
         frames=rows,
-        areas=total,
+        areas=areas,
         joint=joint,
         sizes=sizes,
     )
+
+
+def _positions(comm: Any, numbers: Ints, count: int) -> Ints:
+    """Position of each number, of 0 to ``count``, among those of all ranks (collective)."""
+    blocks = equal_blocks(count, comm.size)
+    start, stop = blocks[comm.rank :][:2]
+    there = np.sort(sent_to(comm, rank_of(blocks, numbers), numbers)) - start
+    position = np.zeros(stop - start, dtype=np.int64)
+    position[there] = blocks_of(comm, len(there))[comm.rank] + np.arange(len(there))
+    return rows_at(comm, position, numbers)
 
 
 def _shortest_edges(nodes: Floats, corners: int) -> Floats:
@@ -93,8 +159,8 @@ def _shortest_edges(nodes: Floats, corners: int) -> Floats:
     return np.linalg.norm(along, axis=2).min(axis=1)
 
 
-def _numbers(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
-    """Number the points, shape (num_facets, q), in the order of their first facet.
+def _keys(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
+    """What tells points apart, a row for each place of the rule on each facet.
 
     A point is known by its joint, by the vertices, on both sides, of the facet's sub-entity
     (vertex, edge or the facet itself) that it lies on, and within a facet by its place in the rule.
@@ -112,9 +178,4 @@ def _numbers(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
         keys[:, point, 2 + corners : 2 + corners + size] = np.sort(
             pairs.plus_vertices[:, vertices], axis=1
         )
-    _, first, inverse = np.unique(
-        keys.reshape(-1, keys.shape[2]), axis=0, return_index=True, return_inverse=True
-    )
-    order = np.empty(len(first), dtype=np.int64)
-    order[np.argsort(first)] = np.arange(len(first))
-    return order[inverse.ravel()].reshape(keys.shape[:2])
+    return keys.reshape(-1, keys.shape[2])

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.jointed_mesh import local_cells
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 
@@ -29,24 +30,16 @@ def block_of_nodes(nodes: NodeNumbering) -> Ints:
 
 
 def blocks_of_pairs(nodes: NodeNumbering, pairs: JointPairs, block: Ints) -> Ints:
-    """Blocks on the - and + side of each facet pair, shape (pairs, 2) (collective).
+    """Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2).
 
     Args:
         nodes: Numbers the nodes.
-        pairs: The facets of all joints.
+        pairs: The facet pairs of a `JointedMesh`.
         block: Block of each local node, of `block_of_nodes`.
     """
-    mesh = nodes.space.mesh
-    owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    original = np.asarray(mesh.topology.original_cell_index)[:owned]
-    of_cell = block[nodes.space.dofmap.list[:owned, 0]]
     cells = np.stack([pairs.minus[:, 0], pairs.plus[:, 0]], axis=1)
-    mine = np.isin(original, cells)
-    parts = mesh.comm.allgather((original[mine], of_cell[mine]))
-    number = np.concatenate([part[0] for part in parts])
-    found = np.concatenate([part[1] for part in parts])
-    order = np.argsort(number)
-    return np.asarray(found[order][np.searchsorted(number[order], cells)])
+    local = local_cells(nodes.space.mesh, cells.ravel()).reshape(cells.shape)
+    return np.asarray(block[nodes.space.dofmap.list[local, 0]])
 
 
 def connected(one: Ints, other: Ints, size: int) -> Ints:

@@ -28,10 +28,9 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratedPairs:
-    """The facet pairs that this rank integrates over: those whose - cell it owns.
+    """The facet pairs of this rank, over which it integrates.
 
     Attributes:
-        number: Number of each pair among all, ascending, shape (n,).
         entities: Local cell and facet on the + side, then on the - side, shape (n, 4); the first
             side of an interior-facet integral is the ``+`` of UFL.
         turned: Where the points of the - facet's permutation stand: for each vertex of the
@@ -39,34 +38,35 @@ class IntegratedPairs:
             (n, vertices per facet).
     """
 
-    number: Ints
     entities: Ints
     turned: Ints
 
 
 def integrated_pairs(
-    mesh: dolfinx.mesh.Mesh, shape: CellShape, pairs: JointPairs, local: NDArray[np.int32]
+    mesh: dolfinx.mesh.Mesh,
+    shape: CellShape,
+    pairs: JointPairs,
+    minus: NDArray[np.int32],
+    plus: NDArray[np.int32],
 ) -> IntegratedPairs:
     """Find the pairs of this rank, and make the quadrature points of their two sides meet.
 
     Args:
         mesh: The split mesh; the cells across the joints are ghosts on the rank of the - side.
         shape: Reference cell.
-        pairs: The facet pairs.
-        local: Local number of each input cell, -1 where this rank does not hold it.
+        pairs: The facet pairs whose - cell this rank owns.
+        minus: Local number of each pair's cell on the - side.
+        plus: The same on the + side.
     """
-    minus, plus = local[pairs.minus[:, 0]], local[pairs.plus[:, 0]]
-    owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    here = np.flatnonzero((minus >= 0) & (minus < owned))
-    entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])[here]
+    entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])
     codes = dolfinx_versions.facet_permutations(mesh)
     facets = len(shape.facet_vertices) * entities[:, [0, 2]] + entities[:, [1, 3]]
     permutations = vertex_permutations(shape.facet_vertices.shape[1])
     turned = permutations[codes[facets[:, 1]]]
-    wanted = np.take_along_axis(pairs.match[here], turned, axis=1)
+    wanted = np.take_along_axis(pairs.match, turned, axis=1)
     fits = (permutations == wanted[:, None]).all(axis=2)
     codes[facets[:, 0]] = fits.argmax(axis=1)
-    return IntegratedPairs(number=here, entities=entities.astype(np.int32), turned=turned)
+    return IntegratedPairs(entities=entities.astype(np.int32), turned=turned)
 
 
 def vertex_permutations(facet_vertices: int) -> Ints:

@@ -1,20 +1,28 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ties the two sides of joints together: a table of facet pairs, kept on every rank."""
+"""What ties the two sides of joints together: a table of facet pairs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.mpi import sent_to
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPairs:
-    """Facet pairs of all joints, the same table on every rank.
+    """Facet pairs of the joints, in a `JointedMesh` those whose - cell this rank owns.
 
     Attributes:
         names: Joint names.
+        count: Number of pairs on all ranks.
+        axes: The global axis (0, 1, 2) that a tangent of each joint follows.
+        number: Number of each pair among all, ascending, shape (num_pairs,).
         joint: Joint number of each pair, ascending, shape (num_pairs,).
         minus: Input cell number and local facet on the - side, shape (num_pairs, 2).
         plus: The same on the + side.
@@ -30,6 +38,9 @@ class JointPairs:
     """
 
     names: tuple[str, ...]
+    count: int
+    axes: tuple[int, ...]
+    number: Ints
     joint: Ints
     minus: Ints
     plus: Ints
@@ -40,3 +51,31 @@ class JointPairs:
     sign: Ints
     gaps_in_geometry: bool
     bonded: Ints
+
+    def rows(self) -> dict[str, Any]:
+        """What there is of each pair, by name."""
+        return {name: getattr(self, name) for name in PAIR_ROWS}
+
+    def block(self, start: int, stop: int) -> JointPairs:
+        """Some of the pairs."""
+        return replace(self, **{name: each[start:stop] for name, each in self.rows().items()})
+
+    def sent_to(self, comm: Any, rank: NDArray[Any]) -> JointPairs:
+        """Send each pair to a rank; those that this one gets (collective)."""
+        return self._of({name: sent_to(comm, rank, each) for name, each in self.rows().items()})
+
+    def gathered(self, comm: Any) -> JointPairs:
+        """The pairs of all ranks (collective)."""
+        rows = self.rows().items()
+        return self._of({name: np.concatenate(comm.allgather(each)) for name, each in rows})
+
+    def _of(self, rows: dict[str, Any]) -> JointPairs:
+        order = np.argsort(rows["number"])
+        return replace(self, **{name: each[order] for name, each in rows.items()})
+
+
+PAIR_ROWS = tuple(
+    each.name
+    for each in fields(JointPairs)
+    if each.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
+)

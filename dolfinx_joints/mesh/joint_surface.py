@@ -30,8 +30,8 @@ class JointSurface:
 
     Args:
         body: The split mesh.
-        pairs: The facet pairs of all its joints.
-        here: Those that this rank integrates over.
+        pairs: This rank's facet pairs of all its joints.
+        here: How it integrates over them.
         joints: Positions of the joints among their names.
 
     Attributes:
@@ -39,7 +39,7 @@ class JointSurface:
             none.
         joints: Positions of the joints among their names, ascending.
         cell_tags: Position of the joint of each cell, plus one.
-        number: Number of the facet pair of each cell, shape (n,).
+        number: Position of the facet pair of each cell among those of this rank, shape (n,).
         turned: `IntegratedPairs.turned` of each cell.
         entity_maps: What `dolfinx.fem.form` needs to find the cells.
     """
@@ -53,7 +53,7 @@ class JointSurface:
     ) -> None:
         """Make the mesh (collective)."""
         self.joints = joints
-        chosen = np.flatnonzero(np.isin(pairs.joint[here.number], joints))
+        chosen = np.flatnonzero(np.isin(pairs.joint, joints))
         tdim = body.topology.dim
         of_cell, first = (
             getattr(body.topology.connectivity(tdim, tdim - 1), name)
@@ -64,7 +64,7 @@ class JointSurface:
         self.mesh, facets = dolfinx_versions.create_submesh(body, tdim - 1, np.sort(minus))
         order = np.argsort(minus)
         position: Ints = order[np.searchsorted(minus[order], facets)]
-        self.number = here.number[chosen[position]]
+        self.number = chosen[position]
         self.turned = here.turned[chosen[position]]
         cells = np.arange(len(facets), dtype=np.int32)
         tags = (pairs.joint[self.number] + 1).astype(np.int32)

@@ -4,17 +4,16 @@
 
 After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh:
 any function space, form or writer works on it. `JointedMesh.dS` is the measure of integrals over
-joints. What ties the sides together is `JointPairs`, a table kept on every rank.
+joints. What ties the sides together is `JointPairs`, of which each rank has its part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import basix.ufl
 import dolfinx.mesh
 import numpy as np
 import ufl
@@ -22,17 +21,14 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
-from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.cells import CellShape, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
-from dolfinx_joints.mesh.joint_frames import fixed_axes, ufl_frame
+from dolfinx_joints.mesh.joint_frames import ufl_frame
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
-from dolfinx_joints.mesh.partition import partitioner_across
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -50,7 +46,7 @@ class JointedMesh(Summarised):
         shape: Reference cell and degree of the geometry.
         cell_tags: Tags of the cells.
         cell_groups: Tags that make up each named cell group.
-        pairs: The facet pairs of the joints.
+        pairs: The facet pairs of the joints whose - cell this rank owns.
         _facet_tags: Tags of the facets, those of the joints' sides among them.
         _facet_groups: Tags that make up each named facet group and each side.
     """
@@ -70,7 +66,7 @@ class JointedMesh(Summarised):
         yield "cells", f"{number(cells)}, {self.shape.name}, degree {self.shape.degree}"
         yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, those on joints twice"
         yield "joints", names(self.joint_names) or "none"
-        yield "joint facets", number(len(self.pairs.joint)) if self.joint_names else ""
+        yield "joint facets", number(self.pairs.count) if self.joint_names else ""
         yield "cell groups", names(self.cell_groups)
         yield "facet groups", names(self.facet_groups)
         yield "ranks", ranks if ranks > 1 else ""
@@ -92,7 +88,7 @@ class JointedMesh(Summarised):
         """Tags of the facets, none on a joint."""
         tags, every = self._facet_tags, self.facet_groups.values()
         kept = np.isin(tags.values, [tag for tags_of_group in every for tag in tags_of_group])
-        return _tags(self.mesh, tags.dim, tags.indices[kept], tags.values[kept])
+        return mesh_tags(self.mesh, tags.dim, tags.indices[kept], tags.values[kept])
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -189,7 +185,7 @@ class JointedMesh(Summarised):
         """
         (position,) = self._positions(joint)
         normal = ufl.FacetNormal(self.mesh)("-")
-        return ufl_frame(normal, fixed_axes(self.pairs, self.shape)[position])
+        return ufl_frame(normal, self.pairs.axes[position])
 
     def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
         """Mesh of the - faces of joints, for functions on them; made once and kept (collective).
@@ -250,14 +246,16 @@ class JointedMesh(Summarised):
     @cached_property
     def integrated_pairs(self) -> IntegratedPairs:
         """Facet pairs that this rank integrates over (collective)."""
-        cells = local_cells(self.mesh)
-        return integrated_pairs(self.mesh, self.shape, self.pairs, cells)
+        minus, plus = (
+            local_cells(self.mesh, side[:, 0]) for side in (self.pairs.minus, self.pairs.plus)
+        )
+        return integrated_pairs(self.mesh, self.shape, self.pairs, minus, plus)
 
     @cached_property
     def _joint_entities(self) -> list[tuple[int, NDArray[np.int32]]]:
         """Integration entities of all joints as 0, and of each by its number from 1 on."""
         found = self.integrated_pairs
-        joint = self.pairs.joint[found.number]
+        joint = self.pairs.joint
         each = [found.entities[joint == i] for i in range(len(self.joint_names))]
         return [(i, entities.ravel()) for i, entities in enumerate([found.entities, *each])]
 
@@ -276,75 +274,15 @@ def _tags_of(groups: Mapping[str, tuple[int, ...]], name: str, kind: str) -> tup
     return groups[name]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PreparedMesh:
-    """The split mesh on rank 0, for `distribute`."""
-
-    shape: CellShape
-    cells: Ints
-    x: Floats
-    pairs: JointPairs
-    facets: Ints
-    facet_values: Ints
-    facet_groups: dict[str, tuple[int, ...]]
-    cell_values: Ints
-    cell_groups: dict[str, tuple[int, ...]]
-
-
-def distribute(comm: Any, prepare: Any) -> JointedMesh:
-    """Create the DOLFINx mesh from what rank 0 prepared, and tag its entities."""
-    here: list[PreparedMesh] = []
-
-    def work() -> PreparedMesh:
-        here.append(prepare())
-        return replace(here[0], cells=here[0].cells[:0], x=here[0].x[:0])
-
-    known = on_root(comm, work)
-    whole = here[0] if here else known
-    element = basix.ufl.element(
-        "Lagrange", known.shape.name, known.shape.degree, shape=(whole.x.shape[1],)
-    )
-    partitioner = partitioner_across(known.pairs, len(whole.x)) if comm.size > 1 else None
-    mesh = dolfinx_versions.create_mesh(comm, whole.cells, whole.x, element, partitioner)
-    mesh.name = "jointed_mesh"
-    tdim, original = mesh.topology.dim, np.asarray(mesh.topology.original_cell_index)
-    local, index = _local_facets(mesh, local_cells(mesh), known.facets)
-    return JointedMesh(
-        mesh=mesh,
-        shape=known.shape,
-        cell_tags=_tags(mesh, tdim, np.arange(len(original)), known.cell_values[original]),
-        cell_groups=known.cell_groups,
-        pairs=known.pairs,
-        _facet_tags=_tags(mesh, tdim - 1, local, known.facet_values[index]),
-        _facet_groups=known.facet_groups,
-    )
-
-
-def _tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Ints, values: Ints) -> Any:
+def mesh_tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Any, values: Any) -> Any:
+    """Tags of some entities in ascending order."""
     return dolfinx.mesh.meshtags(mesh, dim, entities.astype(np.int32), values.astype(np.int32))
 
 
-def local_cells(mesh: dolfinx.mesh.Mesh) -> NDArray[np.int32]:
-    """Local number of each input cell, -1 where this rank does not hold it."""
-    original = mesh.topology.original_cell_index
-    num_cells = mesh.topology.index_map(mesh.topology.dim).size_global
-    local = np.full(num_cells, -1, dtype=np.int32)
-    local[original] = np.arange(len(original), dtype=np.int32)
-    return local
-
-
-def _local_facets(
-    mesh: dolfinx.mesh.Mesh, cell_of: NDArray[np.int32], slots: Ints
-) -> tuple[Ints, Ints]:
-    """Local facets of (input cell, local facet) slots, ascending, and the slots they come from."""
-    tdim = mesh.topology.dim
-    mesh.topology.create_entities(tdim - 1)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    here = np.flatnonzero(cell_of[slots[:, 0]] >= 0)
-    facets_of_cell = mesh.topology.connectivity(tdim, tdim - 1).array.reshape(
-        -1, len(CellShape(name=mesh.topology.cell_name(), degree=1).facet_vertices)
-    )
-    local = facets_of_cell[cell_of[slots[here, 0]], slots[here, 1]]
-    facets, first = np.unique(local, return_index=True)
-    return facets, here[first]
+def local_cells(mesh: dolfinx.mesh.Mesh, cells: Ints) -> NDArray[np.int32]:
+    """Local numbers of input cells, -1 where this rank does not hold one."""
+    original = np.asarray(mesh.topology.original_cell_index)
+    order = np.append(np.argsort(original), -1).astype(np.int32)
+    place = np.searchsorted(original, cells, sorter=order[:-1])
+    known = np.append(original, -1)[order]
+    return np.where(known[place] == cells, order[place], -1).astype(np.int32)

@@ -5,14 +5,19 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
+from dolfinx_joints.mesh.distribution.partition import glued
+from dolfinx_joints.mesh.distribution.shares import PreparedMesh
+from dolfinx_joints.mesh.joint_frames import fixed_axes
 from dolfinx_joints.mesh.joint_pairs import JointPairs
-from dolfinx_joints.mesh.jointed_mesh import PreparedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.mesh.splitting import SplitMesh, pair_coincident, split_cells
 
@@ -23,12 +28,7 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     if joints is not None and not listed:
         raise MeshError(f"joints is {shown(joints)}; it must be a list of names.")
     names, duplicated = _joint_names(raw, joints)
-    for name in raw.facet_groups:  # those of joints and of supports are paths in results files
-        if not is_plain_name(name):
-            raise MeshError(
-                f"The facet group {shown(name)} has a name that results files cannot hold; names "
-                f"are {PLAIN_NAMES}."
-            )
+    check_names(raw.facet_groups)
     slots: dict[str, Ints] = {}
     for name, vertices in raw.facet_groups.items():
         owner, count = find_facets(raw.shape, raw.cells, vertices)
@@ -53,22 +53,34 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             )
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
-    facets, facet_values, facet_groups = _tag_sets(slots)
-    chosen = {name: np.column_stack([c, c]) for name, c in raw.cell_groups.items()}
-    tagged, tags, cell_groups = _tag_sets(chosen)
-    cell_values = np.zeros(len(split.cells), dtype=np.int64)
+    facets, tags, facet_groups = tag_sets(*_members(slots))
+    facet_values = np.zeros((len(split.cells), len(raw.shape.facet_vertices)), dtype=np.int32)
+    facet_values[facets[:, 0], facets[:, 1]] = tags
+    chosen = {name: cells[:, None] for name, cells in raw.cell_groups.items()}
+    tagged, tags, cell_groups = tag_sets(*_members(chosen))
+    cell_values = np.zeros(len(split.cells), dtype=np.int32)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
         shape=raw.shape,
         cells=split.cells,
         x=x,
+        glued=glued(pairs, 0, len(x)),
         pairs=pairs,
-        facets=facets,
         facet_values=facet_values,
         facet_groups=facet_groups,
         cell_values=cell_values,
         cell_groups=cell_groups,
     )
+
+
+def check_names(facet_groups: Iterable[str]) -> None:
+    """Check names of groups: those of joints and of supports are paths in results files."""
+    for name in facet_groups:
+        if not is_plain_name(name):
+            raise MeshError(
+                f"The facet group {shown(name)} has a name that results files cannot hold; names "
+                f"are {PLAIN_NAMES}."
+            )
 
 
 def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
@@ -100,15 +112,18 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
 def _pair_table(
     shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
 ) -> JointPairs:
-    """Collect what every rank needs to know of the facet pairs."""
+    """Collect what ranks need to know of the facet pairs."""
     cells, minus, plus = split.cells, split.minus, split.plus
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1
     inward = x[cells[minus[:, 0], :corners]].mean(axis=1) - x[cycle].mean(axis=1)
     plus_vertices = cells[plus[:, :1], shape.facet_vertices[plus[:, 1]]]
     outward = np.einsum("ij,ij->i", facet_normals(x[cycle]), inward) < 0
-    return JointPairs(
+    pairs = JointPairs(
         names=tuple(names),
+        count=len(minus),
+        axes=(),
+        number=np.arange(len(minus)),
         joint=split.joint,
         minus=minus,
         plus=plus,
@@ -120,21 +135,45 @@ def _pair_table(
         gaps_in_geometry=duplicated,
         bonded=split.bonded,
     )
+    return replace(pairs, axes=tuple(fixed_axes(pairs, shape)))
 
 
-def _tag_sets(slots: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
+def tag_sets(
+    entities: Ints,
+    group: Ints,
+    names: Iterable[str],
+    of_all: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] = lambda member: member,
+) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Give each set of groups that some entity belongs to a tag of its own.
 
     Groups may overlap although a DOLFINx tag is one number per entity.
+
+    Args:
+        entities: A row for each member of each group, shape (n, k).
+        group: Position of the group among the names, shape (n,).
+        names: The groups.
+        of_all: Gathers the sets, shape (m, groups), of all ranks.
+
+    Returns:
+        The entities, each once, their tags, and the tags of each group.
     """
-    if not slots:
-        return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), {}
-    entities, inverse = np.unique(np.vstack(list(slots.values())), axis=0, return_inverse=True)
-    member = np.zeros((len(entities), len(slots)), dtype=bool)
-    group = np.repeat(np.arange(len(slots)), [len(s) for s in slots.values()])
+    names = tuple(names)
+    if not names:
+        return entities[:0], np.empty(0, dtype=np.int32), {}
+    found, inverse = np.unique(entities, axis=0, return_inverse=True)
+    member = np.zeros((len(found), len(names)), dtype=bool)
     member[inverse.ravel(), group] = True
-    sets, values = np.unique(member, axis=0, return_inverse=True)
+    sets = np.unique(of_all(np.unique(member, axis=0)), axis=0)
+    values = np.unique(np.vstack([sets, member]), axis=0, return_inverse=True)[1].ravel()
     tags = {
-        name: tuple(int(t) + 1 for t in np.flatnonzero(sets[:, i])) for i, name in enumerate(slots)
+        name: tuple(int(t) + 1 for t in np.flatnonzero(sets[:, i])) for i, name in enumerate(names)
     }
-    return entities, values.ravel() + 1, tags
+    return found, (values[len(sets) :] + 1).astype(np.int32), tags
+
+
+def _members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
+    """What `tag_sets` takes, of rows by name."""
+    if not slots:
+        return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), ()
+    group = np.repeat(np.arange(len(slots)), [len(s) for s in slots.values()])
+    return np.vstack(list(slots.values())), group, slots

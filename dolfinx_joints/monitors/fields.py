@@ -68,8 +68,9 @@ class Fields:
     """
 
     def __init__(self, model: Model, nodes: NodeNumbering, wet: Sequence[str]) -> None:
-        """Find the joints with water or a bond."""
+        """Find the joints with water or a bond (collective)."""
         self._operator, self._nodes = model.operator, nodes
+        self._points = {} if model.operator is None else joint_facet_points(model.operator)
         self._extras = None if model.contact is None else PointExtras(model.contact, wet)
 
     def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
@@ -95,7 +96,7 @@ class Fields:
         every |= {"status": gather(joints.status), **self._extras.values(joints, pressure)}
         if every["gap"] is None:
             return found
-        for name, (points, _) in joint_facet_points(self._operator).items():
+        for name, (points, _) in self._points.items():
             for what, values in every.items():
                 if name in self._extras.joints.get(what, (name,)):
                     assert values is not None  # as the gap, on the rank that writes

@@ -51,7 +51,10 @@ class JointExtremesStream:
         self._here, self._starts = np.unique(model.operator.joint[self._order], return_index=True)
         self._first = model.operator.matrix.getOwnershipRange()[0] // 3
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
-        self._least = np.finfo(np.float64).eps * float(np.ptp(model.operator.layout.points))
+        points = model.operator.points
+        ends = np.array([points.min(initial=np.inf), -points.max(initial=-np.inf)])
+        least, most = of_ranks(model.operator.comm, ends).min(axis=0)
+        self._least = np.finfo(np.float64).eps * float(-most - least)
 
     def declare(self, writer: ResultsWriter) -> None:
         """Declare the stream; on the rank that writes."""
@@ -88,13 +91,14 @@ class JointExtremesStream:
     def _places(self, here: Floats, largest: Floats) -> Floats:
         """Where values (n, m) of the points are the largest of their joint, (joints, m, 3)."""
         operator = self._operator
-        first = np.full(largest.shape, operator.num_points)
+        first = np.full(largest.shape, len(here))
         reached = (here > self._least) & (here >= ALIKE * largest[operator.joint])
         point, column = np.nonzero(reached)
-        np.minimum.at(first, (operator.joint[point], column), self._first + point)
-        number = of_ranks(operator.comm, first).min(axis=0)
+        np.minimum.at(first, (operator.joint[point], column), point)
         nowhere = np.full((1, 3), np.nan)
-        return np.asarray(np.concatenate([operator.layout.points, nowhere])[number])
+        every = of_ranks(operator.comm, np.concatenate([operator.points, nowhere])[first])
+        rank = (~np.isnan(every[..., :1])).argmax(axis=0)  # points are dealt in their order
+        return np.asarray(np.take_along_axis(every, rank[None], axis=0)[0])
 
     def state_dict(self) -> Floats | None:
         """Gaps from which slip counts, of all points on rank 0 (collective)."""

@@ -190,8 +190,8 @@ class PointProbe:
 
 
 def joint_facet_points(operator: Any) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Points and facet numbers of each joint, facet by facet."""
-    layout, found = operator.layout, {}
+    """Points and facet numbers of each joint, facet by facet, on rank 0 (collective)."""
+    layout, found = operator.layout.gathered(operator.comm), {}
     joint_of_facet = layout.joint[layout.number[:, 0]]
     for i, name in enumerate(operator.names):
         numbers = layout.number[joint_of_facet == i]
@@ -200,10 +200,10 @@ def joint_facet_points(operator: Any) -> dict[str, tuple[NDArray[np.int64], NDAr
 
 
 def joint_statics(model: Model) -> dict[str, dict[str, NDArray[Any]]]:
-    """Arrays that `declare_states` wants of each joint."""
+    """Arrays that `declare_states` wants of each joint, on rank 0 (collective)."""
     if model.operator is None:
         return {}
-    layout, arrays = model.operator.layout, {}
+    layout, arrays = model.operator.layout.gathered(model.operator.comm), {}
     shares = layout.share * layout.areas[layout.number]
     joint_of_facet = layout.joint[layout.number[:, 0]]
     for i, (name, (points, facet)) in enumerate(joint_facet_points(model.operator).items()):

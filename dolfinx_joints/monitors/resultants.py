@@ -180,7 +180,6 @@ class Blocks:
         mass: Shape (blocks,), [kg].
         centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
         sides: Block on the - and on the + side of each local joint point, shape (n, 2).
-        sides_of_all: The same of all points of all ranks.
     """
 
     def __init__(self, model: Model, nodes: NodeNumbering) -> None:
@@ -188,12 +187,9 @@ class Blocks:
         assert model.operator is not None
         comm = model.jointed.mesh.comm
         self._operator = model.operator
-        block, layout = block_of_nodes(nodes), model.operator.layout
+        block = block_of_nodes(nodes)
         of_facet = blocks_of_pairs(nodes, model.jointed.pairs, block)
-        self.sides_of_all: Ints = np.empty((len(layout.areas), 2), dtype=np.int64)
-        self.sides_of_all[layout.number] = of_facet[:, None, :]
-        start = model.operator.matrix.getOwnershipRange()[0] // 3
-        self.sides: Ints = self.sides_of_all[start : start + len(model.operator.areas)]
+        self.sides: Ints = model.operator.layout.from_facets(comm, of_facet)
         own = block[: model.V.dofmap.index_map.size_local]
         count = int(max(comm.allgather(int(own.max(initial=-1))))) + 1
         self.mass, self.centre = _masses(model, own, count)
@@ -241,8 +237,11 @@ class ResultantsStream:
 
     def __init__(self, model: Model, nodes: NodeNumbering, wet: tuple[str, ...]) -> None:
         """Find joints and blocks (collective)."""
+        assert model.operator is not None
         self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
-        self._model, self._wet = model, wet
+        self._points = joint_facet_points(model.operator)
+        self._sides = model.operator.gather(self._blocks.sides)
+        self._wet = wet
 
     def declare(self, writer: ResultsWriter) -> None:
         """Declare the stream and write the blocks; on the rank that writes."""
@@ -250,10 +249,10 @@ class ResultantsStream:
         writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
         text = "centre of mass of each block, without mass the mean of its nodes"
         writer.static("blocks/centre", blocks.centre, "m", text)
-        assert self._model.operator is not None
-        for name, (points, _) in joint_facet_points(self._model.operator).items():
+        assert self._sides is not None  # on the rank that writes
+        for name, (points, _) in self._points.items():
             text = "blocks on the - and + side of each point"
-            writer.static(f"joints/{name}/blocks", blocks.sides_of_all[points], "-", text)
+            writer.static(f"joints/{name}/blocks", self._sides[points], "-", text)
             about = "about its centroid, global axes"
             _declare(writer, f"joints/{name}", (3,), f"on the + side of {name}", about)
             if name in self._wet:

@@ -406,7 +406,8 @@ def test_sides_whose_cells_are_turned(comm, blocks_file, cell, order, rule):
         cells=np.take_along_axis(raw.cells, chosen, axis=1),
         facet_groups=raw.facet_groups,
     )
-    assert np.any(jointed.pairs.match != np.arange(jointed.pairs.match.shape[1]))
+    match = jointed.pairs.gathered(comm).match
+    assert np.any(match != np.arange(match.shape[1]))
 
     model = held_at_base(jointed, rule)
     operator = model.operator
@@ -459,7 +460,7 @@ def test_frames_are_continuous_on_a_curved_joint(comm, cell, rule):
     # the exact frame turns by about 0.6 d; facets of 1/6 m and the choice of the steepest
     # direction add to that. A frame that jumps would turn by more than 1.
     operator = held_at_base(curved_body(comm, cell), rule).operator
-    layout = operator.layout
+    layout = operator.layout.gathered(comm, everywhere=True)
     separation = np.linalg.norm(layout.points[:, None] - layout.points[None], axis=2)
     turn = np.abs(layout.frames[:, None] - layout.frames[None]).max(axis=(2, 3))
     assert np.all(turn <= 0.25 + 1.0 * separation)
@@ -504,8 +505,9 @@ def test_every_rank_count_gives_the_same_points(
         vector = one.mass.createVecRight()
         vector.setArray(u.x.array[: vector.getLocalSize()])
         gaps.append(one.operator.jump(vector))
-    for name in ("points", "frames", "areas", "joint", "number", "share"):
-        here, there = getattr(model.operator.layout, name), getattr(alone.operator.layout, name)
+    layout = model.operator.layout.gathered(comm, everywhere=True)
+    for name in ("points", "frames", "areas", "joint", "number", "share", "sizes", "facet"):
+        here, there = getattr(layout, name), getattr(alone.operator.layout, name)
         np.testing.assert_allclose(here, there, rtol=0, atol=1e-13)
     together = np.concatenate(comm.allgather(gaps[0]))
     np.testing.assert_allclose(together, gaps[1], rtol=0, atol=1e-13)
@@ -543,7 +545,7 @@ def test_fewer_cells_than_ranks(comm):
     tags = meshtags(mesh, 1, middle, np.full(len(middle), 4, dtype=np.int32))
     jointed = split_mesh(mesh, tags, joints={"joint_1": 4}, groups={})
     assert jointed.mesh.topology.index_map(2).size_global == 2
-    assert len(jointed.pairs.joint) == 1
+    assert jointed.pairs.count == 1
     assert jointed.mesh.geometry.index_map().size_global == 8
     operator = JointOperator(jointed, fem.functionspace(jointed.mesh, ("Lagrange", 1, (2,))))
     assert total(comm, operator.areas.sum()) == pytest.approx(1.0, rel=1e-14)  # the edge
@@ -566,9 +568,9 @@ def test_nodal_operator_holds_no_entries_of_rounding(comm, blocks_file, read, jo
 
 def test_gather_keeps_the_global_order(wall_file, read, comm):
     operator = held_at_base(read(wall_file())).operator
-    points = operator.gather(operator.points)
+    points, layout = operator.gather(operator.points), operator.layout.gathered(comm)
     if comm.rank == 0:
-        np.testing.assert_array_equal(points, operator.layout.points)
+        np.testing.assert_array_equal(points, layout.points)
     assert (points is None) == (comm.rank > 0)
 
 
@@ -712,7 +714,7 @@ def test_networks_from_files(mesh_file, comm, shape, doubled, name):
     operator = JointOperator(jointed, V)
     assert operator.names == tuple(sorted(CASES[name][0]))
     assert total(comm, operator.areas.sum()) == pytest.approx(
-        len(jointed.pairs.joint) * (0.5 if shape.name == "tetrahedron" else 1.0), rel=1e-12
+        jointed.pairs.count * (0.5 if shape.name == "tetrahedron" else 1.0), rel=1e-12
     )
     assert np.all(jointed.pairs.bonded == 0)
     # Faces at one place touch; along the joint they are at one place but for rounding.
@@ -736,10 +738,11 @@ def test_networks_from_files(mesh_file, comm, shape, doubled, name):
     u.setArray(moved.x.array[: u.getLocalSize()])
 
     # By hand: frame . (motion of the block beyond the facet less that of the block before it).
-    layout = operator.layout
+    layout = operator.layout.gathered(comm, everywhere=True)
+    pairs = jointed.pairs.gathered(comm)
     expected = np.zeros((len(layout.areas), 3))
     for facet, points in enumerate(layout.number):
-        corners = jointed.pairs.nodes[facet, : shape.facet_vertices.shape[1]]
+        corners = pairs.nodes[facet, : shape.facet_vertices.shape[1]]
         beyond = np.sign(layout.frames[points, 0, :gdim].mean(axis=0))
         beyond[np.ptp(corners, axis=0) > 0] = 0.0  # the facet is normal to the axis left
         plus, minus = (
@@ -762,8 +765,8 @@ def test_failed_solve_names_the_cause(blocks_file, read):
         Simulation(model).statics()
 
 
-def test_a_mesh_without_joints_has_no_points(two_rectangles_file, read):
+def test_a_mesh_without_joints_has_no_points(comm, two_rectangles_file, read):
     jointed = read(two_rectangles_file(cell="quad"), joints=[])
-    layout = joint_points(jointed.pairs, jointed.shape, 1, "auto")
+    layout = joint_points(comm, jointed.pairs, jointed.shape, 1, "auto")
     for values in (layout.areas, layout.points, layout.sizes, layout.joint, layout.number):
         assert len(values) == 0

@@ -18,7 +18,9 @@ from rings import INSIDE, JOINT, quarter_ring
 from benchmarks.shared.grids import SHAPES, name_of
 from dolfinx_joints import mesh_from_arrays, read_xdmf, split_mesh
 from dolfinx_joints.joints.points import joint_points
+from dolfinx_joints.mesh.distribution.shares import share_of
 from dolfinx_joints.mesh.dolfinx_versions import create_mesh
+from dolfinx_joints.mesh.reading import dolfinx_mesh
 
 pytestmark = pytest.mark.mpi
 
@@ -52,11 +54,34 @@ def tagged(mesh, dim, name, groups):
 
 def measured(jointed):
     """Joint points in the order of their places, and sizes of two groups [m^2, m^3]."""
-    layout = joint_points(jointed.pairs, jointed.shape, jointed.shape.degree, "gauss")
+    comm = jointed.mesh.comm
+    layout = joint_points(comm, jointed.pairs, jointed.shape, jointed.shape.degree, "gauss")
+    layout = layout.gathered(comm, everywhere=True)
     order = np.lexsort(np.round(layout.points, 9).T)
     forms = [fem.form(1.0 * jointed.ds("inside")), fem.form(1.0 * jointed.dx("core"))]
-    sizes = [jointed.mesh.comm.allreduce(fem.assemble_scalar(form)) for form in forms]
+    sizes = [comm.allreduce(fem.assemble_scalar(form)) for form in forms]
     return [each[order] for each in (layout.points, layout.frames, layout.areas)] + [sizes]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_a_mesh_split_where_it_is_is_that_of_rank_0(comm, shape, monkeypatch):
+    """Nodes are duplicated, numbered and paired alike, and only cells at the joint travel."""
+    arrays = quarter_ring(shape.name, 4, shape.degree)
+    mesh, joint, inside, core = whole_ring(comm, arrays, shape.degree)
+    seen = []
+    split = dolfinx_mesh.prepare
+    monkeypatch.setattr(dolfinx_mesh, "prepare", lambda raw, n: seen.append(raw) or split(raw, n))
+    groups = {"joints": {"joint": joint}, "groups": {"inside": inside}}
+    found = share_of(split_mesh(mesh, **groups, cell_groups={"core": core}))
+    arrays["facet_groups"] = {name: arrays["facet_groups"][name] for name in ("inside", "joint")}
+    wanted = share_of(mesh_from_arrays(comm, **arrays))
+    for one, other in ((found, wanted), (found.pairs, wanted.pairs)):
+        for name, rows in other.rows().items():
+            np.testing.assert_array_equal(one.rows()[name], rows, name)
+    assert (found.facet_groups, found.cell_groups) == (wanted.facet_groups, wanted.cell_groups)
+    at_joint = np.isin(arrays["cells"], arrays["facet_groups"]["joint"]).any(axis=1)
+    assert [len(raw.cells) for raw in seen] == ([at_joint.sum()] if comm.rank == 0 else [])
+    assert at_joint.sum() < len(at_joint)
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)

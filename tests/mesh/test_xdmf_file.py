@@ -64,7 +64,7 @@ def test_facet_tags_in_a_file_of_their_own(comm, written):
         cell_groups={"left": 5},
     )
     assert sorted(jointed.facet_groups) == ["base"]
-    assert len(jointed.pairs.joint) == 1
+    assert jointed.pairs.count == 1
     # The square from x = 0 to 1 has the static moment 1/2.
     moment = ufl.SpatialCoordinate(jointed.mesh)[0] * jointed.dx("left")
     assert comm.allreduce(fem.assemble_scalar(fem.form(moment))) == pytest.approx(0.5)

@@ -138,7 +138,7 @@ def check(comm, model, results, states):
         assert stage.stresses["cantilever_min"] == pytest.approx(pressed)
     assert [s.load_time for s in stages] == [0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 0.0]
     nodes = NodeNumbering(model.V)
-    points, _ = joint_facet_points(model.operator)["joint_1"]
+    points = comm.bcast(joint_facet_points(model.operator)["joint_1"][0])
     for name, state in zip([*NAMES[:4], *NAMES[5:]], states, strict=True):
         number = results.stage_index(name)
         u = comm.bcast(nodes.gather(state.displacement))

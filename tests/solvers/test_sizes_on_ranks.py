@@ -19,9 +19,6 @@ from dolfinx_joints.simulation import simulation as module
 
 pytestmark = pytest.mark.mpi
 
-# Of all points until meshes are distributed: their places, and what the mesh knows of them.
-EXCEPT = ("layout", "jointed")
-
 
 def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndarray]]:
     """Arrays that can be reached from an object of this package, with the way to them."""
@@ -38,8 +35,7 @@ def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndar
             yield from arrays(value, seen, f"{path}[{i}]")
     elif type(thing).__module__.startswith("dolfinx_joints"):
         for name, value in vars(thing).items() if hasattr(thing, "__dict__") else ():
-            if name not in EXCEPT:
-                yield from arrays(value, seen, f"{path}.{name}")
+            yield from arrays(value, seen, f"{path}.{name}")
 
 
 @pytest.mark.parametrize("compliance", ["compressed", "matrix-free"])

@@ -250,7 +250,7 @@ def solve_crack(
             ]
         )
     )
-    facets = len(jointed.pairs.joint)
+    facets = jointed.pairs.count
 
     def sort() -> CrackResult:
         x, area, traction, slip = table[np.argsort(table[:, 0], kind="stable")].T

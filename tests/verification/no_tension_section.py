@@ -133,7 +133,7 @@ def move_force(
         quadrature=quadrature,
     )
     simulation, operator = Simulation(model), model.contact.operator
-    facets = len(jointed.pairs.joint)
+    facets = jointed.pairs.count
     points = operator.gather(operator.points[:, :2] - [h / 2, size / 2])
 
     def fit(gap: Any) -> SectionState:

@@ -248,8 +248,9 @@ class Scene:
 
     def _middles(self, count):
         """Mean centre of the facets around each local point: tells twins at a crossing apart."""
-        operator, pairs = self.model.operator, self.model.jointed.pairs
-        number = operator.layout.number
+        operator = self.model.operator
+        pairs = self.model.jointed.pairs.gathered(operator.comm)
+        number = operator.layout.gathered(operator.comm, everywhere=True).number
         total = np.zeros((number.max() + 1, self.dim))
         np.add.at(total, number, pairs.nodes.mean(axis=1)[:, None] @ self.turn)
         middles = total / np.bincount(number.ravel())[:, None]

@@ -34,7 +34,9 @@ class OpenPaths:
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
         """Link points with their neighbours (collective)."""
         assert model.operator is not None
-        layout, pairs, self._comm = model.operator.layout, model.jointed.pairs, model.operator.comm
+        self._comm = model.operator.comm
+        layout = model.operator.layout.gathered(self._comm, everywhere=True)
+        pairs = model.jointed.pairs.gathered(self._comm)
         facets = np.flatnonzero(pairs.joint == pairs.names.index(joint))
         number, corners = layout.number[facets], pairs.match.shape[1]
         own = model.V.tabulate_dof_coordinates()[model.nodes(group)]

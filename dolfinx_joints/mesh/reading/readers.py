@@ -20,10 +20,11 @@ from dolfinx_joints.common.parameters import (
     check_path,
     shown,
 )
-from dolfinx_joints.mesh.jointed_mesh import JointedMesh, PreparedMesh, distribute
+from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays
-from dolfinx_joints.mesh.reading.gather import gather_mesh
+from dolfinx_joints.mesh.reading.dolfinx_mesh import split_share
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
 from dolfinx_joints.mesh.reading.xdmf_file import XdmfGrids
 
@@ -90,8 +91,9 @@ def split_mesh(
     if both or shared:
         what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
         raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
-    raw = gather_mesh(mesh, facet_tags, {**groups, **joints}, cell_tags, cell_groups)
-    return distribute(mesh.comm, lambda: prepare(raw, list(joints)))
+    every = {**groups, **joints}
+    share = split_share(mesh, facet_tags, every, list(joints), cell_tags, cell_groups)
+    return create_jointed(mesh.comm, share)
 
 
 def read_xdmf(

@@ -60,10 +60,8 @@ def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> 
         blocks = _Blocks(model, absent)
         dofs = np.flatnonzero(np.repeat(blocks.absent[blocks.of_node[:owned]], model.gdim))
         if operator is not None:
-            beside = np.zeros(len(operator.layout.areas), dtype=bool)
-            beside[operator.layout.number] = blocks.beside_absent[:, None]
-            first = operator.matrix.getOwnershipRange()[0] // 3
-            uncast = beside[first : first + len(uncast)]
+            beside = blocks.beside_absent[:, None].astype(np.int64)
+            uncast = operator.layout.from_facets(operator.comm, beside)[:, 0] > 0
     return Unfinished(
         inactive=tuple(inactive),
         absent=tuple(absent),
@@ -78,7 +76,7 @@ class _Blocks:
 
     Attributes:
         of_node: Block of each local node.
-        of_pair: Blocks on the - and + side of each facet pair of the joints, shape (pairs, 2).
+        of_pair: Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2).
         absent: Whether each block is absent.
         beside_absent: Whether a pair has an absent block on a side.
     """
@@ -194,13 +192,14 @@ def check_blocks_stand(model: Model, stage: Unfinished) -> None:
     blocks, names = _Blocks(model, stage.absent), model.jointed.joint_names
     acting = [i for i, name in enumerate(names) if name not in stage.inactive]
     acts = np.isin(model.jointed.pairs.joint, acting) & ~blocks.beside_absent
-    held = blocks.of_pair[acts]
+    own = np.unique(blocks.of_pair[acts], axis=0)
+    held = np.concatenate(model.jointed.mesh.comm.allgather(own))
     part = connected(held[:, 0], held[:, 1], len(blocks.absent))
     owned = model.V.dofmap.index_map.size_local
     stiffness, centres = _against_rigid_motions(
         model, part[blocks.of_node[:owned]], stage.dofs, int(part.max()) + 1
     )
-    by = "supports and the joints that act" if acts.any() else "supports alone"
+    by = "supports and the joints that act" if len(held) else "supports alone"
     motions = stiffness.shape[1]
     for i in range(len(centres)):
         supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())

@@ -158,7 +158,7 @@ def test_facets_that_stay_closed_are_reported(square, comm):
         warnings.simplefilter("always")
         jointed = split_mesh(mesh, tags, joints={"a": 1}, groups={})
     assert jointed.pairs.bonded.tolist() == [1]
-    assert len(jointed.pairs.joint) == 2
+    assert jointed.pairs.count == 2
     found = [str(w.message) for w in caught if "stay closed" in str(w.message)]
     expected = ["Joint 'a': 1 facets have all their vertices on the joint's front inside the body"]
     assert [text[: len(expected[0])] for text in found] == (expected if comm.rank == 0 else [])

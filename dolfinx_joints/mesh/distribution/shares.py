@@ -1,0 +1,145 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Split meshes as arrays of which each rank has a block, and DOLFINx meshes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import basix.ufl
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
+from dolfinx_joints.mesh import dolfinx_versions
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
+from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedMesh:
+    """This rank's blocks of the rows of a split mesh; cells and nodes are numbered over all ranks.
+
+    Attributes:
+        shape: Reference cell and degree of the geometry.
+        cells: Nodes of the cells, shape (cells, nodes of a cell).
+        cell_values: Tags of the cells, 0 for none, shape (cells,).
+        facet_values: Tags of their facets, 0 for none, shape (cells, facets of a cell). A facet of
+            two cells may have its tag in one of them.
+        x: Node coordinates, shape (nodes, gdim), [m].
+        glued: Numbers of the nodes where joints are glued together, of `partition.glued`.
+        pairs: The facet pairs, dealt in the same way.
+        cell_groups: Tags that make up each named cell group.
+        facet_groups: Tags that make up each named facet group and each side of a joint.
+    """
+
+    shape: CellShape
+    cells: Ints
+    cell_values: NDArray[np.int32]
+    facet_values: NDArray[np.int32]
+    x: Floats
+    glued: Ints
+    pairs: JointPairs
+    cell_groups: dict[str, tuple[int, ...]]
+    facet_groups: dict[str, tuple[int, ...]]
+
+    def rows(self) -> dict[str, Any]:
+        """What there is of each cell and each node, by name."""
+        return {name: getattr(self, name) for name in MESH_ROWS}
+
+    def without_rows(self) -> PreparedMesh:
+        """What the ranks have in common."""
+        nothing = {name: each[:0] for name, each in self.rows().items()}
+        return replace(self, pairs=self.pairs.block(0, 0), **nothing)
+
+
+MESH_ROWS = ("cells", "cell_values", "facet_values", "x", "glued")
+
+
+def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
+    """Create the DOLFINx mesh of one that rank 0 prepares whole (collective)."""
+    here: list[PreparedMesh] = []
+
+    def work() -> PreparedMesh:
+        here.append(prepare())
+        return here[0].without_rows()
+
+    known = on_root(comm, work)
+    return create_jointed(comm, here[0] if here else known)
+
+
+def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
+    """Create the DOLFINx mesh of what each rank has, and tag its entities (collective)."""
+    shape = share.shape
+    element = basix.ufl.element("Lagrange", shape.name, shape.degree, shape=(share.x.shape[1],))
+    partitioner = partitioner_across(share.pairs, share.glued) if comm.size > 1 else None
+    mesh = dolfinx_versions.create_mesh(comm, share.cells, share.x, element, partitioner)
+    mesh.name = "jointed_mesh"
+    original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    values = rows_at(comm, np.column_stack([share.cell_values, share.facet_values]), original)
+    owned = original[: mesh.topology.index_map(shape.dim).size_local]
+    count = mesh.topology.index_map(shape.dim).size_global
+    owner = dealt(comm, count, owned, np.full(len(owned), comm.rank))
+    facet_of_cell = facets_of_cells(mesh, shape)
+    cell, facet = np.nonzero(values[:, 1:])
+    facets, first = np.unique(facet_of_cell[cell, facet], return_index=True)
+    return JointedMesh(
+        mesh=mesh,
+        shape=shape,
+        cell_tags=mesh_tags(mesh, shape.dim, np.arange(len(original)), values[:, 0]),
+        cell_groups=share.cell_groups,
+        pairs=share.pairs.sent_to(comm, rows_at(comm, owner, share.pairs.minus[:, 0])),
+        _facet_tags=mesh_tags(mesh, shape.dim - 1, facets, values[cell, 1 + facet][first]),
+        _facet_groups=share.facet_groups,
+    )
+
+
+def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:
+    """Local facets of each local cell, shape (cells, facets of a cell)."""
+    topology, dim = mesh.topology, shape.dim
+    topology.create_entities(dim - 1)
+    topology.create_connectivity(dim, dim - 1)
+    topology.create_connectivity(dim - 1, dim)
+    found = topology.connectivity(dim, dim - 1).array
+    return np.asarray(found).reshape(-1, len(shape.facet_vertices))
+
+
+def share_of(jointed: JointedMesh) -> PreparedMesh:
+    """Equal blocks of a mesh for each rank, cells and nodes in the order of the input (collective).
+
+    A number of a node that no cell has, has zeros for coordinates.
+    """
+    mesh, shape = jointed.mesh, jointed.shape
+    cell_map = mesh.topology.index_map(shape.dim)
+    owned = slice(cell_map.size_local)
+    tags, facet_of_cell = jointed._facet_tags, facets_of_cells(mesh, shape)
+    value_of_facet = np.zeros(int(facet_of_cell.max(initial=-1)) + 1, dtype=np.int64)
+    value_of_facet[tags.indices] = tags.values
+    number_of_node = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
+    cells = number_of_node[dolfinx_versions.geometry_nodes(mesh)[owned]]
+    values = value_of_facet[facet_of_cell[owned]]
+    table = np.column_stack([jointed.cell_tags.values[owned], cells, values])  # each cell has a tag
+    original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)[owned]
+    table = dealt(mesh.comm, cell_map.size_global, original, table)
+    nodes = slice(mesh.geometry.index_map().size_local)
+    num_nodes = mesh.comm.allreduce(number_of_node.max(initial=-1), max) + 1
+    x = mesh.geometry.x[nodes, : mesh.geometry.dim]
+    start, stop = equal_blocks(num_nodes, mesh.comm.size)[mesh.comm.rank :][:2]
+    pairs = jointed.pairs
+    return PreparedMesh(
+        shape=shape,
+        cells=table[:, 1 : 1 + cells.shape[1]],
+        cell_values=table[:, 0].astype(np.int32),
+        facet_values=table[:, 1 + cells.shape[1] :].astype(np.int32),
+        x=dealt(mesh.comm, num_nodes, number_of_node[nodes], x),
+        glued=glued(pairs.gathered(mesh.comm), start, stop),
+        pairs=pairs.sent_to(
+            mesh.comm, rank_of(equal_blocks(pairs.count, mesh.comm.size), pairs.number)
+        ),
+        cell_groups=dict(jointed.cell_groups),
+        facet_groups=dict(jointed._facet_groups),
+    )

@@ -1,0 +1,337 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A user's own DOLFINx mesh, split where it is: what touches a joint alone goes to rank 0.
+
+Cells and nodes have the numbers that they had when the mesh was made, which no partition changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import dolfinx.mesh
+import numpy as np
+from dolfinx.cpp.mesh import cell_num_entities
+from dolfinx.mesh import MeshTags
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import (
+    blocks_of,
+    dealt,
+    equal_blocks,
+    on_root,
+    raised_together,
+    rank_of,
+    sent_to,
+    set_rows,
+)
+from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.mesh import dolfinx_versions
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
+from dolfinx_joints.mesh.distribution.shares import PreparedMesh
+from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
+
+
+def split_share(
+    mesh: dolfinx.mesh.Mesh,
+    facet_tags: dolfinx.mesh.MeshTags | None,
+    groups: Mapping[str, Any],
+    joints: list[str],
+    cell_tags: dolfinx.mesh.MeshTags | None,
+    cell_groups: Mapping[str, Any],
+) -> PreparedMesh:
+    """Split a mesh at some of its facet groups; an equal share of it on each rank (collective).
+
+    A group is a tag or, without tags, the local entities of each rank.
+    """
+    comm, tdim, shape = mesh.comm, mesh.topology.dim, _shape(mesh)
+    facets = _group_entities(mesh, tdim - 1, groups, facet_tags)
+    members = _group_entities(mesh, tdim, cell_groups, cell_tags)
+    check_names(facets)
+    with raised_together(comm):
+        original = _order_of_cells(mesh)
+    cell_map, node_map = mesh.topology.index_map(tdim), mesh.geometry.index_map()
+    owned, nodes = slice(cell_map.size_local), slice(node_map.size_local)
+    number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
+    cells, x = number[dolfinx_versions.geometry_nodes(mesh)], mesh.geometry.x[:, :tdim]
+    num_nodes = comm.allreduce(number.max(initial=-1), max) + 1
+
+    rows = _facet_rows(mesh, shape, cells, original, facets)
+    of_joints = {k: name for k, name in enumerate(facets) if _is_of_joint(name, joints)}
+    at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
+    corners = cells[owned, : int(shape.facet_vertices.max()) + 1]
+    near = np.flatnonzero(np.isin(corners, at_joints[:, 3:]).any(axis=1))
+    around = np.unique(dolfinx_versions.geometry_nodes(mesh)[near])
+    cell, node, split = _split_near(
+        comm,
+        shape,
+        np.column_stack([original[near], cells[near]]),
+        (number[around], x[around]),
+        {name: at_joints[at_joints[:, 2] == k, 3:] for k, name in of_joints.items()},
+        joints,
+        num_nodes,
+    )
+    table = dealt(comm, cell_map.size_global, original[owned], cells[owned])
+    set_rows(comm, table, cell, split.cells)
+    new = node >= num_nodes
+    every = num_nodes + comm.allreduce(np.count_nonzero(new))
+    x_of_all = np.concatenate([number[nodes], node[new]]), np.concatenate([x[nodes], split.x[new]])
+    glued = np.arange(*equal_blocks(every, comm.size)[comm.rank :][:2])
+    set_rows(comm, glued, node, split.glued)
+    facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
+    cell_values = np.zeros(len(table), dtype=np.int32)
+    return PreparedMesh(
+        shape=shape,
+        cells=table,
+        cell_values=cell_values,
+        facet_values=facet_values,
+        x=dealt(comm, every, *x_of_all),
+        glued=glued,
+        pairs=split.pairs,
+        cell_groups=_cell_values(comm, cell_values, original, members),
+        facet_groups=_facet_values(comm, facet_values, rows, list(facets), split.pairs),
+    )
+
+
+def _is_of_joint(name: str, joints: list[str]) -> bool:
+    """Whether a group is a joint, or the side of one whose faces are duplicated already."""
+    return name in joints or (name[-1:] in ("-", "+") and name[:-1] in joints)
+
+
+def _split_near(
+    comm: Any,
+    shape: CellShape,
+    cells: Ints,
+    points: tuple[Ints, Floats],
+    facet_groups: dict[str, Ints],
+    joints: list[str],
+    num_nodes: int,
+) -> tuple[Ints, Ints, PreparedMesh]:
+    """Split the cells that touch a joint, on rank 0 (collective).
+
+    Args:
+        comm: Communicator of the mesh.
+        shape: Reference cell.
+        cells: Number and nodes of each of these cells that this rank owns.
+        points: Numbers and coordinates of their nodes.
+        facet_groups: Vertices of the facets of each joint, or side.
+        joints: Names of the joints.
+        num_nodes: Number of the first node that is new.
+
+    Returns:
+        Numbers of the cells and of the nodes, and what there is of each, in these numbers; nothing
+        on other ranks.
+    """
+    parts = comm.gather((cells, *points), root=0)
+    whole: list[tuple[Ints, Ints, PreparedMesh]] = []
+
+    def work() -> tuple[Ints, Ints, PreparedMesh]:
+        table, numbers, x = (np.concatenate(each) for each in zip(*parts, strict=True))
+        table = table[np.argsort(table[:, 0])]
+        known, first = np.unique(numbers, return_index=True)
+        raw = RawMesh(
+            shape=shape,
+            cells=np.searchsorted(known, table[:, 1:]),
+            x=x[first],
+            cell_groups={},
+            facet_groups={
+                name: np.unique(np.searchsorted(known, each), axis=0)
+                for name, each in facet_groups.items()
+            },
+        )
+        made, cell = prepare(raw, joints), table[:, 0]
+        node = np.append(known, num_nodes + np.arange(len(made.x) - len(known)))
+        pairs = made.pairs
+        pairs = replace(
+            pairs,
+            minus=np.column_stack([cell[pairs.minus[:, 0]], pairs.minus[:, 1]]),
+            plus=np.column_stack([cell[pairs.plus[:, 0]], pairs.plus[:, 1]]),
+            minus_vertices=node[pairs.minus_vertices],
+            plus_vertices=node[pairs.plus_vertices],
+        )
+        made = replace(made, cells=node[made.cells], glued=node[made.glued], pairs=pairs)
+        whole.append((cell, node, made))
+        return cell[:0], node[:0], made.without_rows()
+
+    others = on_root(comm, work)
+    return whole[0] if whole else others
+
+
+def _facet_rows(
+    mesh: dolfinx.mesh.Mesh,
+    shape: CellShape,
+    cells: Ints,
+    original: Ints,
+    facets: Mapping[str, NDArray[np.int32]],
+) -> Ints:
+    """Cell, local facet, position of the group and vertices of the facets of groups (collective).
+
+    Each facet of a group is on one rank alone, with the first of its cells.
+    """
+    corners = shape.facet_vertices.shape[1]
+    parts = [np.empty((0, 3 + corners), dtype=np.int64)]
+    for k, entities in enumerate(facets.values()):
+        cell, facet = _slots(mesh, entities)
+        vertices = np.sort(cells[cell[:, None], shape.facet_vertices[facet]], axis=1)
+        parts.append(np.column_stack([original[cell], facet, np.full(len(cell), k), vertices]))
+    rows = np.concatenate(parts)
+    rows = sent_to(mesh.comm, rows[:, 3] % mesh.comm.size, rows)
+    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+    _, first, of = np.unique(rows[:, 3:], axis=0, return_index=True, return_inverse=True)
+    rows[:, :2] = rows[first[of.ravel()], :2]
+    return np.unique(rows, axis=0)
+
+
+def _facet_values(
+    comm: Any, values: NDArray[np.int32], rows: Ints, groups: list[str], pairs: JointPairs
+) -> dict[str, tuple[int, ...]]:
+    """Tag the facets of this rank's block of cells; the tags of each group (collective).
+
+    Args:
+        comm: Communicator of the mesh.
+        values: Receives the tags, shape (cells, facets of a cell).
+        rows: What `_facet_rows` gives.
+        groups: The groups.
+        pairs: The facet pairs, on rank 0.
+    """
+    names = [name for name in groups if name not in pairs.names]
+    sides = [
+        (f"{name}{end}", side, i)
+        for i, name in enumerate(pairs.names)
+        for end, side in (("-", pairs.minus), ("+", pairs.plus))
+    ]
+    names = list(dict.fromkeys([*names, *(name for name, *_ in sides)]))
+    parts = [rows[:0, :3]]
+    for k, name in enumerate(groups):
+        if name in names:
+            slots = rows[rows[:, 2] == k, :2]
+            parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
+    for name, side, i in sides:
+        slots = side[pairs.joint == i]
+        parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
+    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
+    found, tags, of_groups = tag_sets(members[:, :2], members[:, 2], names, _of_all(comm))
+    values[found[:, 0] - first, found[:, 1]] = tags
+    return of_groups
+
+
+def _cell_values(
+    comm: Any, values: NDArray[np.int32], original: Ints, groups: dict[str, NDArray[np.int32]]
+) -> dict[str, tuple[int, ...]]:
+    """Tag this rank's block of cells, shape (cells,); the tags of each group (collective)."""
+    parts = [np.empty((0, 2), dtype=np.int64)]
+    parts += [
+        np.column_stack([original[each], np.full(len(each), k)])
+        for k, each in enumerate(groups.values())
+    ]
+    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
+    found, tags, of_groups = tag_sets(members[:, :1], members[:, 1], groups, _of_all(comm))
+    values[found[:, 0] - first] = tags
+    return of_groups
+
+
+def _to_blocks(comm: Any, num_cells: int, rows: Ints) -> tuple[int, Ints]:
+    """First cell of this rank's block, and the rows of cells in it (collective)."""
+    blocks = blocks_of(comm, num_cells)
+    return int(blocks[comm.rank]), sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
+
+
+def _of_all(comm: Any) -> Callable[[NDArray[np.bool_]], NDArray[np.bool_]]:
+    return lambda member: np.concatenate(comm.allgather(member))
+
+
+def _group_entities(
+    mesh: dolfinx.mesh.Mesh,
+    dim: int,
+    groups: Mapping[str, Any],
+    tags: dolfinx.mesh.MeshTags | None,
+) -> dict[str, NDArray[np.int32]]:
+    """Local facets or cells of each group, by its tag or as given (collective)."""
+    comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"
+    mesh.topology.create_entities(dim)
+    index_map = mesh.topology.index_map(dim)
+    count = index_map.size_local + index_map.num_ghosts
+    with raised_together(comm):
+        if tags is None:
+            found = {name: _entities(kind, name, each, count) for name, each in groups.items()}
+        else:
+            _check_tags(tags, dim, f"{kind}_tags", count)
+            found = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
+    sizes = comm.allreduce(np.array([len(each) for each in found.values()]))
+    for name in (name for name, size in zip(found, sizes, strict=True) if not size):
+        if tags is None:
+            raise MeshError(f"The {kind} group {name!r} is empty on all ranks.")
+        known = sorted(set().union(*comm.allgather(np.unique(tags.values).tolist())))
+        there = shown(known, lambda values: ", ".join(map(str, values))) or "none"
+        raise MeshError(
+            f"No {kind} carries the tag {groups[name]} of the group {name!r}; the tags of {kind}s "
+            f"are: {there}."
+        )
+    return found
+
+
+def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:
+    """Check what is given as local facets or cells."""
+    whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
+    wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
+    check_kind_of(f"The {kind} group {name!r}", given, whole, wanted)
+    if given.min(initial=0) < 0 or given.max(initial=-1) >= count:
+        raise MeshError(
+            f"The {kind} group {name!r} holds numbers from {given.min()} to {given.max()}; the "
+            f"{kind}s of this rank are numbered from 0 to {count - 1}."
+        )
+    return np.asarray(given, dtype=np.int32)
+
+
+def _check_tags(tags: Any, dim: int, name: str, count: int) -> None:
+    """Check that tags are of these entities and of this mesh."""
+    check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
+    if tags.dim != dim:
+        raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
+    if tags.indices.max(initial=-1) >= count:
+        raise MeshError(f"{name} belongs to another mesh: it names entities that are not here.")
+
+
+def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
+    name, degree = mesh.topology.cell_name(), dolfinx_versions.geometry_degree(mesh)
+    if mesh.geometry.dim != mesh.topology.dim:
+        raise MeshError(
+            f"A mesh of dimension {mesh.topology.dim} in {mesh.geometry.dim}-D space cannot be "
+            "split; solids, or plane meshes in 2-D, can."
+        )
+    known = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+    if name not in known or degree not in (1, 2):
+        raise MeshError(
+            f"A mesh of {name}s of degree {degree} cannot be split; {', '.join(known)} of degree "
+            "1 or 2 can."
+        )
+    return CellShape(name=name, degree=degree)
+
+
+def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
+    """Numbers that the cells of a rank had when the mesh was made."""
+    try:
+        return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    except RuntimeError:
+        raise MeshError(
+            "The mesh does not know in which order its cells were made, as one from create_submesh "
+            "does not; make it with create_mesh, or write it to a file for read_xdmf."
+        ) from None
+
+
+def _slots(mesh: dolfinx.mesh.Mesh, entities: NDArray[np.int32]) -> tuple[Ints, Ints]:
+    """Local cell of each of some local facets, and which facet of it that is."""
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
+    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
+    cell = to_cell.array[to_cell.offsets[entities]]
+    facets = cell_num_entities(mesh.topology.cell_type, tdim - 1)
+    per_cell = to_facet.array.reshape(-1, facets)  # a rank may have no cells
+    local = np.argmax(per_cell[cell] == entities[:, None], axis=1)
+    return cell, local

@@ -169,7 +169,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--divisions", nargs=3, type=at_least(1), default=[40, 8, 40])
     parser.add_argument("--joints", type=at_least(1), default=3)
     parser.add_argument("--steps", type=at_least(2), default=5)
-    parser.add_argument("--linear", choices=("auto", "direct", "mumps", "iterative"), default="auto")
+    parser.add_argument(
+        "--linear", choices=("auto", "direct", "mumps", "iterative"), default="auto"
+    )
     parser.add_argument("--compliance", default="auto")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)

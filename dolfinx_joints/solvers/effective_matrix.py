@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -143,7 +144,7 @@ class EffectiveMatrix:
         return self._solver
 
     def _made(self) -> DirectSolver | IterativeSolver:
-        if not self._iterates():
+        if not self.iterates:
             mumps = self._linear == "mumps"
             if self._signs is not None and self.symmetric:
                 return SignedSolver(self.constrained, self._signs)
@@ -151,7 +152,9 @@ class EffectiveMatrix:
         self.constrained.setNearNullSpace(self._near)
         return IterativeSolver(self.constrained)
 
-    def _iterates(self) -> bool:
+    @cached_property
+    def iterates(self) -> bool:
+        """Whether A is solved by iteration (collective when first asked for)."""
         if self._linear != "auto":
             return self._linear == "iterative"
         if not self.symmetric or self._signs is not None:

@@ -119,6 +119,17 @@ class IterativeSolver:
         self._stale = False
         return True
 
+    def levels(self) -> tuple[PETSc.Mat, list[tuple[PETSc.Mat, PETSc.Mat]]]:
+        """The matrix, and from fine to coarse interpolations and matrices (collective)."""
+        self._set_up()
+        pc = self._ksp.getPC()
+        levels = pc.getMGLevels()
+        smoothers = [pc.getMGSmoother(i) for i in range(levels)]
+        return self._blocked or self._matrix, [
+            (pc.getMGInterpolation(i), smoothers[i - 1].getOperators()[0])
+            for i in range(levels - 1, 0, -1)
+        ]
+
     def _as_rounding_lets(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Whether the residual is what rounding of the product leaves."""
         residual = b.duplicate()

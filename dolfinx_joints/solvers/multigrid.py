@@ -19,6 +19,10 @@ Floats = NDArray[np.float64]
 # Residual relative to the right-hand side: what direct solvers leave at the matrices of time steps.
 TOLERANCE = 1e-13
 
+# The same in linear steps. The solution is found in a space that the residual is orthogonal to: it
+# does no work in the step, and energies balance with any tolerance; the next step makes it good.
+STEP_TOLERANCE = 1e-8
+
 ROUNDING = float(np.finfo(np.float64).eps)
 
 OPTIONS: dict[str, Any] = {
@@ -44,6 +48,15 @@ def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
     finally:
         for key in options:
             database.delValue(prefix + key)
+
+
+def gave_up(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
+    """Error for an iteration that did not converge (collective)."""
+    return JointsError(
+        f"The iterative linear solver gave up after {ksp.getIterationNumber()} iterations, its "
+        f"residual {ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is every block "
+        "restrained by supports, springs or a closed joint?"
+    )
 
 
 class IterativeSolver:
@@ -89,11 +102,7 @@ class IterativeSolver:
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0 and not self._as_rounding_lets(b, x):
-            raise JointsError(
-                f"The iterative linear solver gave up after {self.iterations} iterations, its "
-                f"residual {self._ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is "
-                "every block restrained by supports, springs or a closed joint?"
-            )
+            raise gave_up(self._ksp, b)
         return renewed
 
     def solve_block(self, right: Floats) -> Floats:
@@ -120,7 +129,7 @@ class IterativeSolver:
         return True
 
     def levels(self) -> tuple[PETSc.Mat, list[tuple[PETSc.Mat, PETSc.Mat]]]:
-        """The matrix, and from fine to coarse interpolations and matrices (collective)."""
+        """The matrix for products, and from fine to coarse P and P^T A P (collective)."""
         self._set_up()
         pc = self._ksp.getPC()
         levels = pc.getMGLevels()

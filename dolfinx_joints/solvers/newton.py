@@ -29,6 +29,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.line_search import LineSearch
+from dolfinx_joints.solvers.multigrid import STEP_TOLERANCE, IterativeSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 from dolfinx_joints.solvers.tangent import Tangent
 
@@ -274,7 +275,10 @@ def solve_without_joints(
     matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec
 ) -> SolveReport:
     """A linear solve with the report of `NewtonSolver.solve` (collective)."""
-    factored = matrix.solve_linear(b, x, unconstrained)
+    options = {}
+    if matrix.inertia and matrix.change is None and isinstance(matrix.solver, IterativeSolver):
+        options["tolerance"] = STEP_TOLERANCE
+    factored = matrix.solve_linear(b, x, unconstrained, **options)
     return SolveReport(
         iterations=1, factorizations=int(factored), residual=0.0, counts=None, solver="linear"
     )

@@ -13,9 +13,8 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers.modal_change import ModalChange
-from dolfinx_joints.solvers.multigrid import TOLERANCE, IterativeSolver, options_set
+from dolfinx_joints.solvers.multigrid import IterativeSolver, gave_up, options_set
 
 OPTIONS: dict[str, Any] = {
     "ksp_type": "gmres",
@@ -26,6 +25,8 @@ OPTIONS: dict[str, Any] = {
     "pc_use_amat": True,
     "pc_mg_galerkin": "none",
     "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.2",
+    "mg_levels_ksp_chebyshev_esteig_steps": 5,
     "mg_levels_pc_type": "jacobi",
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "redundant",
@@ -79,8 +80,8 @@ class TangentMultigrid:
             added.getSizes(), _Products(fine, added, change), comm=added.comm
         )
         self._fine.setUp()
-        self._levels, self._set_up = [], False
-        self.iterations = 0
+        self._levels: list[_Level] = []
+        self._set_up, self._made_now, self.iterations = False, True, 0
         pc = self._ksp.getPC()
         pc.setType("mg")
         pc.setMGLevels(len(levels) + 1)
@@ -104,17 +105,21 @@ class TangentMultigrid:
                 self._ksp.setUp()
             self._set_up = True
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = TOLERANCE) -> bool:
-        """Solve (A + K) x = b to a residual relative to b; False: nothing is factored."""
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
+        """Solve (A + K) x = b; whether levels were made for it (collective).
+
+        Args:
+            b: Right-hand side.
+            x: Solution.
+            tolerance: Residual relative to b.
+        """
         self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0:
-            raise JointsError(
-                f"The iterative linear solver gave up after {self.iterations} iterations, its "
-                f"residual {self._ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}."
-            )
-        return False
+            raise gave_up(self._ksp, b)
+        made, self._made_now = self._made_now, False
+        return made
 
     def destroy(self) -> None:
         """Free the levels."""

@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 # Residual relative to the right-hand side: what direct solvers leave at the matrices of time steps.
 TOLERANCE = 1e-13
 
-# The same in linear steps. The solution is found in a space that the residual is orthogonal to: it
-# does no work in the step, and energies balance with any tolerance; the next step makes it good.
-STEP_TOLERANCE = 1e-8
+# The same in linear steps. CG's residual does no work in its own step, being orthogonal to the
+# solution; the next step makes it good, and the work it does there is all that the ledger sees.
+STEP_TOLERANCE = 1e-9
 
 ROUNDING = float(np.finfo(np.float64).eps)
 

@@ -18,6 +18,7 @@ open, or a linear step takes a fifth more iterations than on the next smaller wa
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import statistics
 import subprocess
@@ -65,7 +66,7 @@ class IterationWatch(StepWatch):
 def counted() -> Iterator[list[int]]:
     """Iterations of each solve of an iterative solver, as long as the context lasts."""
     found: list[int] = []
-    originals = {cls: cls.solve for cls in (IterativeSolver, TangentMultigrid)}
+    one, whole = IterativeSolver.solve, TangentMultigrid.solve
 
     def counting(original: Any) -> Any:
         def solve(solver: Any, *arguments: Any, **named: Any) -> Any:
@@ -75,13 +76,11 @@ def counted() -> Iterator[list[int]]:
 
         return solve
 
+    IterativeSolver.solve, TangentMultigrid.solve = counting(one), counting(whole)
     try:
-        for cls, original in originals.items():
-            setattr(cls, "solve", counting(original))
         yield found
     finally:
-        for cls, original in originals.items():
-            setattr(cls, "solve", original)
+        IterativeSolver.solve, TangentMultigrid.solve = one, whole
 
 
 def measure(
@@ -155,7 +154,7 @@ def passed(rows: list[dict[str, Any]]) -> bool:
         for row in rows
     )
     counts = [row["iterations"] for row in rows if row["kind"] == "linear"]
-    grown = (b > LARGEST_GROWTH * a for a, b in zip(counts, counts[1:], strict=False))
+    grown = (b > LARGEST_GROWTH * a for a, b in itertools.pairwise(counts))
     return sound and not any(grown)
 
 

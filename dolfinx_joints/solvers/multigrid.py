@@ -31,6 +31,7 @@ OPTIONS: dict[str, Any] = {
     "ksp_rtol": TOLERANCE,
     "ksp_max_it": 500,
     "pc_type": "gamg",
+    "pc_mg_cycle_type": "w",  # on larger bodies V-cycles take more iterations
     "pc_use_amat": True,
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "pbjacobi",

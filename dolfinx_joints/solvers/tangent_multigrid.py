@@ -22,6 +22,7 @@ OPTIONS: dict[str, Any] = {
     "ksp_gmres_restart": 50,
     "ksp_max_it": 500,
     "pc_type": "mg",
+    "pc_mg_cycle_type": "w",
     "pc_use_amat": True,
     "pc_mg_galerkin": "none",
     "mg_levels_ksp_type": "chebyshev",

@@ -7,15 +7,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
+from mpi4py import MPI
+
+import numpy as np
+
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import FirstThatWorks
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
+
+# Stiffness of a closed joint point beside that of the nodes around it, up to which multigrid takes
+# the whole in few iterations and Newton's method in few corrections (docs/decisions).
+LARGEST_RATIO = 10.0
 
 SolverKind = Literal["auto", "condensed", "monolithic", "forms"]
 
@@ -35,9 +45,10 @@ def make_solver(
         system: The system.
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
-            condensed forms, monolithic elsewhere; in statics monolithic as well where condensed
-            does not converge and no joint is rigid. ``forms`` is monolithic with the joints by
-            interior-facet integrals, a reference.
+            condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
+            joints are soft beside its elements (`LARGEST_RATIO`); in statics each as well where the
+            other does not converge and no joint is rigid. ``forms`` is monolithic with the joints
+            by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
@@ -62,10 +73,32 @@ def make_solver(
         )
     if missing:
         return NewtonSolver(system, options)
-    solver = InterfaceSolver(system, _for_steps(options, contact, static_steps))
+
+    def condensed() -> StepSolver:
+        return InterfaceSolver(system, _for_steps(options, contact, static_steps))
+
+    def monolithic() -> StepSolver:
+        return NewtonSolver(system, options)
+
+    first, second = condensed, monolithic
+    if kind == "auto" and _soft_on_iterated_bulk(system, contact, options or SolverOptions()):
+        first, second = monolithic, condensed
     if static_steps and kind == "auto" and not rigid:
-        return FirstThatWorks(solver, lambda: NewtonSolver(system, options))
-    return solver
+        return FirstThatWorks(first(), second)
+    return first()
+
+
+def _soft_on_iterated_bulk(
+    system: MatrixSystem, contact: Contact, options: SolverOptions
+) -> bool:
+    """Whether multigrid takes the whole in few iterations (collective)."""
+    if contact.rigid or not iterates(system, options.linear):
+        return False
+    operator, diagonal = contact.operator, system.stiffness.getDiagonal()
+    own = diagonal_compliance(operator.matrix, diagonal).reshape(-1, 3)
+    closed = operator.areas[:, None] * np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
+    ratio = float((own * closed).max(initial=0.0))
+    return bool(operator.comm.allreduce(ratio, MPI.MAX) <= LARGEST_RATIO)
 
 
 def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:

@@ -71,6 +71,7 @@ class EffectiveMatrix:
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
         change: What exact modes add to both, None without any.
         norm: Infinity norm of A.
+        inertia: Whether A is that of a time step.
         symmetric: Whether A is, with the sign of the rows of waves in water changed.
         rounds: Through which several runs solve with it, None for one run (`SharedBulk`).
     """
@@ -100,8 +101,9 @@ class EffectiveMatrix:
         rows = (system.constrained + self.constrained.getOwnershipRange()[0]).astype(PETSc.IntType)
         self.constrained.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
+        self.inertia = effective.mass > 0.0
         self.symmetric, self._moves = system.symmetric, system.values is not None
-        self._linear, self._components = linear, system.components
+        self._linear, self._iterates = linear, iterates(system, linear)
         self._signs = None if system.coupled is None else system.coupled.signs
         self.rounds: Rounds | None = None if system.shared is None else system.shared.rounds
         self._answered = False
@@ -143,21 +145,13 @@ class EffectiveMatrix:
         return self._solver
 
     def _made(self) -> DirectSolver | IterativeSolver:
-        if not self._iterates():
+        if not self._iterates:
             mumps = self._linear == "mumps"
             if self._signs is not None and self.symmetric:
                 return SignedSolver(self.constrained, self._signs)
             return DirectSolver(self.constrained, symmetric=self.symmetric, mumps=mumps)
         self.constrained.setNearNullSpace(self._near)
         return IterativeSolver(self.constrained)
-
-    def _iterates(self) -> bool:
-        if self._linear != "auto":
-            return self._linear == "iterative"
-        if not self.symmetric or self._signs is not None:
-            return False
-        comm = self.constrained.comm.tompi4py()
-        return not factor_fits(comm, self.constrained.getSize()[0], self._components)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
         """Solve A x = b with zero at constrained dofs; whether A was factored (collective)."""
@@ -200,13 +194,16 @@ class EffectiveMatrix:
             self._changed = ChangedSolver(self.solver, self.change)
         return self._changed
 
-    def solve_linear(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> bool:
+    def solve_linear(
+        self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, **options: float
+    ) -> bool:
         """Solve A x = b in place, x holding the values of the constrained dofs (collective).
 
         Args:
             b: Right-hand side [N].
             x: Values of the constrained dofs, the others replaced by the solution [m].
             unconstrained: 1 for unconstrained and 0 for constrained dofs.
+            options: Those of an iterative solver.
 
         Returns:
             Whether the matrix was factored for it.
@@ -215,7 +212,7 @@ class EffectiveMatrix:
         right.pointwiseMult(b, unconstrained)
         if not self._moves:
             x.set(0.0)
-            factored = self.solve(right, x)
+            factored = self.solve(right, x, **options)
             # Iterations leave rounding there: clamped points would open.
             x.pointwiseMult(x, unconstrained)
             return factored
@@ -225,7 +222,7 @@ class EffectiveMatrix:
         self.multiply(prescribed, pushed)
         pushed.pointwiseMult(pushed, unconstrained)
         right.axpy(-1.0, pushed)
-        factored = self.solve(right, x)
+        factored = self.solve(right, x, **options)
         x.pointwiseMult(x, unconstrained)
         x.axpy(1.0, prescribed)
         return factored
@@ -260,6 +257,16 @@ class Cache:
     def items(self) -> list[tuple[Any, Any]]:
         """Keys and things kept, the one used last at the end."""
         return list(self._kept.items())
+
+
+def iterates(system: MatrixSystem, linear: LinearSolver) -> bool:
+    """Whether matrices of a system are solved by iteration (collective)."""
+    if linear != "auto":
+        return linear == "iterative"
+    if not system.symmetric or system.coupled is not None:
+        return False
+    comm, dofs = system.stiffness.comm.tompi4py(), system.stiffness.getSize()[0]
+    return not factor_fits(comm, dofs, system.components)
 
 
 def unconstrained_dofs(system: MatrixSystem) -> PETSc.Vec:

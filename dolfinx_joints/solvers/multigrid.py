@@ -19,6 +19,10 @@ Floats = NDArray[np.float64]
 # Residual relative to the right-hand side: what direct solvers leave at the matrices of time steps.
 TOLERANCE = 1e-13
 
+# The same in linear steps. CG's residual does no work in its own step, being orthogonal to the
+# solution; the next step makes it good, and the work it does there is all that the ledger sees.
+STEP_TOLERANCE = 1e-9
+
 ROUNDING = float(np.finfo(np.float64).eps)
 
 OPTIONS: dict[str, Any] = {
@@ -27,6 +31,7 @@ OPTIONS: dict[str, Any] = {
     "ksp_rtol": TOLERANCE,
     "ksp_max_it": 500,
     "pc_type": "gamg",
+    "pc_mg_cycle_type": "w",  # on larger bodies V-cycles take more iterations
     "pc_use_amat": True,
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "pbjacobi",
@@ -44,6 +49,15 @@ def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
     finally:
         for key in options:
             database.delValue(prefix + key)
+
+
+def gave_up(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
+    """Error for an iteration that did not converge (collective)."""
+    return JointsError(
+        f"The iterative linear solver gave up after {ksp.getIterationNumber()} iterations, its "
+        f"residual {ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is every block "
+        "restrained by supports, springs or a closed joint?"
+    )
 
 
 class IterativeSolver:
@@ -89,11 +103,7 @@ class IterativeSolver:
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0 and not self._as_rounding_lets(b, x):
-            raise JointsError(
-                f"The iterative linear solver gave up after {self.iterations} iterations, its "
-                f"residual {self._ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is "
-                "every block restrained by supports, springs or a closed joint?"
-            )
+            raise gave_up(self._ksp, b)
         return renewed
 
     def solve_block(self, right: Floats) -> Floats:
@@ -118,6 +128,17 @@ class IterativeSolver:
             self._ksp.setUp()
         self._stale = False
         return True
+
+    def levels(self) -> tuple[PETSc.Mat, list[tuple[PETSc.Mat, PETSc.Mat]]]:
+        """The matrix for products, and from fine to coarse P and P^T A P (collective)."""
+        self._set_up()
+        pc = self._ksp.getPC()
+        levels = pc.getMGLevels()
+        smoothers = [pc.getMGSmoother(i) for i in range(levels)]
+        return self._blocked or self._matrix, [
+            (pc.getMGInterpolation(i), smoothers[i - 1].getOperators()[0])
+            for i in range(levels - 1, 0, -1)
+        ]
 
     def _as_rounding_lets(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Whether the residual is what rounding of the product leaves."""

@@ -29,6 +29,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.line_search import LineSearch
+from dolfinx_joints.solvers.multigrid import STEP_TOLERANCE, IterativeSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 from dolfinx_joints.solvers.tangent import Tangent
 
@@ -36,6 +37,9 @@ Floats = NDArray[np.float64]
 
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
+
+# Corrections of iterative solvers leave this part of the residual at first, the last one that.
+INNER_TOLERANCE, POLISH = 0.1, 0.01
 
 
 class NewtonSolver:
@@ -128,13 +132,14 @@ class NewtonSolver:
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
                 raise solve_failure(internal_forces, response, state, iteration, residual, options)
-            factorizations += self._correct(internal_forces, tangent, response, balance)
+            inner = _inner_tolerance(norms, balance.tolerance)
+            factorizations += self._correct(internal_forces, tangent, response, balance, inner)
             response, norm = self._search(balance, norm, line_search.cuts(norm))
             balance.accept()
             iteration += 1
             norms.append(norm)
         if balance.rule.name == DISCRETE_GRADIENT.name and norm > 0.0:
-            factorizations += self._correct(internal_forces, tangent, response, balance)
+            factorizations += self._correct(internal_forces, tangent, response, balance, POLISH)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
             norms.append(norm)
@@ -154,6 +159,7 @@ class NewtonSolver:
         tangent: Tangent,
         response: Response,
         balance: _Balance,
+        tolerance: float,
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 
@@ -164,7 +170,11 @@ class NewtonSolver:
         for part in REGULARISATIONS:
             values = internal_forces.tangent(response, part)
             try:
-                return int(tangent.update(values).solve(balance.out_of_balance, self._correction))
+                solver = tangent.update(values)
+                factored = solver.solve(balance.out_of_balance, self._correction, tolerance)
+                # Iterations leave rounding there: clamped points would open.
+                self._correction.pointwiseMult(self._correction, self.unconstrained)
+                return int(factored)
             except JointsError as error:
                 tangent.forget()
                 failure = error
@@ -194,6 +204,13 @@ class NewtonSolver:
                 return answer
         balance.change.waxpy(-min(tried)[1], self._correction, start)
         return balance.evaluate(balance.change)
+
+
+def _inner_tolerance(norms: list[float], accepted: float) -> float:
+    """Part of the residual that an iterative solver may leave of it (Eisenstat and Walker 1996)."""
+    last = norms[-1]
+    fallen = 1.0 if len(norms) == 1 else last / norms[-2]
+    return max(min(INNER_TOLERANCE, fallen**2), 0.3 * accepted / last)
 
 
 class _Balance:
@@ -258,7 +275,10 @@ def solve_without_joints(
     matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec
 ) -> SolveReport:
     """A linear solve with the report of `NewtonSolver.solve` (collective)."""
-    factored = matrix.solve_linear(b, x, unconstrained)
+    options = {}
+    if matrix.inertia and matrix.change is None and isinstance(matrix.solver, IterativeSolver):
+        options["tolerance"] = STEP_TOLERANCE
+    factored = matrix.solve_linear(b, x, unconstrained, **options)
     return SolveReport(
         iterations=1, factorizations=int(factored), residual=0.0, counts=None, solver="linear"
     )

@@ -15,6 +15,8 @@ from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
+from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
 
 Floats = NDArray[np.float64]
 
@@ -40,21 +42,25 @@ class Tangent:
         """Keep the parts; they are added at the first update."""
         self.effective = matrix
         self._product, self._options = product, options
-        self._sum: _Sum | None = None
+        self._sum: _Sum | TangentMultigrid | None = None
         self._last: Floats | None = None
 
-    def update(self, values: Floats) -> Solver:
+    def update(self, values: Floats) -> _Sum | TangentMultigrid:
         """Solver for point tangents D, factored anew only where D changed (collective)."""
         assert self._product is not None
         same = self._last is not None and np.array_equal(values, self._last)
-        if self._sum is not None and min(self._product.comm.allgather(same)):
-            return self._sum.solver
-        added = self._product.assemble(values)
-        if self._sum is None:
-            self._sum = _Sum(self.effective, added, self._options)
-        self._sum.add(added)
-        self._last = values.copy()
-        return self._sum.solver
+        if self._sum is None or not min(self._product.comm.allgather(same)):
+            added = self._product.assemble(values)
+            self._sum = self._sum or self._made(added)
+            self._sum.add(added)
+            self._last = values.copy()
+        return self._sum
+
+    def _made(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
+        matrix = self.effective
+        if isinstance(matrix.solver, IterativeSolver):
+            return TangentMultigrid(matrix.solver, added, matrix.change)
+        return _Sum(matrix, added, self._options)
 
     def forget(self) -> None:
         """Factor anew whatever the next point tangents are."""
@@ -79,7 +85,7 @@ class _Sum:
         self._total = self._base.copy()
         self._direct = DirectSolver(self._total, symmetric=False, options=options)
         change = effective.change
-        self.solver: Solver = (
+        self._solver: Solver = (
             self._direct if change is None else ChangedSolver(self._direct, change)
         )
 
@@ -88,6 +94,10 @@ class _Sum:
         self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._direct.refresh()
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
+        """Solve, to rounding whatever the tolerance; whether the sum was factored (collective)."""
+        return self._solver.solve(b, x)
 
     def destroy(self) -> None:
         """Free matrices and factor."""

@@ -1,0 +1,196 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bodies too large for a factor: iterations, time and memory of linear and jointed steps.
+
+Walls with one joint of some 1e5, 3e5 and 1e6 dofs are shaken from rest, tied and with the joint,
+which opens in the first step; the bulk is solved by iteration. Run it on any number of ranks::
+
+    mpirun -n 2 python3 -m benchmarks.large_bodies
+
+Columns: the first step with all that is made for it, the median of the others (of the slowest
+rank), iterations of the linear solver in a step (the largest of the linear steps, the mean of the
+jointed ones) and solves in it, Newton's iterations in the first step and the mean of the others.
+The peak is the sum over the ranks. Exit status 1 if energies do not balance, the joint does not
+open, or a linear step takes a fifth more iterations than on the next smaller wall.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mpi4py import MPI
+
+import dolfinx_joints as dj
+from benchmarks.shared.measure import Phases, StepWatch, free_memory, load_average, slowest
+from benchmarks.shared.scenes import TIME_STEP, wall
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
+
+DIVISIONS = {"1e5": (54, 10, 54), "3e5": (78, 15, 80), "1e6": (116, 25, 116)}
+QUICK = {"quick": (8, 2, 8), "quicker": (12, 3, 12)}
+KINDS = ("linear", "joints")
+LARGEST_LEDGER, LARGEST_GROWTH = 1e-10, 1.2
+
+
+class IterationWatch(StepWatch):
+    """Monitor that also keeps the iterations of the linear solver, a list for each step."""
+
+    def __init__(self, scene: Any, solves: list[int]) -> None:
+        """Nothing is seen yet."""
+        super().__init__(scene)
+        self._solves = solves
+        self.counts: list[list[int]] = []
+
+    def record(self, record: Record) -> None:
+        """Take what was solved since the last step."""
+        super().record(record)
+        self.counts.append(self._solves.copy())
+        self._solves.clear()
+
+
+@contextmanager
+def counted() -> Iterator[list[int]]:
+    """Iterations of each solve of an iterative solver, as long as the context lasts."""
+    found: list[int] = []
+    one, whole = IterativeSolver.solve, TangentMultigrid.solve
+
+    def counting(original: Any) -> Any:
+        def solve(solver: Any, *arguments: Any, **named: Any) -> Any:
+            answer = original(solver, *arguments, **named)
+            found.append(solver.iterations)
+            return answer
+
+        return solve
+
+    IterativeSolver.solve, TangentMultigrid.solve = counting(one), counting(whole)
+    try:
+        yield found
+    finally:
+        IterativeSolver.solve, TangentMultigrid.solve = one, whole
+
+
+def measure(
+    kind: str, divisions: tuple[int, int, int], mesh: Path, options: argparse.Namespace
+) -> dict[str, Any]:
+    """A run, tied or with the joint (collective)."""
+    free_memory()
+    scene = wall("large", divisions=divisions, joints=1)
+    phases, tied = Phases(), kind == "linear"
+    with phases.phase("set-up"):
+        model = scene.model(scene.read(mesh, tied=tied), None if tied else scene.law())
+    with counted() as solves, phases.phase("steps"):
+        watch = IterationWatch(scene, solves)
+        simulation = dj.Simulation(
+            model,
+            monitors=[watch],
+            solver=options.solver,
+            options=dj.SolverOptions(linear="iterative"),
+        )
+        end = simulation.dynamics(
+            dt=TIME_STEP,
+            steps=options.steps,
+            motion=scene.strong_shaking(options.steps * TIME_STEP),
+        )
+    first, *others = watch.wall
+    totals = [sum(step) for step in watch.counts[1:]]
+    return {
+        "kind": kind,
+        "ranks": MPI.COMM_WORLD.size,
+        "dofs": model.num_dofs,
+        "joint_points": model.operator.num_points if model.operator else 0,
+        "solver": end.solver,
+        "first_s": slowest(first) / 1e3,
+        "first_cpu_s": slowest(watch.cpu[0]) / 1e3,
+        "step_s": slowest(statistics.median(others)) / 1e3,
+        "step_cpu_s": slowest(statistics.median(watch.cpu[1:])) / 1e3,
+        "first_iterations": sum(watch.counts[0]),
+        "iterations": max(totals) if tied else statistics.mean(totals),
+        "solves": statistics.mean(len(step) for step in watch.counts[1:]),
+        "newton": [watch.iterations[0], statistics.mean(watch.iterations[1:])],
+        "opened": max((share[0] for share in watch.shares), default=0.0),
+        "ledger": end.imbalance,
+        "setup_s": phases.seconds["set-up"],
+        "peak_mb": max(phases.peaks_mb.values()),
+    }
+
+
+def write(mesh: Path, divisions: tuple[int, int, int]) -> None:
+    """A wall with one joint, by a process of its own: Gmsh would keep gigabytes."""
+    root = Path(__file__).resolve().parents[1]
+    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", "1"]
+    command += ["--divisions", *map(str, divisions), "--out", str(mesh)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+def print_row(name: str, row: dict[str, Any]) -> None:
+    """A line of the table."""
+    print(
+        f"{name:8} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
+        f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d} {row['step_s']:7.2f}"
+        f" {row['step_cpu_s']:7.2f} {row['iterations']:6.0f} {row['solves']:6.1f}"
+        f" {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
+        f" {row['ledger']:8.0e} {row['setup_s']:7.1f} {row['peak_mb']:7.0f}",
+        flush=True,
+    )
+
+
+def passed(rows: list[dict[str, Any]]) -> bool:
+    """Whether energies balance, joints open, and iterations hardly grow."""
+    sound = all(
+        row["ledger"] <= LARGEST_LEDGER and (row["kind"] == "linear" or row["opened"] > 0.0)
+        for row in rows
+    )
+    counts = [row["iterations"] for row in rows if row["kind"] == "linear"]
+    grown = (b > LARGEST_GROWTH * a for a, b in itertools.pairwise(counts))
+    return sound and not any(grown)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the table; 1 if a run is not sound."""
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sizes", nargs="+", choices=list(DIVISIONS), default=list(DIVISIONS))
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
+    parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
+    parser.add_argument("--steps", type=at_least(2), default=5)
+    parser.add_argument("--quick", action="store_true", help="tiny walls")
+    parser.add_argument("--json", action="store_true", help="a JSON array as the last line")
+    options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
+    comm, rows = MPI.COMM_WORLD, []
+    if comm.rank == 0:
+        print(
+            f"{comm.size} rank(s), load average {load_average():.1f}\n\n"
+            f"{'':43}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
+            "  set-up peak MiB"
+        )
+    sizes = QUICK if options.quick else {name: DIVISIONS[name] for name in options.sizes}
+    for name, divisions in sizes.items():
+        with TemporaryDirectory() as folder:
+            mesh = Path(comm.bcast(folder)) / "large.msh"
+            on_root(comm, lambda mesh=mesh, divisions=divisions: write(mesh, divisions))
+            for kind in options.kinds:
+                rows.append(measure(kind, divisions, mesh, options))
+                if comm.rank == 0:
+                    print_row(name, rows[-1])
+            comm.barrier()
+    if options.json and comm.rank == 0:
+        print(json.dumps(rows))
+    return int(not passed(rows))
+
+
+if __name__ == "__main__":
+    dj.abort_on_error(MPI.COMM_WORLD)
+    raise SystemExit(main())

@@ -1,0 +1,176 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bodies with joints solved as a whole by iteration.
+
+Expected: solutions of the direct solver, energies that balance, as many iterations on a finer mesh.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import dolfinx_joints as dj
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.effective_matrix import (
+    EffectiveMatrix,
+    MatrixCoefficients,
+    unconstrained_dofs,
+)
+from dolfinx_joints.solvers.tangent import Tangent
+from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
+
+pytestmark = pytest.mark.mpi
+
+DT = 0.005
+STEP = MatrixCoefficients(mass=2.0 / DT**2, damping=1.0 / DT, stiffness=0.5)
+STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
+STIFFNESS = 1e10
+
+
+@pytest.fixture(scope="module")
+def wall(wall_file, read):
+    """Makes walls of one joint, 8 x 2 x 8 m, on a clamped base."""
+
+    def make(divisions: tuple[int, int, int] = (8, 2, 8), stiffness: float = STIFFNESS) -> Any:
+        return dj.Model(
+            read(wall_file(divisions=divisions, length=8.0, thickness=2.0, height=8.0, joints=1)),
+            material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+            joints=dj.FrictionNoTension(
+                normal_stiffness=stiffness, shear_stiffness=stiffness, friction_angle_deg=30.0
+            ),
+            supports=[dj.Fixed(group="base")],
+            loads=[dj.Gravity()],
+            damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
+        )
+
+    return make
+
+
+def tangents(points: np.ndarray, kind: str) -> np.ndarray:
+    """Point tangents of a joint: closed, open above half its height, or sliding down the joint."""
+    tangent = STIFFNESS * np.tile(np.eye(3), (len(points), 1, 1))
+    if kind == "half open":
+        tangent[points[:, 2] > 4.0] = 0.0
+    if kind == "sliding":
+        tangent[:, 1:, 1:] = 0.0
+        tangent[:, 2, 0] = 0.6 * STIFFNESS
+    return tangent
+
+
+def solved(model: Any, effective: MatrixCoefficients, kind: str, linear: Any) -> tuple[Any, Any]:
+    """Solution of A + B^T (w D) B, and its solver."""
+    system = model.system()
+    free = unconstrained_dofs(system)
+    tangent = Tangent(
+        EffectiveMatrix(system, effective, linear=linear),
+        system.internal_forces.tangent_matrix(free),
+        None,
+    )
+    b, x = free.duplicate(), free.duplicate()
+    system.load(0.0, b)
+    b.pointwiseMult(b, free)
+    # Other tangents before: nothing of them may stay.
+    tangent.update(tangents(model.operator.points, "closed"))
+    solver = tangent.update(tangents(model.operator.points, kind))
+    solver.solve(b, x, 1e-12)
+    return x, solver
+
+
+@pytest.mark.parametrize("effective", [STEP, STATIC], ids=["step", "statics"])
+@pytest.mark.parametrize("kind", ["closed", "half open", "sliding"])
+def test_solutions_are_those_of_the_direct_solver(wall, effective, kind):
+    model = wall()
+    direct, _ = solved(model, effective, kind, "direct")
+    found, solver = solved(model, effective, kind, "iterative")
+    assert isinstance(solver, TangentMultigrid)
+    size = direct.norm()
+    found.axpy(-1.0, direct)
+    assert found.norm() <= 1e-9 * size
+
+
+def test_iterations_hardly_grow_with_the_mesh(wall):
+    counts = []
+    for divisions in ((8, 2, 8), (16, 4, 16)):
+        counts.append(solved(wall(divisions), STEP, "half open", "iterative")[1].iterations)
+    assert 5 <= counts[1] <= 1.2 * counts[0] + 1, counts
+
+
+class Gaps(Monitor):
+    """Monitor that keeps gaps of all points and iterations of each step."""
+
+    def __init__(self) -> None:
+        self.gaps: list[np.ndarray] = []
+
+    def start(self, model: Any, stage: str, steps: int, first: Any) -> None:
+        self._operator = model.operator
+
+    def record(self, record: Any) -> None:
+        self.gaps.append(np.concatenate(self._operator.comm.allgather(record.joints.state.gap)))
+
+
+def shaking(time: float) -> np.ndarray:
+    """A motion that opens and slides the joint, [m/s^2]."""
+    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
+
+
+def test_runs_are_those_of_the_direct_solver(wall):
+    ends = {}
+    for linear, solver in (("direct", "condensed"), ("iterative", "monolithic")):
+        gaps = Gaps()
+        simulation = dj.Simulation(
+            wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps]
+        )
+        simulation.statics()
+        outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking)
+        assert outcome.solver == solver
+        assert outcome.imbalance <= 1e-10
+        ends[linear] = np.array(gaps.gaps)
+    opened = ends["direct"][..., 0].max()
+    assert opened > 1e-5
+    assert np.abs(ends["iterative"] - ends["direct"]).max() <= 1e-8 * np.abs(ends["direct"]).max()
+
+
+@pytest.mark.parametrize(("stiffness", "name"), [(STIFFNESS, "monolithic"), (1e13, "condensed")])
+def test_stiff_joints_are_condensed(wall, stiffness, name):
+    options = dj.SolverOptions(linear="iterative")
+    assert make_solver(wall(stiffness=stiffness).system(), options).name == name
+    assert make_solver(wall(stiffness=stiffness).system()).name == "condensed"
+
+
+def test_linear_steps_do_not_see_the_tolerance(wall_file, read):
+    ends = {}
+    for linear in ("direct", "iterative"):
+        model = dj.Model(
+            read(wall_file(divisions=(8, 2, 8), joints=1), joints=[]),
+            material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+            supports=[dj.Fixed(group="base")],
+            loads=[dj.Gravity()],
+        )
+        simulation = dj.Simulation(model, options=dj.SolverOptions(linear=linear))
+        outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
+        assert outcome.imbalance <= 1e-10
+        ends[linear] = outcome.state.displacement
+    size = ends["direct"].norm()
+    ends["iterative"].axpy(-1.0, ends["direct"])
+    assert ends["iterative"].norm() <= 1e-9 * size
+
+
+def test_what_nothing_holds_is_said(wall):
+    # Two walls without supports and an open joint between them.
+    model = wall()
+    free = dj.Model(
+        model.jointed,
+        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=dj.FrictionNoTension(
+            normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=30.0
+        ),
+        supports=[],
+        loads=[dj.Gravity()],
+    )
+    with pytest.raises(JointsError):
+        solved(free, STATIC, "sliding", "iterative")

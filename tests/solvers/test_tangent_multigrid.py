@@ -122,9 +122,7 @@ def test_runs_are_those_of_the_direct_solver(wall):
     ends = {}
     for linear, solver in (("direct", "condensed"), ("iterative", "monolithic")):
         gaps = Gaps()
-        simulation = dj.Simulation(
-            wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps]
-        )
+        simulation = dj.Simulation(wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps])
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking)
         assert outcome.solver == solver

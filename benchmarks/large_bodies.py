@@ -141,8 +141,8 @@ def print_row(name: str, row: dict[str, Any]) -> None:
     print(
         f"{name:8} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
         f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d}"
-        f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f} {row['solves']:6.1f}"
-        f" {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
+        f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f}"
+        f" {row['solves']:6.1f} {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
         f" {row['ledger']:8.0e} {row['setup_s']:7.1f} {row['peak_mb']:7.0f}",
         flush=True,
     )

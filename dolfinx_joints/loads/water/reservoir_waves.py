@@ -117,7 +117,7 @@ class _Moved:
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
         layer = waves.length / count
-        if 0.0 < waves.absorbing_length < 2.0 * layer:
+        if 0.0 < waves.absorbing_length < 1.99 * layer:  # 2 to the digits that are shown
             raise ValueError(
                 f"{waves}: absorbing_length is {waves.absorbing_length:g} m; it must be zero or at "
                 f"least two elements along the reservoir, {2.0 * layer:.3g} m."

@@ -88,9 +88,7 @@ def make_solver(
     return first()
 
 
-def _soft_on_iterated_bulk(
-    system: MatrixSystem, contact: Contact, options: SolverOptions
-) -> bool:
+def _soft_on_iterated_bulk(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
     """Whether multigrid takes the whole in few iterations (collective)."""
     if contact.rigid or not iterates(system, options.linear):
         return False

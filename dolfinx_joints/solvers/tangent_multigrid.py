@@ -72,9 +72,7 @@ class TangentMultigrid:
 
     _made = 0
 
-    def __init__(
-        self, bulk: IterativeSolver, added: PETSc.Mat, change: ModalChange | None
-    ) -> None:
+    def __init__(self, bulk: IterativeSolver, added: PETSc.Mat, change: ModalChange | None) -> None:
         """Take over the levels of A (collective)."""
         TangentMultigrid._made += 1
         self._ksp = PETSc.KSP().create(added.comm)

@@ -123,9 +123,7 @@ def test_runs_are_those_of_the_direct_solver(wall, modes):
     scheme, ends = dj.EnergyConsistent(exact_modes=modes), {}
     for linear, solver in (("direct", "condensed"), ("iterative", "monolithic")):
         gaps = Gaps()
-        simulation = dj.Simulation(
-            wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps]
-        )
+        simulation = dj.Simulation(wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps])
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking, scheme=scheme)
         assert outcome.solver == solver

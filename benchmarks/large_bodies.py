@@ -11,8 +11,10 @@ which opens in the first step; the bulk is solved by iteration. Run it on any nu
 Columns: wall and processor time of the first step with all that is made for it, and the median of
 the others, of the slowest rank; iterations of the linear solver in a step (the largest of the
 linear steps, the mean of the jointed ones) and solves in it; Newton's iterations in the first step
-and the mean of the others; wall time of reading and assembly. The peak is the sum over the ranks. Exit status 1 if energies do not balance, the joint does not
-open, or a linear step takes a fifth more iterations than on the next smaller wall.
+and the mean of the others; wall time of reading and assembly. The peak is the sum over the ranks.
+
+Exit status 1 if energies do not balance, the joint does not open, or a linear step takes a fifth
+more iterations than on the next smaller wall.
 """
 
 from __future__ import annotations
@@ -141,8 +143,8 @@ def print_row(name: str, row: dict[str, Any]) -> None:
     print(
         f"{name:8} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
         f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d}"
-        f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f} {row['solves']:6.1f}"
-        f" {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
+        f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f}"
+        f" {row['solves']:6.1f} {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
         f" {row['ledger']:8.0e} {row['setup_s']:7.1f} {row['peak_mb']:7.0f}",
         flush=True,
     )

@@ -8,11 +8,13 @@ which opens in the first step; the bulk is solved by iteration. Run it on any nu
 
     mpirun -n 2 python3 -m benchmarks.large_bodies
 
-Columns: the first step with all that is made for it, the median of the others (of the slowest
-rank), iterations of the linear solver in a step (the largest of the linear steps, the mean of the
-jointed ones) and solves in it, Newton's iterations in the first step and the mean of the others.
-The peak is the sum over the ranks. Exit status 1 if energies do not balance, the joint does not
-open, or a linear step takes a fifth more iterations than on the next smaller wall.
+Columns: wall and processor time of the first step with all that is made for it, and the median of
+the others, of the slowest rank; iterations of the linear solver in a step (the largest of the
+linear steps, the mean of the jointed ones) and solves in it; Newton's iterations in the first step
+and the mean of the others; wall time of reading and assembly. The peak is the sum over the ranks.
+
+Exit status 1 if energies do not balance, the joint does not open, or a linear step takes a fifth
+more iterations than on the next smaller wall.
 """
 
 from __future__ import annotations

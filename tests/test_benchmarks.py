@@ -27,6 +27,7 @@ from benchmarks import (
     interface_integrals,
     jointed_wall,
     large,
+    large_bodies,
     motion_suite,
     opensees_wall,
     reduced_bulk,
@@ -344,3 +345,18 @@ def test_large(capsys, linear):
     assert split["dofs"] == tied["dofs"] + 3 * 5 * 17
     assert split["opened"] > 0.0
     assert not large.passed({**split, "opened": 0.0})
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_large_bodies(capsys):
+    assert large_bodies.main(["--quick", "--solver", "monolithic", "--json"]) == 0
+    rows = printed(capsys)
+    if rows is None:
+        return
+    # 8 x 2 x 8 and 12 x 3 x 12 cells; the joint doubles 3 x 9 and 4 x 13 nodes.
+    dofs = [3 * 9 * 3 * 9, 3 * (9 + 1) * 3 * 9, 3 * 13 * 4 * 13, 3 * (13 + 1) * 4 * 13]
+    assert [row["dofs"] for row in rows] == dofs
+    assert all(row["iterations"] >= row["solves"] >= 1.0 for row in rows)
+    tied, *_ = rows
+    assert not large_bodies.passed([tied, {**tied, "iterations": 1.3 * tied["iterations"]}])

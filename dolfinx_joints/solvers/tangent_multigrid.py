@@ -16,6 +16,8 @@ from petsc4py import PETSc
 from dolfinx_joints.solvers.modal_change import ModalChange
 from dolfinx_joints.solvers.multigrid import IterativeSolver, gave_up, options_set
 
+# The bounds of Chebyshev's polynomials are estimated anew for each tangent: in fewer products than
+# PETSc makes, with more to spare.
 OPTIONS: dict[str, Any] = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
@@ -38,6 +40,7 @@ class _Products:
     """A + K by their products, and what a modal change adds, as a PETSc matrix of type python."""
 
     def __init__(self, bulk: PETSc.Mat, added: PETSc.Mat, change: ModalChange | None) -> None:
+        """Keep the parts."""
         self._bulk, self._added, self._change = bulk, added, change
         self._diagonal = added.createVecLeft()
 
@@ -61,7 +64,7 @@ class TangentMultigrid:
     Args:
         bulk: Solver of A.
         added: K, by its pattern.
-        change: What exact modes add to A, not seen by the preconditioner.
+        change: What exact modes add to A, not seen by the coarse levels.
 
     Attributes:
         iterations: Iterations of the last solve.
@@ -129,9 +132,14 @@ class TangentMultigrid:
 
 
 class _Level:
-    """A coarse level: P^T A P, which stays, and P^T K P."""
+    """A coarse level: P^T A P, which stays, and P^T K P.
+
+    Attributes:
+        total: Their sum.
+    """
 
     def __init__(self, interpolation: PETSc.Mat, matrix: PETSc.Mat, added: PETSc.Mat) -> None:
+        """Put both on one pattern (collective)."""
         self._interpolation, self._added = interpolation, added
         self._base = added.copy()
         self._base.zeroEntries()
@@ -139,12 +147,13 @@ class _Level:
         self.total = self._base.copy()
 
     def add(self, finer: PETSc.Mat) -> PETSc.Mat:
-        """Renew the level from K on the next finer one; K on this one."""
+        """Renew the sum from K on the next finer level; K on this one (collective)."""
         finer.PtAP(self._interpolation, result=self._added)
         self._base.copy(self.total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self.total.axpy(1.0, self._added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return self._added
 
     def destroy(self) -> None:
+        """Free the matrices."""
         for matrix in (self._base, self._added, self.total):
             matrix.destroy()

@@ -118,13 +118,14 @@ def shaking(time: float) -> np.ndarray:
     return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
-def test_runs_are_those_of_the_direct_solver(wall):
-    ends = {}
+@pytest.mark.parametrize("modes", [0, 4])
+def test_runs_are_those_of_the_direct_solver(wall, modes):
+    scheme, ends = dj.EnergyConsistent(exact_modes=modes), {}
     for linear, solver in (("direct", "condensed"), ("iterative", "monolithic")):
         gaps = Gaps()
         simulation = dj.Simulation(wall(), options=dj.SolverOptions(linear=linear), monitors=[gaps])
         simulation.statics()
-        outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking)
+        outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking, scheme=scheme)
         assert outcome.solver == solver
         assert outcome.imbalance <= 1e-10
         ends[linear] = np.array(gaps.gaps)

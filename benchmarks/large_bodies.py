@@ -39,8 +39,8 @@ from benchmarks.shared.scenes import TIME_STEP, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.solvers.multigrid import IterativeSolver
-from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
+from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 DIVISIONS = {"1e5": (54, 10, 54), "3e5": (78, 15, 80), "1e6": (116, 25, 116)}
 QUICK = {"quick": (8, 2, 8), "quicker": (12, 3, 12)}

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers.diagnosis import NO_MEMORY, of_error, reported_by_package, why_singular
-from dolfinx_joints.solvers.multigrid import options_set
+from dolfinx_joints.solvers.multigrid.bulk import options_set
 
 Floats = NDArray[np.float64]
 

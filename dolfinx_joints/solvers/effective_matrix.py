@@ -18,7 +18,7 @@ from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
-from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.rounds import Rounds
 from dolfinx_joints.solvers.signed import SignedSolver
 

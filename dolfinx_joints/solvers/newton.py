@@ -29,7 +29,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.line_search import LineSearch
-from dolfinx_joints.solvers.multigrid import STEP_TOLERANCE, IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import STEP_TOLERANCE, IterativeSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 from dolfinx_joints.solvers.tangent import Tangent
 

@@ -15,8 +15,8 @@ from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
-from dolfinx_joints.solvers.multigrid import IterativeSolver
-from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
+from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 Floats = NDArray[np.float64]
 

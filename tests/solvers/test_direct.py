@@ -27,7 +27,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
     MatrixCoefficients,
 )
-from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 pytestmark = pytest.mark.mpi
 

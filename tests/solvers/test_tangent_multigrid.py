@@ -21,8 +21,8 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
+from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 from dolfinx_joints.solvers.tangent import Tangent
-from dolfinx_joints.solvers.tangent_multigrid import TangentMultigrid
 
 pytestmark = pytest.mark.mpi
 

@@ -25,7 +25,7 @@ from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.interface.unit_forces import UnitForces
-from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.solvers.direct import BLOCK
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
-from dolfinx_joints.solvers.multigrid import IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -14,7 +14,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_joints.solvers.modal_change import ModalChange
-from dolfinx_joints.solvers.multigrid import IterativeSolver, gave_up, options_set
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
 
 # The bounds of Chebyshev's polynomials are estimated anew for each tangent: in fewer products than
 # PETSc makes, with more to spare.

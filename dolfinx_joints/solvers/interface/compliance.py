@@ -249,7 +249,7 @@ class _Products:
         comm: Any,
     ) -> None:
         """Keep what is needed (collective)."""
-        self._multiply, self._scale = multiply, scale
+        self._multiply, self._scale, self._comm = multiply, scale, comm
         self.live, self.local = ~dead.ravel(), len(scale)
         self.size, self.nbytes = comm.allreduce(self.local), 0
 
@@ -299,10 +299,13 @@ class Compressed(_Products):
         """As many whatever the vector."""
         return self._entries
 
-    def whole(self) -> Floats | None:
-        """The matrix, shape (size, size); None on several ranks."""
+    def whole(self) -> Floats:
+        """The matrix, shape (size, size); on several ranks by a product for each column."""
         if isinstance(self.matrix, RankedLowRankMatrix):
-            return None
+            first = Parts(self.local, self._comm).first
+            units = np.eye(self.size, self.local, -first)
+            columns = [self.product(unit, np.flatnonzero(unit)) for unit in units]
+            return np.hstack(self._comm.allgather(np.array(columns)))
         every = self.matrix.whole()
         every /= self._scale[:, None] * self._scale
         every[np.diag_indices(self.size)] -= 1.0

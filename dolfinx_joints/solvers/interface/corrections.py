@@ -90,8 +90,10 @@ class Corrections:
     def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
         """Keep S; the second set is made when it pays."""
         self._split, self._rough, self._comm = split, rough, comm
-        self.stuck = stuck if split.size <= LARGEST_TIED else None
         self._exact = isinstance(split, RowMatrix)
+        # On several ranks only beside what is on all of them anyway for a moment.
+        ties = split.size <= LARGEST_TIED and (self._exact or comm.size == 1)
+        self.stuck = stuck if ties else None
         self._kept: Rows = np.empty(0, dtype=np.int64)
         self._points = split.local // 3
         self._block: Part | None = None

@@ -17,6 +17,7 @@ from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.condensed import Condensed
+from dolfinx_joints.solvers.interface.row_matrix import Parts
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class WholeBody:
         assert system.contact is not None
         self.jump = system.contact.operator.matrix
         self._pushed = self.jump.transpose(PETSc.Mat())
-        forces = _unit_forces(condensed.compliance)
+        forces = _unit_forces(condensed.compliance, self.comm)
         self.live = _independent(forces)
         self.root: Floats = cholesky(forces[np.ix_(self.live, self.live)], lower=True)
         self.rest = np.setdiff1d(np.flatnonzero(forces.diagonal() > 0.0), self.live)
@@ -116,11 +117,12 @@ class WholeBody:
         return parts if self.comm.size == 1 else np.sum(self.comm.allgather(parts), axis=0)
 
 
-def _unit_forces(compliance: Compliance) -> Floats:
-    """B A^-1 B^T from its scaled form (collective)."""
+def _unit_forces(compliance: Compliance, comm: Any) -> Floats:
+    """B A^-1 B^T from its scaled form, on every rank (collective)."""
     split = compliance.split.whole()
     assert split is not None
-    scale = np.where(compliance.dead.ravel(), 0.0, compliance.scale)
+    mine = np.where(compliance.dead.ravel(), 0.0, compliance.scale)
+    scale = Parts(len(mine), comm).all_of(mine)
     forces = split * scale
     forces[np.diag_indices(len(forces))] += scale
     forces *= scale[:, None]

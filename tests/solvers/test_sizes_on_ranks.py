@@ -21,7 +21,7 @@ pytestmark = pytest.mark.mpi
 
 
 # Entries of sparse matrices and blocks, which by chance are as many as there are unknowns.
-ENTRIES = ("_rows", "_columns")
+ENTRIES = ("_rows", "_columns", "_sends", "_adds")
 
 
 def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndarray]]:

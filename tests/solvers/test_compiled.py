@@ -13,18 +13,14 @@ pytest.importorskip("mpi4py")
 pytest.importorskip("dolfinx")
 
 from joint_tangents import POINTS, right_side, scaled_compliance, states, stuck_tangent, tangents
+from shaken_wall import wall
 
 from dolfinx_joints import (
-    Elastic,
-    Fixed,
     FrictionNoTension,
-    Gravity,
-    Model,
     RigidJoint,
     Simulation,
     SolverOptions,
     frictionless,
-    stiffness_proportional,
 )
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.interface import corrections
@@ -81,14 +77,7 @@ def march(model: Any, **options: Any) -> tuple[np.ndarray, Any]:
 @pytest.mark.parametrize("laws", LAWS)
 def test_as_in_python(wall_file, read, monkeypatch, laws, compliance):
     """To the tolerance of the iteration; with and without W, sweeps and deflation."""
-    model = Model(
-        read(wall_file(divisions=(8, 2, 3))),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=LAWS[laws],
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
+    model = wall(read(wall_file(divisions=(8, 2, 3))), joints=LAWS[laws])
     runs = []
     monkeypatch.setattr(InterfaceSolver, "_in_python", _not_in_steps(InterfaceSolver._in_python))
     for hard, tied in ((7, 40.0), (0, 1e30)):

@@ -242,6 +242,7 @@ class PlasticTangent:
     def __init__(self, bulk: StrainTangent, joints: TangentMatrix | None) -> None:
         """Take the builders of both parts, None without joints."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
+        self.joints = None if joints is None else joints.joints
         self._sum: PETSc.Mat | None = None
 
     def assemble(self, tangent: Floats) -> PETSc.Mat:

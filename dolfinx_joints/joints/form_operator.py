@@ -117,7 +117,7 @@ class FormTangent:
 
     def __init__(self, operator: FormOperator, free: PETSc.Vec) -> None:
         """Set up the matrix (collective)."""
-        self.comm = operator.comm
+        self.comm, self.joints = operator.comm, None
         self._operator, self._free = operator, free
         self._matrix = fem_petsc.create_matrix(operator.tangent_form)
 

@@ -33,9 +33,11 @@ class TangentMatrix(Protocol):
 
     Attributes:
         comm: Communicator of the matrix.
+        joints: B with the columns of constrained dofs zero, None where there is none.
     """
 
     comm: Any
+    joints: PETSc.Mat | None
 
     def assemble(self, tangent: Floats) -> PETSc.Mat:
         """The matrix, [N/m] (collective)."""
@@ -169,7 +171,7 @@ class JointTangent:
         """Set up the products (collective)."""
         self.comm = operator.comm
         self._areas = operator.areas
-        self._operator = operator.constrained(free)
+        self.joints = operator.constrained(free)
         rows = operator.matrix.getSizes()[0]
         self._points = PETSc.Mat().createAIJ((rows, rows), nnz=(3, 0), comm=operator.comm)
         start, stop = self._points.getOwnershipRange()
@@ -183,7 +185,7 @@ class JointTangent:
         values = (self._areas[:, None, None] * tangent).ravel()
         self._points.setValuesCSR(self._starts, self._columns, values)
         self._points.assemble()
-        self._product = self._points.PtAP(self._operator, result=self._product)
+        self._product = self._points.PtAP(self.joints, result=self._product)
         return self._product
 
 

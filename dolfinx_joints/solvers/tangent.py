@@ -59,7 +59,8 @@ class Tangent:
     def _made(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
         matrix = self.effective
         if isinstance(matrix.solver, IterativeSolver):
-            return TangentMultigrid(matrix.solver, added, matrix.change)
+            assert self._product is not None
+            return TangentMultigrid(matrix.solver, added, self._product.joints, matrix.change)
         return _Sum(matrix, added, self._options)
 
     def forget(self) -> None:

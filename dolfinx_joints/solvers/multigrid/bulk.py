@@ -71,6 +71,7 @@ class IterativeSolver:
         matrix: Symmetric positive definite matrix, in PETSc's AIJ format.
 
     Attributes:
+        matrix: The matrix.
         iterations: Iterations of the last solve.
     """
 
@@ -79,7 +80,7 @@ class IterativeSolver:
     def __init__(self, matrix: PETSc.Mat) -> None:
         """Create the solver; it is set up at the first solve."""
         IterativeSolver._made += 1
-        self._matrix = matrix
+        self.matrix = matrix
         self._blocked: PETSc.Mat | None = None
         self._ksp = PETSc.KSP().create(matrix.comm)
         self._ksp.setOptionsPrefix(f"dolfinx_joints_cg_{IterativeSolver._made}_")
@@ -108,7 +109,7 @@ class IterativeSolver:
 
     def solve_block(self, right: Floats) -> Floats:
         """Solve A X = B column by column; see `DirectSolver.solve_block` (collective)."""
-        b, x = self._matrix.createVecLeft(), self._matrix.createVecRight()
+        b, x = self.matrix.createVecLeft(), self.matrix.createVecRight()
         solution = np.empty_like(right)
         for column in range(right.shape[1]):
             b.setArray(right[:, column])
@@ -116,36 +117,30 @@ class IterativeSolver:
             solution[:, column] = x.getArray(readonly=True)
         return solution
 
+    @property
+    def for_products(self) -> PETSc.Mat:
+        """The matrix, in blocks where it has any (collective when first asked for)."""
+        if self._blocked is None and self.matrix.getBlockSize() > 1:
+            self._blocked = self.matrix.convert("baij", PETSc.Mat())
+        return self._blocked or self.matrix
+
     def _set_up(self) -> bool:
         if not self._stale:
             return False
         self._free_blocked()
-        if self._matrix.getBlockSize() > 1:
-            self._blocked = self._matrix.convert("baij", PETSc.Mat())
         with options_set(self._ksp.getOptionsPrefix(), OPTIONS):
-            self._ksp.setOperators(self._blocked or self._matrix, self._matrix)
+            self._ksp.setOperators(self.for_products, self.matrix)
             self._ksp.setFromOptions()
             self._ksp.setUp()
         self._stale = False
         return True
 
-    def levels(self) -> tuple[PETSc.Mat, list[tuple[PETSc.Mat, PETSc.Mat]]]:
-        """The matrix for products, and from fine to coarse P and P^T A P (collective)."""
-        self._set_up()
-        pc = self._ksp.getPC()
-        levels = pc.getMGLevels()
-        smoothers = [pc.getMGSmoother(i) for i in range(levels)]
-        return self._blocked or self._matrix, [
-            (pc.getMGInterpolation(i), smoothers[i - 1].getOperators()[0])
-            for i in range(levels - 1, 0, -1)
-        ]
-
     def _as_rounding_lets(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Whether the residual is what rounding of the product leaves."""
         residual = b.duplicate()
-        self._matrix.mult(x, residual)
+        self.matrix.mult(x, residual)
         residual.axpy(-1.0, b)
-        norm = self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        norm = self.matrix.norm(PETSc.NormType.NORM_INFINITY)
         return bool(residual.norm() <= ROUNDING * norm * x.norm())
 
     def _free_blocked(self) -> None:

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Iterative solver of A + K, A solved by multigrid and K the tangent of joints, which changes.
 
-The levels are those of A: aggregates do not reach across joints, so that open joints are as well
-represented as closed ones. To each level its part of the tangent is added, P^T K P, which is small:
-only nodes of the joints are in it.
+To each of the `cut_levels` its part of the tangent is added, P^T K P, which is small: only nodes of
+the joints are in it. Smoothers take what joints tie together as blocks.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.solvers.modal_change import ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
+from dolfinx_joints.solvers.multigrid.coincident import BlockInverse, tie, tied_nodes
+from dolfinx_joints.solvers.multigrid.cut_levels import CutLevel, cut_levels
 
 # The bounds of Chebyshev's polynomials are estimated anew for each tangent: in fewer products than
 # PETSc makes, with more to spare.
@@ -30,7 +31,7 @@ OPTIONS: dict[str, Any] = {
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_ksp_chebyshev_esteig": "0,0.1,0,1.2",
     "mg_levels_ksp_chebyshev_esteig_steps": 5,
-    "mg_levels_pc_type": "jacobi",
+    "mg_levels_pc_type": "vpbjacobi",
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "redundant",
 }
@@ -42,7 +43,6 @@ class _Products:
     def __init__(self, bulk: PETSc.Mat, added: PETSc.Mat, change: ModalChange | None) -> None:
         """Keep the parts."""
         self._bulk, self._added, self._change = bulk, added, change
-        self._diagonal = added.createVecLeft()
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply (collective)."""
@@ -51,12 +51,6 @@ class _Products:
         if self._change is not None:
             self._change.add_product(x, y)
 
-    def getDiagonal(self, matrix: PETSc.Mat, out: PETSc.Vec) -> None:
-        """Give the diagonal of A + K."""
-        self._bulk.getDiagonal(out)
-        self._added.getDiagonal(self._diagonal)
-        out.axpy(1.0, self._diagonal)
-
 
 class TangentMultigrid:
     """GMRES on A + K with the multigrid of A, each level with its part of K.
@@ -64,6 +58,7 @@ class TangentMultigrid:
     Args:
         bulk: Solver of A.
         added: K, by its pattern.
+        joints: B, whose columns of constrained dofs are zero; None without joints.
         change: What exact modes add to A, not seen by the coarse levels.
 
     Attributes:
@@ -72,37 +67,51 @@ class TangentMultigrid:
 
     _made = 0
 
-    def __init__(self, bulk: IterativeSolver, added: PETSc.Mat, change: ModalChange | None) -> None:
-        """Take over the levels of A (collective)."""
+    def __init__(
+        self,
+        bulk: IterativeSolver,
+        added: PETSc.Mat,
+        joints: PETSc.Mat | None,
+        change: ModalChange | None,
+    ) -> None:
+        """Make the levels (collective)."""
         TangentMultigrid._made += 1
         self._ksp = PETSc.KSP().create(added.comm)
         self._ksp.setOptionsPrefix(f"dolfinx_joints_gmres_{TangentMultigrid._made}_")
-        fine, levels = bulk.levels()
         self._fine = PETSc.Mat().createPython(
-            added.getSizes(), _Products(fine, added, change), comm=added.comm
+            added.getSizes(), _Products(bulk.for_products, added, change), comm=added.comm
         )
         self._fine.setUp()
+        matrix = bulk.matrix
+        tied, count = tied_nodes(matrix, joints)
+        ties = tie(tied, count, matrix.getBlockSize(), matrix.comm)
+        self._inverse = BlockInverse(matrix, added, ties)
+        ties.destroy()
+        levels = cut_levels(matrix, tied, count, matrix.getNearNullSpace())
         self._levels: list[_Level] = []
         self._set_up, self._made_now, self.iterations = False, True, 0
         pc = self._ksp.getPC()
         pc.setType("mg")
         pc.setMGLevels(len(levels) + 1)
-        for below, (interpolation, matrix) in enumerate(levels, 1):
-            pc.setMGInterpolation(len(levels) + 1 - below, interpolation)
-            added = added.PtAP(interpolation)
-            self._levels.append(_Level(interpolation, matrix, added))
+        for below, level in enumerate(levels, 1):
+            pc.setMGInterpolation(len(levels) + 1 - below, level.interpolation)
+            added = added.PtAP(level.interpolation)
+            self._levels.append(_Level(level, added))
 
     def add(self, added: PETSc.Mat) -> None:
         """Renew the levels for the values of K (collective)."""
+        self._inverse.update(added)
         for level in self._levels:
             added = level.add(added)
         self._fine.stateIncrease()
-        pc, matrices = self._ksp.getPC(), [self._fine, *(level.total for level in self._levels)]
-        self._ksp.setOperators(self._fine, self._fine)
-        for i, matrix in enumerate(reversed(matrices)):
+        pc, coarse = self._ksp.getPC(), [level.total for level in self._levels]
+        self._ksp.setOperators(self._fine, self._inverse.matrix)
+        pc.getMGSmoother(len(coarse)).setOperators(self._fine, self._inverse.matrix)
+        for i, matrix in enumerate(reversed(coarse)):
             pc.getMGSmoother(i).setOperators(matrix, matrix)
         if not self._set_up:
-            with options_set(self._ksp.getOptionsPrefix(), OPTIONS):
+            finest = {f"mg_levels_{len(coarse)}_pc_type": "mat"}
+            with options_set(self._ksp.getOptionsPrefix(), OPTIONS | finest):
                 self._ksp.setFromOptions()
                 self._ksp.setUp()
             self._set_up = True
@@ -126,6 +135,7 @@ class TangentMultigrid:
     def destroy(self) -> None:
         """Free the levels."""
         self._ksp.destroy()
+        self._inverse.destroy()
         for level in self._levels:
             level.destroy()
         self._fine.destroy()
@@ -138,13 +148,14 @@ class _Level:
         total: Their sum.
     """
 
-    def __init__(self, interpolation: PETSc.Mat, matrix: PETSc.Mat, added: PETSc.Mat) -> None:
+    def __init__(self, level: CutLevel, added: PETSc.Mat) -> None:
         """Put both on one pattern (collective)."""
-        self._interpolation, self._added = interpolation, added
+        self._interpolation, self._added = level.interpolation, added
         self._base = added.copy()
         self._base.zeroEntries()
-        self._base.axpy(1.0, matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._base.axpy(1.0, level.matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self.total = self._base.copy()
+        self.total.setVariableBlockSizes(level.blocks.astype(PETSc.IntType))
 
     def add(self, finer: PETSc.Mat) -> PETSc.Mat:
         """Renew the sum from K on the next finer level; K on this one (collective)."""

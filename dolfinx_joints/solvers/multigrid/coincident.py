@@ -1,0 +1,211 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nodes that are one node where joints are tied, and the inverse of their part of a matrix.
+
+A closed joint couples the two nodes of a point the more, the stiffer it is. Smoothers that take the
+nodes one by one then hardly move the pair; those that take the pair as a block do not mind.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
+    """Tied node of each local node, by its number among all, and how many this rank has.
+
+    Nodes are together that the points of joints lie between, one on each side, whichever number of
+    joints meet there; of quadrature points, which lie between more, they stay apart (collective).
+
+    Args:
+        matrix: A, with the dofs of a node as blocks.
+        joints: B, whose columns of constrained dofs are zero; None without joints.
+    """
+    comm, size = matrix.comm.tompi4py(), matrix.getBlockSize()
+    start, stop = (dof // size for dof in matrix.getOwnershipRange())
+    if joints is None:
+        return np.arange(start, stop), stop - start
+    first, second = _pairs(joints, size)
+    least = np.arange(start, stop)
+    nodes, blocks = np.concatenate([first, second]), blocks_of(comm, stop - start)
+    owners = rank_of(blocks, nodes)
+    here, changed = sent_to(comm, owners, nodes) - start, True
+    while changed:
+        lower = np.minimum(rows_at(comm, least, first), rows_at(comm, least, second))
+        before = least.copy()
+        np.minimum.at(least, here, sent_to(comm, owners, np.tile(lower, 2)))
+        changed = bool(comm.allreduce(int(np.any(least != before))))
+    kept = least == np.arange(start, stop)
+    count = int(kept.sum())
+    number = comm.scan(count) - count + np.cumsum(kept) - 1
+    return rows_at(comm, number, least), count
+
+
+def _pairs(joints: PETSc.Mat, size: int) -> tuple[Ints, Ints]:
+    """The two nodes of each local point that has two."""
+    starts, columns, values = joints.getValuesCSR()
+    row = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[values != 0.0]
+    held = np.stack([row // 3, columns[values != 0.0] // size], axis=1)
+    point, node = np.unique(held, axis=0).T.astype(np.int64)
+    count = np.bincount(point)
+    first = np.flatnonzero(np.diff(point, prepend=-1) > 0)
+    first = first[count[point[first]] == 2]
+    return node[first], node[first + 1]
+
+
+def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
+    """T, from the unknowns of tied nodes to those of nodes, a 1 in each row (collective).
+
+    Args:
+        tied: Tied node of each local node.
+        count: Number of tied nodes of this rank.
+        size: Unknowns of a node.
+        comm: Communicator.
+    """
+    columns = (size * tied[:, None] + np.arange(size)).ravel().astype(PETSc.IntType)
+    starts = np.arange(len(columns) + 1, dtype=PETSc.IntType)
+    sizes = ((len(columns), None), (size * count, None))
+    matrix = PETSc.Mat().createAIJ(sizes, csr=(starts, columns, np.ones(len(columns))), comm=comm)
+    matrix.setBlockSizes(size, size)
+    return matrix
+
+
+class BlockInverse:
+    """Inverse of the diagonal blocks of A + K, those of tied nodes in one where K has entries.
+
+    Args:
+        matrix: A, in PETSc's AIJ format.
+        added: K, by its pattern.
+        ties: T.
+
+    Attributes:
+        matrix: The inverse.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, added: PETSc.Mat, ties: PETSc.Mat) -> None:
+        """Find the blocks (collective)."""
+        size = ties.getBlockSizes()[0]
+        self._dofs = _members(added, ties, size)
+        self._places = _Places(self._dofs)
+        rows = self._places.every.astype(PETSc.IntType)
+        self._rows = PETSc.IS().createGeneral(rows, comm=matrix.comm)
+        self._bulk = self._blocks(matrix)
+        self.matrix = _room(ties, size)
+        start, stop = matrix.getOwnershipRange()
+        # PETSc gives blocks column by column.
+        blocks = np.asarray(matrix.invertBlockDiagonal()).reshape(-1, size, size)
+        _insert(self.matrix, np.arange(start, stop).reshape(-1, size), blocks.transpose(0, 2, 1))
+        for dofs, block in zip(self._dofs, self._bulk, strict=True):
+            _insert(self.matrix, dofs, np.zeros_like(block))
+        self.matrix.assemble()
+
+    def update(self, added: PETSc.Mat) -> None:
+        """Invert for the values of K (collective)."""
+        for dofs, bulk, joint in zip(self._dofs, self._bulk, self._blocks(added), strict=True):
+            _insert(self.matrix, dofs, np.linalg.inv(bulk + joint))
+        self.matrix.assemble()
+
+    def _blocks(self, matrix: PETSc.Mat) -> list[Floats]:
+        """Blocks of a matrix, an array for each number of nodes (collective)."""
+        (part,) = matrix.createSubMatrices([self._rows], [self._rows])
+        found = self._places.blocks(part)
+        part.destroy()
+        return found
+
+    def destroy(self) -> None:
+        """Free the matrix."""
+        self._rows.destroy()
+        self.matrix.destroy()
+
+
+class _Places:
+    """Where the entries of blocks are in a matrix of all their dofs.
+
+    Attributes:
+        every: The dofs, sorted.
+    """
+
+    def __init__(self, dofs: list[Ints]) -> None:
+        self._shapes = [(len(each), each.shape[1], each.shape[1]) for each in dofs]
+        block, place, width = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], []
+        for each in dofs:
+            count, wide = each.shape
+            block.append(np.repeat(np.arange(count) + len(width), wide))
+            place.append(np.tile(np.arange(wide), count))
+            width += [wide] * count
+        flat = np.concatenate([np.zeros(0, np.int64), *(each.ravel() for each in dofs)])
+        order = np.argsort(flat)
+        self.every = flat[order]
+        self._block, self._place = np.concatenate(block)[order], np.concatenate(place)[order]
+        self._width = np.array(width, dtype=np.int64)
+        self._first = np.cumsum(self._width**2) - self._width**2
+
+    def blocks(self, part: PETSc.Mat) -> list[Floats]:
+        """The blocks, an array for each number of nodes."""
+        starts, columns, values = part.getValuesCSR()
+        rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+        block = self._block[rows]
+        inside = block == self._block[columns]
+        block, rows, columns = block[inside], rows[inside], columns[inside]
+        entries = np.zeros(int(np.sum(self._width**2)))
+        place = self._place[rows] * self._width[block] + self._place[columns]
+        entries[self._first[block] + place] = values[inside]
+        ends = np.cumsum([np.prod(shape) for shape in self._shapes])[:-1].astype(np.int64)
+        parts = np.split(entries, ends) if self._shapes else []
+        return [each.reshape(shape) for each, shape in zip(parts, self._shapes, strict=True)]
+
+
+def _members(added: PETSc.Mat, ties: PETSc.Mat, size: int) -> list[Ints]:
+    """Dofs of the nodes of each of this rank's tied nodes that K touches, by number of nodes."""
+    marked, found = ties.createVecs()
+    rows = np.diff(added.getValuesCSR()[0]).reshape(-1, size).max(axis=1, initial=0)
+    found.setArray(np.repeat((rows > 0).astype(float), size))
+    ties.multTranspose(found, marked)
+    every = ties.transpose(PETSc.Mat())
+    starts, columns, _ = every.getValuesCSR()
+    first, count = starts[:-1:size], np.diff(starts)[::size]
+    touched = marked.getArray(readonly=True)[::size] > 0.0
+    members = []
+    for nodes in np.unique(count[touched]):
+        chosen = first[touched & (count == nodes)]
+        # The first row of a tied node has the first dof of each of its nodes.
+        dofs = columns[chosen[:, None] + np.arange(nodes)][..., None] + np.arange(size)
+        members.append(dofs.reshape(len(chosen), -1).astype(np.int64))
+    for used in (marked, found, every):
+        used.destroy()
+    return members
+
+
+def _room(ties: PETSc.Mat, size: int) -> PETSc.Mat:
+    """A matrix with room for blocks of tied nodes."""
+    tied, count = ties.createVecs()
+    count.set(1.0)
+    ties.multTranspose(count, tied)
+    ties.mult(tied, count)
+    nodes = np.rint(count.getArray(readonly=True)).astype(PETSc.IntType)
+    local = count.getSizes()
+    away = np.where(nodes > 1, size * nodes, 0).astype(PETSc.IntType)
+    matrix = PETSc.Mat().createAIJ((local, local), nnz=(size * nodes, away), comm=ties.comm)
+    for used in (tied, count):
+        used.destroy()
+    return matrix
+
+
+def _insert(matrix: PETSc.Mat, dofs: Ints, blocks: Floats) -> None:
+    """Set blocks, of the dofs of a row each."""
+    wide = dofs.shape[1]
+    matrix.setValuesIJV(
+        np.arange(0, dofs.size * wide + 1, wide, dtype=PETSc.IntType),
+        np.repeat(dofs, wide, axis=0).ravel().astype(PETSc.IntType),
+        blocks.ravel(),
+        rowmap=dofs.ravel().astype(PETSc.IntType),
+    )

@@ -1,0 +1,248 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Levels of multigrid for bodies with joints: those of the tied body, cut at the joints.
+
+A function of a coarse level that reaches across joints becomes one function for each side, alike at
+the joint. So the joints' stiffness on a coarse level couples functions that match, and open joints
+are as well represented as closed ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
+from dolfinx_joints.solvers.multigrid.bulk import OPTIONS, options_set
+from dolfinx_joints.solvers.multigrid.coincident import tie
+
+Ints = NDArray[np.int64]
+
+# Functions cut to few nodes depend on each other: this part of their diagonal keeps blocks regular.
+# What it changes is in no function of the body.
+REGULARISATION = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True)
+class CutLevel:
+    """A coarse level.
+
+    Attributes:
+        interpolation: P, to the next finer level.
+        matrix: P^T A P.
+        blocks: Unknowns of each block of functions that are one where joints are tied, of this
+            rank.
+    """
+
+    interpolation: PETSc.Mat
+    matrix: PETSc.Mat
+    blocks: Ints
+
+
+def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace) -> list[CutLevel]:
+    """The coarse levels, from fine to coarse (collective).
+
+    Args:
+        matrix: A, in PETSc's AIJ format.
+        tied: Tied node of each local node, by its number among all.
+        count: Tied nodes of this rank.
+        near: Rigid-body motions.
+    """
+    size, levels = matrix.getBlockSize(), []
+    ties = tie(tied, count, size, matrix.comm)
+    for prolongation in _tied_prolongations(matrix, ties, near):
+        interpolation, functions = _cut(matrix, ties, prolongation)
+        ties.destroy()
+        matrix = matrix.PtAP(interpolation)
+        size = prolongation.getBlockSizes()[1]
+        _regularise(matrix, size, np.repeat(functions, functions))
+        levels.append(CutLevel(interpolation=interpolation, matrix=matrix, blocks=size * functions))
+        first = matrix.comm.tompi4py().scan(len(functions)) - len(functions)
+        every = np.repeat(np.arange(first, first + len(functions)), functions)
+        ties = tie(every, len(functions), size, matrix.comm)
+    ties.destroy()
+    return levels
+
+
+def _tied_prolongations(
+    matrix: PETSc.Mat, ties: PETSc.Mat, near: PETSc.NullSpace
+) -> list[PETSc.Mat]:
+    """Prolongations of smoothed aggregation for T^T A T, from fine to coarse (collective)."""
+    tied = matrix.PtAP(ties)
+    tied.setBlockSize(ties.getBlockSizes()[1])
+    tied.setNearNullSpace(_of_tied(near, ties))
+    pc = PETSc.PC().create(matrix.comm)
+    pc.setOptionsPrefix("dolfinx_joints_tied_")
+    with options_set("dolfinx_joints_tied_", {"pc_type": "gamg", **_of_levels()}):
+        pc.setOperators(tied)
+        pc.setFromOptions()
+        pc.setUp()
+    found = [pc.getMGInterpolation(i) for i in range(pc.getMGLevels() - 1, 0, -1)]
+    pc.destroy()
+    tied.destroy()
+    return found
+
+
+def _of_levels() -> dict[str, Any]:
+    return {key: value for key, value in OPTIONS.items() if key.startswith("mg_")}
+
+
+def _of_tied(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:
+    """Motions of tied nodes, orthonormal: those of any of their nodes (collective)."""
+    count, of_nodes = ties.createVecs()
+    of_nodes.set(1.0)
+    ties.multTranspose(of_nodes, count)
+    motions: list[PETSc.Vec] = []
+    for motion in near.getVecs():
+        found = count.duplicate()
+        ties.multTranspose(motion, found)
+        found.pointwiseDivide(found, count)
+        for _ in range(2):
+            for other in motions:
+                found.axpy(-found.dot(other), other)
+        found.normalize()
+        motions.append(found)
+    return PETSc.NullSpace().create(vectors=motions, comm=ties.comm)
+
+
+def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[PETSc.Mat, Ints]:
+    """P of the cut functions, and how many each function of this rank becomes (collective).
+
+    A function that nodes of joints are in is cut into its parts that A connects on each rank.
+    """
+    comm, size = matrix.comm.tompi4py(), ties.getBlockSizes()[0]
+    wide = prolongation.getBlockSizes()[1]
+    (rows, every), columns = matrix.getSizes()[0], prolongation.getSizes()[1]
+    whole = ties.matMult(prolongation)
+    starts, entries, values = whole.getValuesCSR()
+    whole.destroy()
+    node = np.repeat(np.arange(rows), np.diff(starts)) // size
+    pairs, pair = np.unique(node * (columns[1] // wide) + entries // wide, return_inverse=True)
+    node, function = np.divmod(pairs, columns[1] // wide)
+    joint = _shared(ties)[node]
+    blocks = blocks_of(comm, columns[0] // wide)
+    touched = np.zeros(columns[0] // wide, dtype=bool)
+    owner = rank_of(blocks, function)
+    touched[sent_to(comm, owner[joint], function[joint]) - blocks[comm.rank]] = True
+    cut = np.flatnonzero(rows_at(comm, touched, function))
+    part = np.zeros(len(pairs), dtype=np.int64)
+    part[cut] = _parts(matrix, size, node[cut], function[cut])
+    first, functions = _numbered(comm, blocks, touched, function, part)
+    number = (first + part)[pair] * wide + entries % wide
+    order = np.lexsort((number, np.repeat(np.arange(rows), np.diff(starts))))
+    cut_matrix = PETSc.Mat().createAIJ(
+        ((rows, every), (int(functions.sum()) * wide, None)),
+        csr=(starts, number[order].astype(PETSc.IntType), values[order]),
+        comm=matrix.comm,
+    )
+    cut_matrix.setBlockSizes(size, wide)
+    return cut_matrix, functions
+
+
+def _numbered(
+    comm: Any, blocks: Ints, touched: NDArray[np.bool_], function: Ints, part: Ints
+) -> tuple[Ints, Ints]:
+    """Number of the first part of each pair's function here, and the parts of own functions.
+
+    Parts of a function follow each other in the order of the ranks, on the rank that has it; one
+    that is not cut has a single part for all ranks (collective).
+    """
+    own, place = np.unique(function, return_inverse=True)
+    most = np.zeros(len(own), dtype=np.int64)
+    np.maximum.at(most, place, part + 1)
+    owner = rank_of(blocks, own)
+    ends = np.searchsorted(owner, np.arange(1, comm.size))
+    asked = comm.alltoall(np.split(np.stack([own, most], axis=1), ends))
+    functions = np.ones(len(touched), dtype=np.int64)
+    functions[touched] = 0
+    before = []
+    for of_rank in asked:
+        at = of_rank[:, 0] - blocks[comm.rank]
+        before.append(np.where(touched[at], functions[at], 0))
+        functions[at] += np.where(touched[at], of_rank[:, 1], 0)
+    start = np.cumsum(functions) - functions + blocks_of(comm, int(functions.sum()))[comm.rank]
+    answers = [
+        start[of_rank[:, 0] - blocks[comm.rank]] + earlier
+        for of_rank, earlier in zip(asked, before, strict=True)
+    ]
+    first = np.concatenate(comm.alltoall(answers))
+    return first[place], functions
+
+
+def _shared(ties: PETSc.Mat) -> NDArray[np.bool_]:
+    """Whether other nodes are tied to each local node (collective)."""
+    tied, nodes = ties.createVecs()
+    nodes.set(1.0)
+    ties.multTranspose(nodes, tied)
+    ties.mult(tied, nodes)
+    shared: NDArray[np.bool_] = nodes.getArray(readonly=True)[:: ties.getBlockSizes()[0]] > 1.5
+    for used in (tied, nodes):
+        used.destroy()
+    return shared
+
+
+def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
+    """Part of its function that each pair of a local node and a function is in.
+
+    The pairs are sorted by nodes, then by functions.
+    """
+    starts, columns = matrix.getDiagonalBlock().getRowIJ()[:2]
+    rows = matrix.getLocalSize()[0] // size
+    ends = np.searchsorted(node, np.arange(rows + 1))
+    root = _joined(starts[::size], columns // size, ends, function)
+    order = np.lexsort((root, function))
+    new = np.diff(root[order], prepend=-1) != 0
+    other = np.diff(function[order], prepend=-1) != 0
+    count = np.cumsum(new | other) - 1
+    part = np.empty_like(root)
+    part[order] = count - np.maximum.accumulate(np.where(other, count, 0))
+    return part
+
+
+@njit(cache=True)
+def _joined(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  # pragma: no cover
+    """For each pair, the first that its function leads to from node to connected node."""
+    root = np.arange(len(function))
+    for i in range(len(ends) - 1):
+        if ends[i] == ends[i + 1]:
+            continue
+        for k in range(starts[i], starts[i + 1]):
+            j = neighbours[k]
+            if j >= i:
+                continue
+            p, q = ends[i], ends[j]
+            while p < ends[i + 1] and q < ends[j + 1]:
+                if function[p] < function[q]:
+                    p += 1
+                elif function[p] > function[q]:
+                    q += 1
+                else:
+                    a, b = p, q
+                    while root[a] != a:
+                        root[a] = root[root[a]]
+                        a = root[a]
+                    while root[b] != b:
+                        root[b] = root[root[b]]
+                        b = root[b]
+                    root[max(a, b)] = min(a, b)
+                    p += 1
+                    q += 1
+    for p in range(len(root)):
+        root[p] = root[root[p]]
+    return root
+
+
+def _regularise(matrix: PETSc.Mat, size: int, parts: Ints) -> None:
+    """Add a little to the diagonal of functions that were cut (collective)."""
+    diagonal = matrix.getDiagonal()
+    blocks = diagonal.getArray().reshape(-1, size)
+    blocks += np.where(parts > 1, REGULARISATION * blocks.max(axis=1, initial=0.0), 0.0)[:, None]
+    blocks[blocks == 0.0] = 1.0
+    matrix.setDiagonal(diagonal)
+    matrix.assemble()
+    diagonal.destroy()

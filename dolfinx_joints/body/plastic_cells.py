@@ -243,23 +243,24 @@ class PlasticTangent:
         """Take the builders of both parts, None without joints."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
         self.joints = None if joints is None else joints.joints
-        self._sum: PETSc.Mat | None = None
+        self._sums: dict[bool, PETSc.Mat] = {}
 
-    def assemble(self, tangent: Floats) -> PETSc.Mat:
+    def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
         """The matrix for what `PlasticBulk.tangent` gave, [N/m] (collective)."""
         count = len(tangent) - SIZE**2 * self._bulk.num_points
         added = self._bulk.assemble(tangent[count:].reshape(-1, SIZE, SIZE))
         if self._joints is None:
             return added
-        joints = self._joints.assemble(tangent[:count].reshape(-1, 3, 3))
-        if self._sum is None:
-            self._sum = joints.copy()
-            self._sum.axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            return self._sum
-        self._sum.zeroEntries()
-        self._sum.axpy(1.0, joints, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        self._sum.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return self._sum
+        joints = self._joints.assemble(tangent[:count].reshape(-1, 3, 3), coupled=coupled)
+        if coupled not in self._sums:
+            self._sums[coupled] = joints.copy()
+            self._sums[coupled].axpy(1.0, added, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            return self._sums[coupled]
+        total = self._sums[coupled]
+        total.zeroEntries()
+        total.axpy(1.0, joints, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return total
 
 
 def _method(law: BulkLaw, rule: Rule) -> Callable[[Floats, BulkState], BulkResponse]:

@@ -121,8 +121,11 @@ class FormTangent:
         self._operator, self._free = operator, free
         self._matrix = fem_petsc.create_matrix(operator.tangent_form)
 
-    def assemble(self, tangent: Floats) -> PETSc.Mat:
-        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+    def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective).
+
+        It is the same whether ``coupled`` or not.
+        """
         self._operator.assemble_tangent(tangent, self._matrix)
         self._matrix.diagonalScale(self._free, self._free)
         return self._matrix

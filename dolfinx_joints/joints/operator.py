@@ -39,8 +39,8 @@ class TangentMatrix(Protocol):
     comm: Any
     joints: PETSc.Mat | None
 
-    def assemble(self, tangent: Floats) -> PETSc.Mat:
-        """The matrix, [N/m] (collective)."""
+    def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
+        """The matrix, [N/m]; if not ``coupled``, a symmetric one like it (collective)."""
 
 
 class GapOperator:
@@ -178,15 +178,22 @@ class JointTangent:
         self._starts = np.arange(0, 3 * (stop - start) + 1, 3, dtype=PETSc.IntType)
         first = np.repeat(np.arange(start, stop, 3, dtype=PETSc.IntType), 3)
         self._columns = (first[:, None] + np.arange(3, dtype=PETSc.IntType)).ravel()
-        self._product: PETSc.Mat | None = None
+        self._products: dict[bool, PETSc.Mat] = {}
 
-    def assemble(self, tangent: Floats) -> PETSc.Mat:
-        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+    def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
+        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective).
+
+        If not ``coupled``, it is symmetric, without what normal gaps do to shear tractions.
+        """
+        if not coupled:
+            tangent = 0.5 * (tangent + tangent.transpose(0, 2, 1))
+            tangent[:, 0, 1:] = tangent[:, 1:, 0] = 0.0
         values = (self._areas[:, None, None] * tangent).ravel()
         self._points.setValuesCSR(self._starts, self._columns, values)
         self._points.assemble()
-        self._product = self._points.PtAP(self.joints, result=self._product)
-        return self._product
+        product = self._points.PtAP(self.joints, result=self._products.get(coupled))
+        self._products[coupled] = product
+        return product
 
 
 def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:

@@ -52,7 +52,10 @@ class Tangent:
         if self._sum is None or not min(self._product.comm.allgather(same)):
             added = self._product.assemble(values)
             self._sum = self._sum or self._made(added)
-            self._sum.add(added)
+            if isinstance(self._sum, TangentMultigrid):
+                self._sum.add(added, self._product.assemble(values, coupled=False))
+            else:
+                self._sum.add(added)
             self._last = values.copy()
         return self._sum
 

@@ -93,7 +93,7 @@ def measure(
     scene = wall("large", divisions=divisions, joints=1)
     phases, tied = Phases(), kind == "linear"
     with phases.phase("set-up"):
-        model = scene.model(scene.read(mesh, tied=tied), None if tied else scene.law())
+        model = scene.model(scene.read(mesh, tied=tied), None if tied else scene.law(options.stiffness))
     with counted() as solves, phases.phase("steps"):
         watch = IterationWatch(scene, solves)
         simulation = dj.Simulation(
@@ -167,6 +167,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sizes", nargs="+", choices=list(DIVISIONS), default=list(DIVISIONS))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
+    parser.add_argument("--stiffness", type=float, default=1e11, help="of the joint [Pa/m]")
     parser.add_argument("--steps", type=at_least(2), default=5)
     parser.add_argument("--quick", action="store_true", help="tiny walls")
     parser.add_argument("--json", action="store_true", help="a JSON array as the last line")

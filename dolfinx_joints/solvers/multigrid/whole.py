@@ -1,0 +1,258 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's method on the displacement and the tractions of joints of large bodies.
+
+The unknowns are the change x of the displacement and the tractions t:
+
+    A x + B^T (w t) = b,    t = t_c(g + B x + c t),
+
+where t_c is the answer of the laws on the compliances c of their points, as the condensed solver
+asks them, here estimated from the diagonal of A. Whether a point opens then follows from gap and
+traction together, and the residual of a stiff joint is no larger than that of a soft one. In a
+correction t is eliminated; its matrix A + B^T (w D) B is that of `NewtonSolver`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.internal_forces import JointInternalForces
+from dolfinx_joints.joints.operator import diagonal_compliance
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
+from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix, MatrixCoefficients
+from dolfinx_joints.solvers.line_search import LineSearch
+from dolfinx_joints.solvers.newton import INNER_TOLERANCE, REGULARISATIONS, NewtonSolver
+from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
+from dolfinx_joints.solvers.tangent import Tangent
+
+Floats = NDArray[np.float64]
+
+EPS = float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Iterate:
+    """Displacement and tractions, and what is left of their equations.
+
+    Attributes:
+        change: x [m].
+        traction: t, shape (n, 3), [Pa].
+        response: Answer of the laws on the compliances c.
+        left: t less the answer's tractions, shape (n, 3), [Pa].
+        unbalanced: A x + B^T (w t) - b at the unconstrained dofs [N].
+        norm: Of both residuals, [J^(1/2)].
+        joints: Largest w |t - t_c| relative to the largest w |t_c|.
+        body: Norm of A x + B^T (w t_c) - b relative to the largest of its parts.
+        accepted: What rounding leaves of both.
+    """
+
+    change: PETSc.Vec
+    traction: Floats
+    response: Response
+    left: Floats
+    unbalanced: PETSc.Vec
+    norm: float
+    joints: float
+    body: float
+    accepted: tuple[float, float]
+
+
+class WholeSolver(NewtonSolver):
+    """Newton's method on displacement and tractions, for joints with condensed laws.
+
+    Args:
+        system: The system, with joints.
+        options: Tolerances and limits.
+    """
+
+    def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
+        """Make the work vectors (collective)."""
+        super().__init__(system, options)
+        assert system.contact is not None
+        self._contact: Contact = system.contact
+        self._operator = system.contact.operator.constrained(self.unconstrained)
+
+    def solve(
+        self,
+        effective: MatrixCoefficients,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = BACKWARD_EULER,
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place, starting from it; see `NewtonSolver.solve` (collective)."""
+        assert state is not None
+        tangent: Tangent = self._tangents(effective)
+        equations = _Equations(self, tangent.effective, b, state, rule)
+        at = equations.evaluate(x.copy(), np.zeros_like(state.gap))
+        at = equations.evaluate(at.change, at.response.traction)
+        iteration, factorizations = 0, 0
+        norms, line_search = [at.norm], LineSearch(self.options.max_cuts)
+        while True:
+            tolerances = [max(self.options.relative_tolerance, each) for each in at.accepted]
+            if at.joints <= tolerances[0] and at.body <= tolerances[1]:
+                break
+            if iteration == self.options.max_iterations or not np.isfinite(at.norm):
+                joints, residual = JointInternalForces(self._contact), max(at.joints, at.body)
+                raise solve_failure(
+                    joints, at.response, state, iteration, residual, self.options
+                )
+            fallen = 1.0 if len(norms) == 1 else norms[-1] / norms[-2]
+            wanted = 0.3 * min(
+                t / max(left, 1e-300) for t, left in zip(tolerances, (at.joints, at.body), strict=True)
+            )
+            inner = max(min(INNER_TOLERANCE, fallen**2), min(wanted, INNER_TOLERANCE))
+            factorizations += self._correct_both(equations, tangent, at, inner)
+            at = equations.search(at, self._correction, line_search.cuts(at.norm))
+            iteration += 1
+            norms.append(at.norm)
+        at.change.copy(x)
+        return at.response, SolveReport(
+            iterations=iteration,
+            factorizations=factorizations,
+            residual=max(at.joints, at.body),
+            counts=self._contact.counts(at.response.status),
+            residuals=tuple(norms),
+            solver=self.name,
+        )
+
+    def _correct_both(
+        self, equations: _Equations, tangent: Tangent, at: _Iterate, tolerance: float
+    ) -> int:
+        """Newton's correction of x; factorizations it took (collective)."""
+        right = equations.right(at)
+        for part in REGULARISATIONS:
+            try:
+                added = part * self._contact.closed_tangent() if part else 0.0
+                solver = tangent.update(equations.stiffness(at) + added)
+                factored = solver.solve(right, self._correction, tolerance)
+                self._correction.pointwiseMult(self._correction, self.unconstrained)
+                return int(factored)
+            except JointsError as error:
+                tangent.forget()
+                failure = error
+        raise failure
+
+
+class _Equations:
+    """Both equations of a step."""
+
+    def __init__(
+        self,
+        solver: WholeSolver,
+        matrix: EffectiveMatrix,
+        b: PETSc.Vec,
+        state: JointState,
+        rule: Rule,
+    ) -> None:
+        self._contact, self._matrix, self._b = solver._contact, matrix, b
+        self._free, self._state, self._rule = solver.unconstrained, state, rule
+        diagonal = matrix.constrained.getDiagonal()
+        each = diagonal_compliance(solver._operator, diagonal).reshape(-1, 3)
+        self._areas = self._contact.operator.areas[:, None]
+        live = np.maximum(np.count_nonzero(each[:, 1:], axis=1), 1)
+        self._own = self._areas * np.column_stack([each[:, 0], each[:, 1:].sum(axis=1) / live])
+        self._c = np.repeat(self._own, (1, 2), axis=1)
+        self._inverse = diagonal
+        self._inverse.reciprocal()
+        self._force, self._product, self._work = (b.duplicate() for _ in range(3))
+
+    def evaluate(self, change: PETSc.Vec, traction: Floats) -> _Iterate:
+        """Residuals at a displacement and tractions (collective)."""
+        operator, comm = self._contact.operator, self._contact.operator.comm
+        gap = self._state.gap + operator.jump(change)
+        response = self._contact.respond_condensed(
+            gap + self._c * traction, self._own, self._state, self._rule
+        )
+        left = traction - response.traction
+        operator.force(traction, self._force)
+        self._matrix.multiply(change, self._product)
+        unbalanced = self._product.duplicate()
+        unbalanced.waxpy(1.0, self._force, self._product)
+        unbalanced.axpy(-1.0, self._b)
+        unbalanced.pointwiseMult(unbalanced, self._free)
+        scale = max(float(v.norm()) for v in (self._product, self._force, self._b))
+        body = float(operator.force(left, self._force).norm()) or 0.0
+        self._work.waxpy(-1.0, self._force, unbalanced)
+        self._work.pointwiseMult(self._work, self._free)
+        body = float(self._work.norm())
+        self._work.pointwiseMult(unbalanced, self._inverse)
+        energy = float(self._work.dot(unbalanced))
+        forces = self._areas * left
+        reach = np.abs(gap) + np.abs(self._c * traction)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rounding = np.where(self._c > 0.0, self._areas * reach / self._c, 0.0)
+        every = of_ranks(
+            comm,
+            np.array(
+                [
+                    np.abs(forces).max(initial=0.0),
+                    np.abs(self._areas * response.traction).max(initial=0.0),
+                    rounding.max(initial=0.0),
+                    np.sum(self._c * self._areas * left**2),
+                ]
+            ),
+        )
+        worst, largest, rounding = every[:, :3].max(axis=0)
+        largest = largest or worst or 1.0
+        return _Iterate(
+            change=change,
+            traction=traction,
+            response=response,
+            left=left,
+            unbalanced=unbalanced,
+            norm=float(np.sqrt(energy + every[:, 3].sum())),
+            joints=worst / largest,
+            body=body / (scale or 1.0),
+            accepted=(
+                min(64.0 * EPS * rounding / largest, 1e-3),
+                min(4.0 * EPS * self._matrix.norm * float(change.norm()) / (scale or 1.0), 1e-6),
+            ),
+        )
+
+    def _tangents(self, at: _Iterate) -> tuple[Floats, Floats]:
+        """T c and (I - T c)^-1, shape (n, 3, 3)."""
+        tangent = at.response.tangent
+        inverse = np.linalg.inv(np.eye(3) - tangent * self._c[:, None, :])
+        return tangent, inverse
+
+    def stiffness(self, at: _Iterate) -> Floats:
+        """D = (I - T c)^-1 T of each point, shape (n, 3, 3), [Pa/m]."""
+        tangent, inverse = self._tangents(at)
+        found: Floats = inverse @ tangent
+        return found
+
+    def right(self, at: _Iterate) -> PETSc.Vec:
+        """A x + B^T (w t) - b - B^T (w (I - T c)^-1 (t - t_c)) [N] (collective)."""
+        _, inverse = self._tangents(at)
+        force = self._contact.operator.force(
+            np.einsum("nij,nj->ni", inverse, at.left), self._force
+        )
+        right = at.unbalanced.copy()
+        right.axpy(-1.0, force)
+        right.pointwiseMult(right, self._free)
+        return right
+
+    def search(self, at: _Iterate, correction: PETSc.Vec, cuts: int) -> _Iterate:
+        """Take the correction, halved while it does not make the residual smaller (collective)."""
+        tangent, inverse = self._tangents(at)
+        gaps = self._contact.operator.jump(correction)
+        back = np.einsum("nij,nj->ni", inverse, np.einsum("nij,nj->ni", tangent, gaps) + at.left)
+        smallest = np.inf
+        for cut in range(cuts + 1):
+            share, change = 0.5**cut, at.change.duplicate()
+            change.waxpy(-share, correction, at.change)
+            trial = self.evaluate(change, at.traction - share * back)
+            if trial.norm < smallest or cut == 0:
+                smallest, best = trial.norm, trial
+            if trial.norm < at.norm:
+                break
+        return best

@@ -93,7 +93,9 @@ def measure(
     scene = wall("large", divisions=divisions, joints=1)
     phases, tied = Phases(), kind == "linear"
     with phases.phase("set-up"):
-        model = scene.model(scene.read(mesh, tied=tied), None if tied else scene.law(options.stiffness))
+        model = scene.model(
+            scene.read(mesh, tied=tied), None if tied else scene.law(options.stiffness)
+        )
     with counted() as solves, phases.phase("steps"):
         watch = IterationWatch(scene, solves)
         simulation = dj.Simulation(

@@ -20,12 +20,13 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import FirstThatWorks
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.multigrid.whole import WholeSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
-# Stiffness of a closed joint point beside that of the nodes around it, up to which multigrid takes
-# the whole in few iterations and Newton's method in few corrections (docs/decisions).
-LARGEST_RATIO = 10.0
+# Stiffness of a closed joint point beside that of the nodes around it, up to which the whole is
+# solved in few iterations; the same of points that are not at nodes (docs/decisions).
+LARGEST_RATIO, LARGEST_ELSEWHERE = 1e3, 10.0
 
 SolverKind = Literal["auto", "condensed", "monolithic", "forms"]
 
@@ -46,8 +47,9 @@ def make_solver(
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
-            joints are soft beside its elements (`LARGEST_RATIO`); in statics each as well where the
-            other does not converge and no joint is rigid. ``forms`` is monolithic with the joints
+            joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics each as well
+            where the other does not converge and no joint is rigid. ``forms`` is monolithic with
+            the joints
             by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
@@ -80,15 +82,18 @@ def make_solver(
     def monolithic() -> StepSolver:
         return NewtonSolver(system, options)
 
+    def whole() -> StepSolver:
+        return WholeSolver(system, options)
+
     first, second = condensed, monolithic
-    if kind == "auto" and _soft_on_iterated_bulk(system, contact, options or SolverOptions()):
-        first, second = monolithic, condensed
+    if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
+        first, second = whole, condensed
     if static_steps and kind == "auto" and not rigid:
         return FirstThatWorks(first(), second)
     return first()
 
 
-def _soft_on_iterated_bulk(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
+def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
     """Whether multigrid takes the whole in few iterations (collective)."""
     if contact.rigid or not iterates(system, options.linear):
         return False
@@ -96,7 +101,9 @@ def _soft_on_iterated_bulk(system: MatrixSystem, contact: Contact, options: Solv
     own = diagonal_compliance(operator.matrix, diagonal).reshape(-1, 3)
     closed = operator.areas[:, None] * np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
     ratio = float((own * closed).max(initial=0.0))
-    return bool(operator.comm.allreduce(ratio, MPI.MAX) <= LARGEST_RATIO)
+    at_nodes = getattr(operator, "quadrature", None) in ("auto", "nodal")
+    largest = LARGEST_RATIO if at_nodes else LARGEST_ELSEWHERE
+    return bool(operator.comm.allreduce(ratio, MPI.MAX) <= largest)
 
 
 def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:

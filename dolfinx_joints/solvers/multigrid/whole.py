@@ -49,9 +49,10 @@ class _Iterate:
         left: t less the answer's tractions, shape (n, 3), [Pa].
         unbalanced: A x + B^T (w t) - b at the unconstrained dofs [N].
         norm: Of both residuals, [J^(1/2)].
-        joints: Largest w |t - t_c| relative to the largest w |t_c|.
-        body: Norm of A x + B^T (w t_c) - b relative to the largest of its parts.
-        accepted: What rounding leaves of both.
+        forces: Norm of both as forces of nodes [N].
+        relative: What is left in the joints, of their largest force, and of the equilibrium with
+            the answer's tractions, of its largest part.
+        rounding: What rounding leaves of either.
     """
 
     change: PETSc.Vec
@@ -60,9 +61,13 @@ class _Iterate:
     left: Floats
     unbalanced: PETSc.Vec
     norm: float
-    joints: float
-    body: float
-    accepted: tuple[float, float]
+    forces: float
+    relative: Floats
+    rounding: Floats
+
+    def solved(self, tolerance: float) -> bool:
+        """Whether no more is left of either than the tolerance or rounding."""
+        return bool(np.all(self.relative <= np.maximum(tolerance, self.rounding)))
 
 
 class WholeSolver(NewtonSolver):
@@ -91,36 +96,30 @@ class WholeSolver(NewtonSolver):
         """Solve for ``x`` in place, starting from it; see `NewtonSolver.solve` (collective)."""
         assert state is not None
         tangent: Tangent = self._tangents(effective)
-        equations = _Equations(self, tangent.effective, b, state, rule)
+        equations, options = _Equations(self, tangent.effective, b, state, rule), self.options
         at = equations.evaluate(x.copy(), np.zeros_like(state.gap))
         at = equations.evaluate(at.change, at.response.traction)
-        iteration, factorizations = 0, 0
-        norms, line_search = [at.norm], LineSearch(self.options.max_cuts)
-        while True:
-            tolerances = [max(self.options.relative_tolerance, each) for each in at.accepted]
-            if at.joints <= tolerances[0] and at.body <= tolerances[1]:
-                break
-            if iteration == self.options.max_iterations or not np.isfinite(at.norm):
-                joints, residual = JointInternalForces(self._contact), max(at.joints, at.body)
-                raise solve_failure(
-                    joints, at.response, state, iteration, residual, self.options
-                )
-            fallen = 1.0 if len(norms) == 1 else norms[-1] / norms[-2]
-            wanted = 0.3 * min(
-                t / max(left, 1e-300) for t, left in zip(tolerances, (at.joints, at.body), strict=True)
+        factorizations, norms, line_search = 0, [at.norm], LineSearch(options.max_cuts)
+        while not at.solved(options.relative_tolerance):
+            iteration, residual = len(norms) - 1, float(at.relative.max())
+            if iteration == options.max_iterations or not np.isfinite(at.norm):
+                joints = JointInternalForces(self._contact)
+                raise solve_failure(joints, at.response, state, iteration, residual, options)
+            fallen = at.norm / norms[-2] if iteration else 1.0
+            # As rough as Newton's method lets corrections be, no finer than is asked for.
+            inner = max(
+                min(INNER_TOLERANCE, fallen**2), 0.3 * options.relative_tolerance / residual
             )
-            inner = max(min(INNER_TOLERANCE, fallen**2), min(wanted, INNER_TOLERANCE))
             factorizations += self._correct_both(equations, tangent, at, inner)
             at = equations.search(at, self._correction, line_search.cuts(at.norm))
-            iteration += 1
             norms.append(at.norm)
         at.change.copy(x)
         return at.response, SolveReport(
-            iterations=iteration,
+            iterations=len(norms) - 1,
             factorizations=factorizations,
-            residual=max(at.joints, at.body),
+            residual=float(at.relative.max()),
             counts=self._contact.counts(at.response.status),
-            residuals=tuple(norms),
+            residuals=tuple(norm / (norms[0] or 1.0) for norm in norms),
             solver=self.name,
         )
 
@@ -129,6 +128,8 @@ class WholeSolver(NewtonSolver):
     ) -> int:
         """Newton's correction of x; factorizations it took (collective)."""
         right = equations.right(at)
+        # Tractions that laws take back are no forces of stiff joints.
+        tolerance *= min(at.forces / (float(right.norm()) or 1.0), 1.0)
         for part in REGULARISATIONS:
             try:
                 added = part * self._contact.closed_tangent() if part else 0.0
@@ -163,60 +164,58 @@ class _Equations:
         self._c = np.repeat(self._own, (1, 2), axis=1)
         self._inverse = diagonal
         self._inverse.reciprocal()
-        self._force, self._product, self._work = (b.duplicate() for _ in range(3))
+        self._force, self._product = b.duplicate(), b.duplicate()
 
     def evaluate(self, change: PETSc.Vec, traction: Floats) -> _Iterate:
         """Residuals at a displacement and tractions (collective)."""
-        operator, comm = self._contact.operator, self._contact.operator.comm
+        operator = self._contact.operator
         gap = self._state.gap + operator.jump(change)
         response = self._contact.respond_condensed(
             gap + self._c * traction, self._own, self._state, self._rule
         )
         left = traction - response.traction
-        operator.force(traction, self._force)
         self._matrix.multiply(change, self._product)
+        operator.force(traction, self._force)
+        scale = max(float(v.norm()) for v in (self._product, self._force, self._b)) or 1.0
         unbalanced = self._product.duplicate()
         unbalanced.waxpy(1.0, self._force, self._product)
         unbalanced.axpy(-1.0, self._b)
         unbalanced.pointwiseMult(unbalanced, self._free)
-        scale = max(float(v.norm()) for v in (self._product, self._force, self._b))
-        body = float(operator.force(left, self._force).norm()) or 0.0
-        self._work.waxpy(-1.0, self._force, unbalanced)
-        self._work.pointwiseMult(self._work, self._free)
-        body = float(self._work.norm())
-        self._work.pointwiseMult(unbalanced, self._inverse)
-        energy = float(self._work.dot(unbalanced))
-        forces = self._areas * left
-        reach = np.abs(gap) + np.abs(self._c * traction)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rounding = np.where(self._c > 0.0, self._areas * reach / self._c, 0.0)
-        every = of_ranks(
-            comm,
-            np.array(
-                [
-                    np.abs(forces).max(initial=0.0),
-                    np.abs(self._areas * response.traction).max(initial=0.0),
-                    rounding.max(initial=0.0),
-                    np.sum(self._c * self._areas * left**2),
-                ]
-            ),
-        )
-        worst, largest, rounding = every[:, :3].max(axis=0)
-        largest = largest or worst or 1.0
+        self._product.pointwiseMult(unbalanced, self._inverse)
+        energy = float(self._product.dot(unbalanced))
+        operator.force(left, self._force)
+        forces = float(np.hypot(self._force.norm(), unbalanced.norm()))
+        self._force.aypx(-1.0, unbalanced)
+        self._force.pointwiseMult(self._force, self._free)
+        rounding = 4.0 * EPS * self._matrix.norm * float(change.norm()) / scale
+        joints, of_joints, more = self._in_joints(response, left, np.abs(gap), traction)
         return _Iterate(
             change=change,
             traction=traction,
             response=response,
             left=left,
             unbalanced=unbalanced,
-            norm=float(np.sqrt(energy + every[:, 3].sum())),
-            joints=worst / largest,
-            body=body / (scale or 1.0),
-            accepted=(
-                min(64.0 * EPS * rounding / largest, 1e-3),
-                min(4.0 * EPS * self._matrix.norm * float(change.norm()) / (scale or 1.0), 1e-6),
-            ),
+            norm=float(np.sqrt(energy + more)),
+            forces=forces,
+            relative=np.array([joints, float(self._force.norm()) / scale]),
+            rounding=np.minimum([of_joints, rounding], [1e-3, 1e-6]),
         )
+
+    def _in_joints(
+        self, response: Response, left: Floats, gap: Floats, traction: Floats
+    ) -> tuple[float, float, float]:
+        """What is left and what rounding leaves of the largest force; energy [J] (collective)."""
+        reach = gap + np.abs(self._c * traction)
+        exact = np.divide(reach, self._c, out=np.zeros_like(reach), where=self._c > 0.0)
+        sizes = [self._areas * np.abs(each) for each in (left, response.traction, exact)]
+        mine = [each.max(initial=0.0) for each in sizes]
+        every = of_ranks(
+            self._contact.operator.comm,
+            np.array([*mine, np.sum(self._areas * self._c * left**2)]),
+        )
+        worst, largest, rounding = every[:, :3].max(axis=0)
+        largest = largest or worst or 1.0
+        return worst / largest, 64.0 * EPS * rounding / largest, float(every[:, 3].sum())
 
     def _tangents(self, at: _Iterate) -> tuple[Floats, Floats]:
         """T c and (I - T c)^-1, shape (n, 3, 3)."""
@@ -233,9 +232,7 @@ class _Equations:
     def right(self, at: _Iterate) -> PETSc.Vec:
         """A x + B^T (w t) - b - B^T (w (I - T c)^-1 (t - t_c)) [N] (collective)."""
         _, inverse = self._tangents(at)
-        force = self._contact.operator.force(
-            np.einsum("nij,nj->ni", inverse, at.left), self._force
-        )
+        force = self._contact.operator.force(np.einsum("nij,nj->ni", inverse, at.left), self._force)
         right = at.unbalanced.copy()
         right.axpy(-1.0, force)
         right.pointwiseMult(right, self._free)

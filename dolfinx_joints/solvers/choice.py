@@ -20,7 +20,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import FirstThatWorks
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.multigrid.whole import WholeSolver
+from dolfinx_joints.solvers.interface.whole import WholeSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 

@@ -111,7 +111,7 @@ class BlockInverse:
     def update(self, added: PETSc.Mat) -> None:
         """Invert for the values of K (collective)."""
         for dofs, bulk, joint in zip(self._dofs, self._bulk, self._blocks(added), strict=True):
-            _insert(self.matrix, dofs, np.linalg.inv(bulk + joint))
+            _insert(self.matrix, dofs, np.asarray(np.linalg.inv(bulk + joint), np.float64))
         self.matrix.assemble()
 
     def _blocks(self, matrix: PETSc.Mat) -> list[Floats]:
@@ -136,7 +136,9 @@ class _Places:
 
     def __init__(self, dofs: list[Ints]) -> None:
         self._shapes = [(len(each), each.shape[1], each.shape[1]) for each in dofs]
-        block, place, width = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], []
+        block: list[Ints] = [np.zeros(0, np.int64)]
+        place: list[Ints] = [np.zeros(0, np.int64)]
+        width: list[int] = []
         for each in dofs:
             count, wide = each.shape
             block.append(np.repeat(np.arange(count) + len(width), wide))

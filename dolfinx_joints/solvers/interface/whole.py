@@ -4,7 +4,7 @@
 
 The unknowns are the change x of the displacement and the tractions t:
 
-    A x + B^T (w t) = b,    t = t_c(g + B x + c t),
+    A x + B^T (w t) = b,    t = t_c(g + B x + c t),    (13a)
 
 where t_c is the answer of the laws on the compliances c of their points, as the condensed solver
 asks them, here estimated from the diagonal of A. Whether a point opens then follows from gap and
@@ -230,7 +230,7 @@ class _Equations:
         return found
 
     def right(self, at: _Iterate) -> PETSc.Vec:
-        """A x + B^T (w t) - b - B^T (w (I - T c)^-1 (t - t_c)) [N] (collective)."""
+        """Right-hand side of (13b), its sign changed [N] (collective)."""
         _, inverse = self._tangents(at)
         force = self._contact.operator.force(np.einsum("nij,nj->ni", inverse, at.left), self._force)
         right = at.unbalanced.copy()

@@ -82,6 +82,10 @@ from .monitors.progress_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.resultants import JointForces as JointForces
 from .monitors.results_monitor import ResultsMonitor as ResultsMonitor
 from .motions import spectra as spectra
+from .motions.courses import motion_from_displacement as motion_from_displacement
+from .motions.courses import motion_from_velocity as motion_from_velocity
+from .motions.differing import DifferingMotion as DifferingMotion
+from .motions.differing import Passage as Passage
 from .motions.motion import Motion as Motion
 from .motions.motion import synthetic_motion as synthetic_motion
 from .motions.reading import read_record as read_record

@@ -80,13 +80,14 @@ class DynamicRun:
         steps: int,
         motion: Callable[[float], Any] | None,
         free_surface: Callable[[float], NDArray[np.float64]] | None = None,
+        static_part: Callable[[float], PETSc.Vec] | None = None,
         settings: Mapping[str, Any] | None = None,
         stages: Sequence[StageRecord] = (),
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
-        self._free_surface = free_surface
+        self._free_surface, self._static_part = free_surface, static_part
         self._reduced = scheme if isinstance(scheme, ReducedSteps) else None
         self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
@@ -194,6 +195,7 @@ class DynamicRun:
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,
+            static_part=self._static_part,
             solve=solve,
             energy=row,
             substeps=substeps,

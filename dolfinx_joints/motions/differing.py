@@ -171,8 +171,8 @@ class DifferingMotion(Summarised):
         delays = np.zeros(len(x)) if self.passage is None else self.passage.delays(x) - first
         courses = {name: displacement_of(motion) for name, motion in self.named.items()}
         parts = [
-            (acting := np.flatnonzero(share), share[acting, None], delays[acting], course)
-            for share, course in zip(shares.T, courses.values(), strict=True)
+            (acts := np.flatnonzero(shares[:, k]), shares[acts, k, None], delays[acts], course)
+            for k, course in enumerate(courses.values())
         ]
 
         def moved(time: float) -> Floats:
@@ -205,7 +205,8 @@ class DifferingMotion(Summarised):
 
     def _along(self, positions: Mapping[str, Sequence[float]]) -> Callable[[Floats], Floats]:
         """Distance along the line through the first and the last station [m]."""
-        line = np.diff(self._places(positions)[[0, -1]], axis=0)[0]
+        places = self._places(positions)
+        line = places[-1] - places[0]
         return lambda x: np.asarray(x @ line / (np.linalg.norm(line) or 1.0))
 
 

@@ -318,7 +318,7 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            shaking = [*moved_by(motion, dt), *kept, *loads]
+            shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
             system = on_ground(ground, self.model.system(shaking, waves=dt, shared=self.shared))
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -350,7 +350,7 @@ class Simulation:
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),
-                static_part=ground and ground.static_part,
+                static_part=ground.static_part if ground else None,
                 settings={k: in_words(v) for k, v in facts.items()} | acting,
                 stages=tuple(self.stages),
             )

@@ -77,7 +77,7 @@ class DifferingGround:
     def static_part(self, time: float) -> PETSc.Vec:
         """Displacement of the body without inertia, all joints closed and sticking (collective).
 
-        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12l).
+        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z).
 
         Args:
             time: Time [s].

@@ -41,6 +41,7 @@ from .loads.body_and_face_loads import Traction as Traction
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import incident_wave as incident_wave
 from .loads.ground_motion import BaseMotion as BaseMotion
+from .loads.oblique_field import ObliqueFreeField as ObliqueFreeField
 from .loads.temperature.fields import AnnualWave as AnnualWave
 from .loads.temperature.fields import ReservoirTemperature as ReservoirTemperature
 from .loads.temperature.fields import seasonal_temperatures as seasonal_temperatures

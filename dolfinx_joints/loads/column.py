@@ -93,7 +93,7 @@ class Column:
 
     def _sampled(self, samples: Floats, times: Floats) -> Floats:
         """Samples between which a wave is cubic, zero before the first."""
-        place = np.maximum(times, -2.0 * self._spacing) / self._spacing
+        place = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
         i = np.floor(place).astype(int)
         x = place - i
         before, here, after, next_ = (samples[i + BEFORE + k] for k in (-1, 0, 1, 2))

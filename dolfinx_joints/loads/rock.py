@@ -105,9 +105,7 @@ def layers_along(
             )
         else:
             layers.append(
-                Layer(
-                    bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density
-                )
+                Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
             )
     layers[0] = replace(layers[0], bottom=base)
     layers[-1] = replace(layers[-1], top=surface)

@@ -23,9 +23,9 @@ from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
-from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
+from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
@@ -297,7 +297,7 @@ def ground_motion(
     if motion is None:
         return None
     in_axes(motion, model.gdim)(0.0)
-    if any(isinstance(load, FreeField) for load in (*model.loads, *loads)):
+    if rising_waves([*model.loads, *loads]):
         raise ValueError(
             "motion is given beside a FreeField, which moves the ground already; give one."
         )
@@ -308,11 +308,7 @@ def free_surface(
     model: Model, loads: Sequence[Load]
 ) -> Callable[[float], NDArray[np.float64]] | None:
     """Velocity of the level free surface under all waves that rise, None without (collective)."""
-    waves = [
-        load.surface_velocity(model)
-        for load in (*model.loads, *loads)
-        if isinstance(load, FreeField)
-    ]
+    waves = [load.surface_velocity(model) for load in rising_waves([*model.loads, *loads])]
     return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
 
 

@@ -42,8 +42,9 @@ class Column:
         self._spacing = min(spacing, min(travels) / FEWEST)
         self._block = max(int(min(travels) / self._spacing) - FEWEST + 1, 1)
         interfaces = len(self._z) - 1
-        self._rising = [np.zeros(BEFORE) for _ in range(interfaces)]  # above each interface
-        self._falling = [np.zeros(BEFORE) for _ in range(interfaces)]  # below it
+        # Above and below each interface.
+        self._rising: list[Floats] = [np.zeros(BEFORE) for _ in range(interfaces)]
+        self._falling: list[Floats] = [np.zeros(BEFORE) for _ in range(interfaces)]
 
     def rising(self, layer: int, time: float) -> float:
         """Velocity of the rising wave at the bottom of a layer [m/s]."""
@@ -67,7 +68,7 @@ class Column:
     def _sample(self) -> None:
         """The next samples: as many as depend on waves before them alone."""
         start = len(self._rising[0]) - BEFORE
-        times = self._spacing * np.arange(start, start + self._block)
+        times: Floats = self._spacing * np.arange(start, start + self._block, dtype=np.float64)
         sent = []
         for i, (below, above) in enumerate(zip(self._z, self._z[1:], strict=False)):
             up, down = self._from_below(i, times), self._from_above(i + 1, times)

@@ -64,28 +64,26 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     h, z = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), np.array([0.0, 0.0, 1.0])
     fast, slow = rock.pressure_speed, rock.shear_speed
     p = np.sin(angle) / (fast if kind == "P" else slow)
-    if p * fast >= 1.0:
-        critical = np.rad2deg(np.arcsin(slow / fast))
-        if kind == "SV":
-            raise ValueError(
-                f"ObliqueFreeField: angle_deg is {np.rad2deg(angle):g}; of an SV wave in this rock "
-                f"it must be below {critical:.4g}, beyond which no plane P wave is reflected."
-            )
 
-    def ray(speed: float, way: float) -> Floats:
-        """Unit vector of a wave of the horizontal slowness p that rises (1) or falls (-1)."""
-        return np.asarray(p * speed * h + way * np.sqrt(1.0 - (p * speed) ** 2) * z)
+    def slowness(speed: float, way: float) -> Floats:
+        """That of a wave that rises (way 1) or falls (-1)."""
+        return np.asarray(p * h + way * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
 
     def wave(speed: float, way: float, shear: bool) -> PlaneWave:
-        along = ray(speed, way)
-        # Turned by 90 degrees in the plane of incidence, S waves that rise move forwards.
-        across = way * (along @ z) * h - way * (along @ h) * z
-        return PlaneWave(motion=across if shear else along, slowness=along / speed)
+        s = slowness(speed, way)
+        # S waves that rise and those that fall move forwards.
+        across = way * ((s @ z) * h - (s @ h) * z)
+        return PlaneWave(motion=speed * (across if shear else s), slowness=s)
 
     if kind == "SH":
         left = np.cross(z, h)
-        ways = [ray(slow, way) / slow for way in (1.0, -1.0)]
-        return [PlaneWave(motion=left, slowness=slowness) for slowness in ways]
+        return [PlaneWave(motion=left, slowness=slowness(slow, way)) for way in (1.0, -1.0)]
+    if p * fast >= 1.0:
+        critical = np.rad2deg(np.arcsin(slow / fast))
+        raise ValueError(
+            f"ObliqueFreeField: angle_deg is {np.rad2deg(angle):g}; of an SV wave in this rock it "
+            f"must be below {critical:.4g}, beyond which no plane P wave is reflected."
+        )
     incident = wave(fast, 1.0, False) if kind == "P" else wave(slow, 1.0, True)
     reflected = [wave(fast, -1.0, False), wave(slow, -1.0, True)]
     in_plane = np.stack([h, z])

@@ -49,8 +49,6 @@ from dolfinx_joints import (
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.simulation.monitor import Monitor
 
-pytestmark = pytest.mark.mpi
-
 LENGTH, SPEED, TAU = 100.0, 1000.0, 0.05  # m, m/s, s
 ROCK = Elastic(young=2.4e9, poisson=0.0, density=2400.0)
 PULSE, SIZE, END = 0.1, 0.01, 0.3  # of f: s, m; of the run: s
@@ -217,6 +215,7 @@ def apart(distance, dt, end):
     return DifferingMotion(motions={"left": left, "right": right})
 
 
+@pytest.mark.mpi
 def test_abutments_open_a_joint_and_close_it(comm):
     """Apart by 1 cm slowly: the joint opens by that. Together: a bar and a joint in series."""
     damping = stiffness_proportional(ratio=0.3, frequency=5.0)
@@ -267,6 +266,7 @@ def histories(path):
         return [results.series("histories", name) for name in NAMES]
 
 
+@pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore:The motions of left, right end")
 def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
     """The same as on one rank, continued from a checkpoint to the last bit; the ledger closes."""
@@ -296,6 +296,7 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
     comm.barrier()
 
 
+@pytest.mark.mpi
 def test_what_cannot_move_is_an_error(comm):
     motion = record(0.01)
     for motions, message in (

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from dolfinx.mesh import CellType
 
 from dolfinx_joints import (
+    Checkpoints,
     Elastic,
     FreeField,
     Model,
@@ -237,6 +238,43 @@ def test_a_layer_on_rock_echoes(comm, axis):
     assert coarse < 0.02
     if not MANY:
         assert layer_error(comm, axis, 4) < coarse / 3.0
+
+
+class Stop(Monitor):
+    """Ends a run at a step."""
+
+    def __init__(self, at):
+        self.at = at
+
+    def record(self, record):
+        if record.step == self.at:
+            raise InterruptedError
+
+
+def test_an_interrupted_run_goes_on(comm, new_path):
+    """With waves in layers and an oblique one, to the last bit."""
+    parts = {"rock": (0.0, 20.0), "soil": (20.0, 30.0)}
+    jointed = ground(comm, CellType.quadrilateral, [20.0, 30.0], [4, 6], parts)
+    kept = Checkpoints(new_path("waves.ckpt"), every=4)
+
+    def run(*monitors, **options):
+        groups = ["base", *sides_of(jointed)]
+        supports = [ViscousBoundary(group=group) for group in groups]
+        solids = {"rock": ROCK, "soil": SOFT}
+        model = Model(jointed, material=solids, supports=supports, degree=2)
+        rising = FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
+        oblique = ObliqueFreeField(
+            groups=["base"], wave="P", angle_deg=10.0, incident=pulse, surface=30.0
+        )
+        simulation = Simulation(model, monitors=monitors)
+        return simulation.dynamics(dt=5e-3, steps=20, loads=[rising, oblique], **options)
+
+    whole = run().state
+    with pytest.raises(InterruptedError):
+        run(Stop(11), checkpoint=kept)
+    again = run(Stop(-1), checkpoint=kept, resume=True).state
+    np.testing.assert_array_equal(again.displacement.array, whole.displacement.array)
+    np.testing.assert_array_equal(again.velocity.array, whole.velocity.array)
 
 
 def test_four_layers_against_transfer_functions():

@@ -310,6 +310,19 @@ def test_what_cannot_move_is_an_error(comm):
         march(rod(comm, 4, supports=stood), passing(0.01), 1)
 
 
+def test_a_run_goes_on_where_its_ground_is(comm):
+    """In two stages as in one; not on other ground, where the supports would jump."""
+    dt, motion = END / 60, passing(END / 240)
+    simulation = Simulation(rod(comm, 8))
+    whole = simulation.dynamics(dt=dt, steps=30, motion=motion).state.displacement
+    half = simulation.dynamics(dt=dt, steps=10, motion=motion).state
+    rest = simulation.dynamics(dt=dt, steps=20, motion=motion, start=half).state.displacement
+    # The first velocities of supports are differences once more: 1e-4 found, of second order.
+    assert largest(comm, rest.array - whole.array) < 1e-3 * largest(comm, whole.array)
+    with pytest.raises(ValueError, match="The displacements of the supports at t = 0.05 differ"):
+        simulation.dynamics(dt=dt, steps=1, start=half)
+
+
 def test_prescribed_displacements_are_relative_to_their_ground(comm):
     """A rod pulled by its right end while the ground passes: the sum of both answers."""
     pulled = [

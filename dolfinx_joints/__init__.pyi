@@ -41,6 +41,7 @@ from .loads.body_and_face_loads import Traction as Traction
 from .loads.free_field import FreeField as FreeField
 from .loads.free_field import incident_wave as incident_wave
 from .loads.ground_motion import BaseMotion as BaseMotion
+from .loads.oblique_field import ObliqueFreeField as ObliqueFreeField
 from .loads.temperature.fields import AnnualWave as AnnualWave
 from .loads.temperature.fields import ReservoirTemperature as ReservoirTemperature
 from .loads.temperature.fields import seasonal_temperatures as seasonal_temperatures
@@ -82,6 +83,10 @@ from .monitors.progress_monitor import ProgressMonitor as ProgressMonitor
 from .monitors.resultants import JointForces as JointForces
 from .monitors.results_monitor import ResultsMonitor as ResultsMonitor
 from .motions import spectra as spectra
+from .motions.courses import motion_from_displacement as motion_from_displacement
+from .motions.courses import motion_from_velocity as motion_from_velocity
+from .motions.differing import DifferingMotion as DifferingMotion
+from .motions.differing import Passage as Passage
 from .motions.motion import Motion as Motion
 from .motions.motion import synthetic_motion as synthetic_motion
 from .motions.reading import read_record as read_record

@@ -61,6 +61,16 @@ class BaseMotion:
         return _by_axis(self.velocity, gdim, "velocity")
 
 
+def moved_by(
+    acceleration: Callable[[float], NDArray[np.float64]] | None, spacing: float
+) -> list[BaseMotion]:
+    """The load that a ground motion is, none for none, its velocity as `velocity_of` finds it."""
+    if acceleration is None:
+        return []
+    velocity = velocity_of(acceleration, spacing)
+    return [BaseMotion(acceleration=acceleration, velocity=velocity)]
+
+
 def velocity_of(
     acceleration: Callable[[float], Any], spacing: float
 ) -> Callable[[float], NDArray[np.float64]]:

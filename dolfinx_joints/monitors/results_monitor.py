@@ -14,9 +14,10 @@ from typing import Annotated, Any
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import MeshError, ResultsError
+from dolfinx_joints.common.errors import JointsError, MeshError, ResultsError
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -25,6 +26,11 @@ from dolfinx_joints.monitors.body_cells import body_cells
 from dolfinx_joints.monitors.fields import Fields, StageFields, energies, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.manifest import manifest
+from dolfinx_joints.monitors.point_histories import (
+    STATIC_PART,
+    PointHistories,
+    declare_static_part,
+)
 from dolfinx_joints.monitors.probes import (
     PointProbe,
     Probe,
@@ -42,7 +48,6 @@ from dolfinx_joints.postprocessing.envelopes import (
 from dolfinx_joints.results.layout import (
     declare_body,
     declare_energy,
-    declare_histories,
     declare_points,
     declare_states,
 )
@@ -83,6 +88,8 @@ class ResultsMonitor(Monitor):
             included, at the whole boundary or on the facet groups named; of models in space only.
             Costs a product with a matrix each step.
         resultants: Record force and moment of each joint, and on each block, at every step.
+        static_part: Record the static part of the displacement under a `DifferingMotion` as well,
+            of the points at every step and of all nodes with the states. Costs a solve each step.
     """
 
     path: str | PathLike[str]
@@ -93,6 +100,7 @@ class ResultsMonitor(Monitor):
     overwrite: bool = False
     envelopes: bool | Sequence[str] = False
     resultants: bool = False
+    static_part: bool = False
 
     def __post_init__(self) -> None:
         """Check what is no plain parameter; nothing is written before the run starts."""
@@ -158,25 +166,15 @@ class ResultsMonitor(Monitor):
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:
                 self._aside.unlink(missing_ok=True)
-            declare_histories(
-                writer,
-                self._probe.positions,
-                accelerations=True,
-                relative=relative,
-                free_surface=first.free_surface is not None,
-            )
-            for group in self._supports:
-                text = f"force of the support {group} on the body"
-                writer.series("histories", f"reaction/{group}", (model.gdim,), "N", text)
-            if first.reservoir_force is not None:
-                text = "force of the reservoir's waves on its face"
-                writer.series("histories", "reservoir_force", (model.gdim,), "N", text)
+            self._histories.declare(writer, first, relative)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
             declare_states(writer, self._nodes.positions, surface, joints, self._cells, status=True)
             self._fields.declare(writer, "states", joints)
+            if self.static_part:
+                declare_static_part(writer, "states", self._nodes.positions.shape)
             if first.stages:
                 self._stage_fields.declare(writer, joints)
             if self._extremes is not None:
@@ -229,7 +227,6 @@ class ResultsMonitor(Monitor):
         self._moved = f"Monitored points: {'; '.join(moved)}." if moved else ""
         if self._moved and self._comm.rank == 0:
             warnings.warn(self._moved, stacklevel=2)
-        self._supports = (*model.constraints.groups, *model.constraints.points)
         self._envelopes = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
@@ -253,7 +250,17 @@ class ResultsMonitor(Monitor):
         self._resultants: ResultantsStream | None = None
         if self.resultants:
             self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
-        self._before: tuple[float, Floats] | None = None
+        self._histories = PointHistories(model, self._probe, self.static_part)
+        if self.static_part and first.static_part is None:
+            raise JointsError(
+                "static_part=True records what a DifferingMotion of the supports does; the ground "
+                "moves the same everywhere."
+            )
+
+    def _static_part(self, record: Record) -> PETSc.Vec | None:
+        """Static part of the displacement where it is recorded (collective)."""
+        wanted = self.static_part and record.static_part is not None
+        return record.static_part(record.time) if wanted and record.static_part else None
 
     def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
@@ -264,13 +271,10 @@ class ResultsMonitor(Monitor):
             if self._writer is not None:
                 self._writer.to_disk()
                 records = self._writer.records
-        assert self._before is not None
-        time, velocity = self._before
         return {
             "records": records,
             "settings": self._settings,
-            "time": time,
-            "velocity": velocity,
+            **self._histories.state_dict(),
             "envelopes": columns,
             "gap": gap,
         }
@@ -281,6 +285,7 @@ class ResultsMonitor(Monitor):
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants}
+        extra |= {"static_part": self.static_part}
         return {"points": points, "every": self.every, **extra}
 
     def resume(
@@ -295,7 +300,7 @@ class ResultsMonitor(Monitor):
                     f"{name}={here}."
                 )
         self._find(model, last)
-        self._before = state_dict["time"], state_dict["velocity"]
+        self._histories.load_state_dict(state_dict)
         self._time = last.time
         if self._envelopes is not None:
             self._envelopes.load_state_dict(state_dict["envelopes"])
@@ -331,11 +336,8 @@ class ResultsMonitor(Monitor):
             for name in ("open", "stick", "slip")
         }
         iterations = record.solve.iterations if record.solve else 0
-        history: dict[str, Any] = {**self._motion(record), **shares, "iterations": iterations}
-        for group in self._supports:
-            history[f"reaction/{group}"] = record.resultant(self._model, group)
-        if record.reservoir_force is not None:
-            history["reservoir_force"] = record.reservoir_force
+        static = self._static_part(record)
+        history = self._histories.values(record, static) | shares | {"iterations": iterations}
         self._append("histories", record.time, history)
         self._append("energy", record.time, energies(self._model, record))
         if self._extremes is not None and record.joints is not None:
@@ -344,27 +346,11 @@ class ResultsMonitor(Monitor):
             self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self.every == 0:
             values = self._fields.values(record.displacement, record.joints, record.pressure)
+            values |= {} if static is None else {STATIC_PART: self._nodes.gather(static)}
             self._append("states", record.time, values)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
-
-    def _motion(self, record: Record) -> dict[str, Floats]:
-        """Displacement and acceleration of the points, motion of the ground.
-
-        The acceleration is the change of velocity since the last record over the time between: the
-        mean of the step, which every scheme knows, however many substeps it was cut into.
-        """
-        displacement, velocity = record.read(self._probe)
-        acceleration: Floats = np.zeros_like(velocity)
-        if self._before is not None:
-            time, before = self._before
-            acceleration = (velocity - before) / (record.time - time)
-        self._before = record.time, velocity
-        ground = {"ground_acceleration": record.ground_acceleration}
-        if record.free_surface is not None:
-            ground = {"free_surface_velocity": record.free_surface(record.time)}
-        return {"displacement": displacement, "acceleration": acceleration, **ground}
 
     def _relative(self, first: Record) -> bool:
         """Whether displacements are relative to the ground: it is given, or nothing moves it."""

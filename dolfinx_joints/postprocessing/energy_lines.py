@@ -51,7 +51,7 @@ def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
     if "absorbed" not in names:
         return None
     taken = results.series("energy", "absorbed")
-    fields = r"loads/(FreeField(_\d+)?|FarField_reservoir)"
+    fields = r"loads/((Oblique)?FreeField(_\d+)?|FarField_reservoir)"
     waves = [name for name in names if re.fullmatch(fields, name)]
     brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
     return brought, taken

@@ -23,9 +23,9 @@ from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
-from dolfinx_joints.loads.free_field import FreeField
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
+from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
@@ -80,13 +80,14 @@ class DynamicRun:
         steps: int,
         motion: Callable[[float], Any] | None,
         free_surface: Callable[[float], NDArray[np.float64]] | None = None,
+        static_part: Callable[[float], PETSc.Vec] | None = None,
         settings: Mapping[str, Any] | None = None,
         stages: Sequence[StageRecord] = (),
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
-        self._free_surface = free_surface
+        self._free_surface, self._static_part = free_surface, static_part
         self._reduced = scheme if isinstance(scheme, ReducedSteps) else None
         self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
@@ -194,6 +195,7 @@ class DynamicRun:
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,
+            static_part=self._static_part,
             solve=solve,
             energy=row,
             substeps=substeps,
@@ -295,7 +297,7 @@ def ground_motion(
     if motion is None:
         return None
     in_axes(motion, model.gdim)(0.0)
-    if any(isinstance(load, FreeField) for load in (*model.loads, *loads)):
+    if rising_waves([*model.loads, *loads]):
         raise ValueError(
             "motion is given beside a FreeField, which moves the ground already; give one."
         )
@@ -306,11 +308,7 @@ def free_surface(
     model: Model, loads: Sequence[Load]
 ) -> Callable[[float], NDArray[np.float64]] | None:
     """Velocity of the level free surface under all waves that rise, None without (collective)."""
-    waves = [
-        load.surface_velocity(model)
-        for load in (*model.loads, *loads)
-        if isinstance(load, FreeField)
-    ]
+    waves = [load.surface_velocity(model) for load in rising_waves([*model.loads, *loads])]
     return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
 
 

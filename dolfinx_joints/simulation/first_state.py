@@ -103,6 +103,7 @@ def first_state(
     """
     if start is not None:
         start = scaled(solver.system, start, 0, 0.0)
+        _check_displacement(solver.system, start.displacement, start.time)
         return initial_state(
             solver,
             time=start.time,
@@ -142,15 +143,16 @@ def _check_velocity(system: MatrixSystem, v: PETSc.Vec, dt: float) -> None:
         )
 
 
-def _check_displacement(system: MatrixSystem, u: PETSc.Vec) -> None:
-    """Check that displacements of the supports do not jump at time zero (collective)."""
-    at_zero = system.prescribed(0.0)
+def _check_displacement(system: MatrixSystem, u: PETSc.Vec, time: float = 0.0) -> None:
+    """Check that displacements of the supports do not jump at the start (collective)."""
+    at_start = system.prescribed(time)
     there = u.getArray(readonly=True)[system.constrained]
-    jump = float(np.abs(at_zero - there).max(initial=0.0))
+    jump = float(np.abs(at_start - there).max(initial=0.0))
     if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
         raise ValueError(
-            "The displacements of the supports at t = 0 differ from those that the dynamic stage "
-            "starts from, of the static state and displacement=; let them agree there."
+            f"The displacements of the supports at t = {time:g} differ from those that the dynamic "
+            "stage starts from, of the static state and displacement=, or of start= and its "
+            "motion; let them agree there."
         )
 
 

@@ -69,6 +69,8 @@ class Record:
         energy: Energies.
         dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
+        static_part: Static part of the displacement at a time [s], [m] (collective), see
+            `DifferingGround`; None where the ground is the same everywhere.
         reservoir_force: Of waves in the reservoir on the face, (gdim,), [N]; None without any.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
@@ -88,6 +90,7 @@ class Record:
     substeps: int
     dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
+    static_part: Callable[[float], PETSc.Vec] | None = None
     reservoir_force: NDArray[np.float64] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None

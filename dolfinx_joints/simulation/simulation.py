@@ -25,11 +25,12 @@ from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.free_field import SupportForces
-from dolfinx_joints.loads.ground_motion import BaseMotion, velocity_of
+from dolfinx_joints.loads.ground_motion import moved_by
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
+from dolfinx_joints.simulation.differing_ground import differing_ground, on_ground
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
 from dolfinx_joints.simulation.first_state import (
     checked_settings,
@@ -285,8 +286,9 @@ class Simulation:
         Args:
             dt: Time step [s].
             steps: Number of steps.
-            motion: Ground acceleration (3,) [m/s^2] at a time [s]; none unless given. In 2-D x and
-                z of it move the model along x and y; two numbers are taken as they are.
+            motion: Ground acceleration (3,) [m/s^2] at a time [s], or a `DifferingMotion`; none
+                unless given. In 2-D x and z of it move the model along x and y; two numbers are
+                taken as they are.
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
@@ -302,16 +304,13 @@ class Simulation:
                 wrote it. Its static state is taken as well; ``start`` is ignored.
 
         Raises:
-            CheckpointError: A checkpoint cannot be written, or is not there, damaged or of
-                another run.
-            ConvergenceError: A step did not converge however often it was halved; what had been
-                computed is with the monitors.
+            CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
+            ConvergenceError: A step did not converge however often halved; monitors have the rest.
         """
         scheme, control = checked_settings(scheme, control, start, checkpoint, resume, reduced)
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
-        acting, motion = shaken_by(motion, loads), ground_motion(self.model, motion, loads)
-        ground = None if motion is None else velocity_of(motion, dt)
-        shaking = [] if motion is None else [BaseMotion(acceleration=motion, velocity=ground)]
+        acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
+        motion = ground_motion(self.model, motion, loads)
         if not resume and start is None:
             check_grouted(self.static)
             check_complete(self.static)
@@ -319,7 +318,8 @@ class Simulation:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
-            system = self.model.system([*shaking, *kept, *loads], waves=dt, shared=self.shared)
+            shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
+            system = on_ground(ground, self.model.system(shaking, waves=dt, shared=self.shared))
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
@@ -350,6 +350,7 @@ class Simulation:
                 steps=steps,
                 motion=motion,
                 free_surface=free_surface(self.model, loads),
+                static_part=ground.static_part if ground else None,
                 settings={k: in_words(v) for k, v in facts.items()} | acting,
                 stages=tuple(self.stages),
             )

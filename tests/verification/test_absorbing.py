@@ -28,6 +28,7 @@ from dolfinx.mesh import (
     CellType,
     create_box,
     create_rectangle,
+    locate_entities,
     locate_entities_boundary,
     meshtags,
 )
@@ -52,8 +53,11 @@ PRESSURE = math.sqrt((ROCK.first_lame("strain") + 2 * ROCK.shear_modulus) / ROCK
 HEIGHT = 100.0
 
 
-def ground(comm, cell, size, divisions):
-    """A box from the origin with the groups base, top and x_min, x_max, y_min, y_max."""
+def ground(comm, cell, size, divisions, parts=None):
+    """A box from the origin with the groups base, top and x_min, x_max, y_min, y_max.
+
+    And with cell groups from one height to another, if ``parts`` has these by name.
+    """
     dim = len(size)
     make = create_rectangle if dim == 2 else create_box
     mesh = make(comm, [np.zeros(dim), np.array(size)], divisions, cell)
@@ -70,7 +74,14 @@ def ground(comm, cell, size, divisions):
     facets, values = np.concatenate(facets), np.concatenate(values)
     order = np.argsort(facets)
     tags = meshtags(mesh, dim - 1, facets[order], values[order])
-    return split_mesh(mesh, tags, joints={}, groups={name: i for i, name in enumerate(places)})
+    cells = {
+        name: locate_entities(
+            mesh, dim, lambda x, a=a, b=b: (x[dim - 1] > a - 1e-6) & (x[dim - 1] < b + 1e-6)
+        )
+        for name, (a, b) in (parts or {}).items()
+    }
+    groups = {name: i for i, name in enumerate(places)}
+    return split_mesh(mesh, tags, joints={}, groups=groups, cell_groups=cells)
 
 
 def pulse(length):

@@ -1,0 +1,159 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Forces of a plane wave on viscous boundaries, as patterns on levels of its phase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from dolfinx_joints.body.viscous_boundary import impedance
+from dolfinx_joints.common.parameters import shown
+from dolfinx_joints.loads.load import TimeFactor
+from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.loads.rock import Layer, behind
+from dolfinx_joints.mesh.cells import Floats
+
+# Levels per period of the highest frequency; cubic interpolation between them errs by 2e-4.
+LEVELS = 20.0
+
+# Of the largest pattern, below which one is nothing but rounding.
+ROUNDING = 1e-13
+
+Patterns = list[tuple[PETSc.Vec, TimeFactor]]
+
+
+def forces_of_levels(
+    model: LoadedBody,
+    groups: Sequence[str],
+    motion: Floats,
+    slowness: Floats,
+    spacing: float,
+    *,
+    start: float = 0.0,
+    layer: Layer | None = None,
+) -> list[tuple[float, PETSc.Vec]]:
+    """Delay of each level [s], and forces of a unit velocity there, equation (12j) (collective).
+
+    Between levels velocities are cubic, on facets as the shape functions of the mesh.
+
+    Args:
+        model: The body.
+        groups: Facet groups with a viscous boundary.
+        motion: Direction d in which the wave moves, shape (gdim,).
+        slowness: Its slowness s, shape (gdim,), [s/m].
+        spacing: Delay between levels [s].
+        start: Phase s.x without delay [s].
+        layer: Layer whose facets alone are loaded; all of them unless given.
+    """
+    degree = model.V.element.basix_element.degree
+    scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))
+    w, v = ufl.TrialFunction(scalar), ufl.TestFunction(model.V)
+    traction = _traction(model, motion, slowness)
+    if layer is not None:
+        traction = _within(model, groups, layer) * traction
+    form = sum(ufl.inner(traction * w, v) * model.jointed.ds(group) for group in groups)
+    matrix = fem_petsc.assemble_matrix(fem.form(form))
+    matrix.assemble()
+    share, result = matrix.createVecRight(), matrix.createVecLeft()
+    x = scalar.tabulate_dof_coordinates()[: share.getLocalSize(), : model.gdim]
+    place = (x @ slowness - start) / spacing
+    first, last = ((end - start) / spacing for end in extent_along(model, groups, slowness, layer))
+    forces = []
+    for level in range(int(np.floor(first)) - 1, int(np.floor(last)) + 3):
+        share.setArray(_cubic(place - level))
+        matrix.mult(share, result)
+        force = model.mass.createVecRight()
+        force.setArray(result.getArray(readonly=True).copy())
+        forces.append((level * spacing, force))
+    for petsc in (matrix, share, result):
+        petsc.destroy()
+    return forces
+
+
+def that_act(patterns: Patterns) -> Patterns:
+    """The patterns without those that are nothing but rounding (collective)."""
+    largest = max((force.norm() for force, _ in patterns), default=0.0)
+    return [(f, factor) for f, factor in patterns if f.norm() > ROUNDING * largest]
+
+
+def extent_along(
+    model: LoadedBody, groups: Sequence[str], axis: Floats, layer: Layer | None = None
+) -> tuple[float, float]:
+    """Least and largest x.axis of the nodes of the groups, of a layer if given (collective)."""
+    x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
+    nodes = np.concatenate([model.nodes(group) for group in groups])
+    if layer is not None:
+        nodes = nodes[layer.holds(x[nodes, -1])]
+    along = x[nodes] @ axis
+    ends = model.jointed.mesh.comm.allgather(
+        (float(along.min(initial=np.inf)), float(along.max(initial=-np.inf)))
+    )
+    return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def check_groups(name: str, groups: Sequence[str]) -> None:
+    """Check that groups are names, each given once."""
+    if len(set(groups)) < len(groups) or not all(isinstance(group, str) for group in groups):
+        raise ValueError(
+            f"{name}: groups is {shown(groups)}; it must name facet groups, each once."
+        )
+
+
+def check_absorbing(name: str, model: LoadedBody, groups: Sequence[str]) -> None:
+    """Check that groups have a viscous boundary."""
+    missing = [group for group in groups if group not in model.absorbing]
+    if missing:
+        raise ValueError(
+            f"{name}: the group {missing[0]!r} has no viscous boundary; add "
+            f"ViscousBoundary(group={missing[0]!r}) to the supports."
+        )
+
+
+def checked_base(
+    name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
+) -> float:
+    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
+    check_absorbing(name, model, groups)
+    lowest, highest = extent_along(model, groups, np.eye(model.gdim)[-1])
+    base = lowest if base is None else base
+    if highest - surface > 1e-9 * (highest - base) or surface <= base:
+        lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
+        raise ValueError(
+            f"{name}: surface is {surface:g} m; the groups {', '.join(groups)} "
+            f"reach from {lowest:g} to {highest:g} m; it must reach up to their top and "
+            f"above the base, {base:g} m."
+        )
+    return base
+
+
+def _cubic(offset: Floats) -> Floats:
+    """Weight of a level at nodes ``offset`` spacings from it, Lagrange's on four levels."""
+    x = np.abs(offset)
+    near = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
+    far = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
+    return np.where(x < 1.0, near, np.where(x < 2.0, far, 0.0))
+
+
+def _traction(model: LoadedBody, motion: Floats, slowness: Floats) -> Any:
+    """Z d + sigma n of a wave of unit velocity along d, equation (12aa), [Pa s/m]."""
+    body, n = model.body, ufl.FacetNormal(model.jointed.mesh)
+    d, s = (fem.Constant(model.jointed.mesh, np.asarray(each)) for each in (motion, slowness))
+    pressure = body.first_lame * ufl.inner(d, s) * n
+    shear = body.shear_modulus * (ufl.inner(s, n) * d + ufl.inner(d, n) * s)
+    return impedance(model.jointed, body, d) - pressure - shear
+
+
+def _within(model: LoadedBody, groups: Sequence[str], layer: Layer) -> fem.Function:
+    """1 in the cells behind the groups that lie in a layer, 0 elsewhere."""
+    inside = fem.Function(fem.functionspace(model.jointed.mesh, ("DG", 0)))
+    cells, low, high = behind(model, groups)
+    cells = cells[layer.holds(low) & layer.holds(high)]
+    inside.x.array[inside.function_space.dofmap.list[cells, 0]] = 1.0
+    return inside

@@ -1,0 +1,103 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Motion of the monitor points, forces of supports and reservoir: the stream ``histories``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.monitors.probes import PointProbe
+from dolfinx_joints.results.layout import declare_histories
+from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.record import Record
+
+Floats = NDArray[np.floating[Any]]
+
+STATIC_PART = "static_displacement"
+
+
+class PointHistories:
+    """What of the stream ``histories`` is read of each record.
+
+    Args:
+        model: The model.
+        probe: Reads nodal vectors at the points.
+        static_part: Whether static parts of the displacement are given.
+    """
+
+    def __init__(self, model: Model, probe: PointProbe, static_part: bool) -> None:
+        """Begin without a record."""
+        self._model, self._probe, self._static = model, probe, static_part
+        self._supports = (*model.constraints.groups, *model.constraints.points)
+        self._before: tuple[float, Floats] | None = None
+
+    def declare(self, writer: ResultsWriter, first: Record, relative: bool) -> None:
+        """Declare the stream; on the writer."""
+        positions, gdim = self._probe.positions, self._model.gdim
+        waves = first.free_surface is not None
+        declare_histories(
+            writer, positions, accelerations=True, relative=relative, free_surface=waves
+        )
+        for group in self._supports:
+            text = f"force of the support {group} on the body"
+            writer.series("histories", f"reaction/{group}", (gdim,), "N", text)
+        if first.reservoir_force is not None:
+            text = "force of the reservoir's waves on its face"
+            writer.series("histories", "reservoir_force", (gdim,), "N", text)
+        if self._static:
+            declare_static_part(writer, "histories", positions.shape)
+
+    def values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
+        """Values of a record by name (collective).
+
+        Args:
+            record: The record.
+            static: Static part of its displacement [m], None where it is not recorded.
+        """
+        found: dict[str, Any] = self._motion(record)
+        for group in self._supports:
+            found[f"reaction/{group}"] = record.resultant(self._model, group)
+        if record.reservoir_force is not None:
+            found["reservoir_force"] = record.reservoir_force
+        if static is not None:
+            found[STATIC_PART] = self._probe.read(static)
+        return found
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next record needs of the last one."""
+        assert self._before is not None
+        time, velocity = self._before
+        return {"time": time, "velocity": velocity}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Go on from what ``state_dict`` gave."""
+        self._before = state_dict["time"], state_dict["velocity"]
+
+    def _motion(self, record: Record) -> dict[str, Floats]:
+        """Displacement and acceleration of the points, motion of the ground.
+
+        The acceleration is the change of velocity since the last record over the time between: the
+        mean of the step, which every scheme knows, however many substeps it was cut into.
+        """
+        displacement, velocity = record.read(self._probe)
+        acceleration: Floats = np.zeros_like(velocity)
+        if self._before is not None:
+            time, before = self._before
+            acceleration = (velocity - before) / (record.time - time)
+        self._before = record.time, velocity
+        ground = {"ground_acceleration": record.ground_acceleration}
+        if record.free_surface is not None:
+            ground = {"free_surface_velocity": record.free_surface(record.time)}
+        return {"displacement": displacement, "acceleration": acceleration, **ground}
+
+
+def declare_static_part(writer: ResultsWriter, stream: str, shape: tuple[int, ...]) -> None:
+    """Declare static displacements, of shape (n, 3), in a stream."""
+    text = "static part of the displacement, of the motion of the supports alone"
+    writer.series(stream, STATIC_PART, shape, "m", text)

@@ -1,0 +1,102 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Motions from recorded velocities or displacements, and the displacement of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import annotated_types as at
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.parameters import numbers_of, shown
+from dolfinx_joints.motions.motion import Motion
+
+Floats = NDArray[np.float64]
+Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
+
+# Of the largest velocity, with which a record of velocities may begin.
+AT_REST = 0.01
+
+
+@checked
+def motion_from_displacement(
+    displacement: ArrayLike, *, dt: Seconds, name: str = "motion"
+) -> Motion:
+    """Make the motion whose displacement is the cubic spline through samples.
+
+    The second derivative of the spline is linear between samples, as the acceleration of a
+    `Motion` is, so that integrated it gives the samples back. The ground starts at rest, and from
+    the first sample its displacement counts; the acceleration ends at zero.
+
+    Args:
+        displacement: Along x (stream), y (cross-valley), z (up), shape (n, 3), n >= 4, [m].
+        dt: Time between samples [s].
+        name: What to call it.
+    """
+    from scipy.interpolate import CubicSpline
+
+    samples = _samples("displacement", displacement)
+    ends = ((1, np.zeros(3)), (2, np.zeros(3)))
+    spline = CubicSpline(dt * np.arange(len(samples)), samples - samples[0], bc_type=ends)
+    return Motion(acceleration=spline(spline.x, 2), dt=dt, name=name)
+
+
+@checked
+def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motion") -> Motion:
+    """Make a motion from samples of its velocity, that of `motion_from_displacement`.
+
+    Displacements are the integral of the cubic spline through the samples, which the motion then
+    has exactly and its velocity to fourth order of ``dt``.
+
+    Args:
+        velocity: Shape (n, 3), n >= 4, from rest, [m/s].
+        dt: Time between samples [s].
+        name: What to call it.
+    """
+    from scipy.interpolate import CubicSpline
+
+    samples = _samples("velocity", velocity)
+    if np.abs(samples[0]).max() > AT_REST * np.abs(samples).max():
+        raise RecordError(
+            f"velocity begins with {samples[0]} m/s; the ground must start at rest: taper it."
+        )
+    spline = CubicSpline(dt * np.arange(len(samples)), samples)
+    return motion_from_displacement(spline.antiderivative()(spline.x), dt=dt, name=name)
+
+
+def displacement_of(motion: Motion) -> Callable[[Floats], Floats]:
+    """Displacement of a motion [m] at times [s]: shape (n,) to (n, 3).
+
+    The exact integral of the linear accelerations: at rest before the first sample, after the last
+    one with the velocity that is left.
+    """
+    velocity, displacement = motion.integrated()
+    acceleration, dt = motion.acceleration, motion.dt
+    jerk = np.diff(acceleration, axis=0) / dt
+
+    def displaced(times: Floats) -> Floats:
+        within = np.clip(times, 0.0, motion.duration)
+        i = np.minimum((within / dt).astype(int), len(jerk) - 1)
+        past = (within - i * dt)[:, None]
+        bent = 0.5 * acceleration[i] + past * jerk[i] / 6.0
+        late = np.maximum(times - motion.duration, 0.0)[:, None]
+        moved: Floats = displacement[i] + past * (velocity[i] + past * bent)
+        return moved + late * velocity[-1]
+
+    return displaced
+
+
+def _samples(name: str, given: Any) -> Floats:
+    """Finite samples of shape (n >= 4, 3)."""
+    values = numbers_of(given)
+    if values is None or values.ndim != 2 or values.shape[1] != 3 or len(values) < 4:
+        got = shown(given) if values is None else values.shape
+        raise RecordError(f"{name} must be real numbers of shape (n >= 4, 3), got {got}.")
+    if not np.isfinite(values).all():
+        raise RecordError(f"{name} must be finite.")
+    return values

@@ -1,0 +1,217 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Ground motion that differs from place to place: by groups, by stations, as a passing wave."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import annotated_types as at
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
+from dolfinx_joints.common.summary import Rows, Summarised
+from dolfinx_joints.motions.courses import displacement_of
+from dolfinx_joints.motions.motion import Motion
+
+Floats = NDArray[np.float64]
+
+# Of the largest velocity, by which the final velocities of two motions may differ.
+DRIFT = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class Passage:
+    """Wave that passes along the ground: it arrives at x the later by x.n / c.
+
+    Attributes:
+        speed: Apparent velocity c along the direction [m/s].
+        direction: Where it goes, of any length; two numbers for a model in the plane.
+    """
+
+    speed: Annotated[float, at.Gt(0.0), at.Unit("m/s")]
+    direction: Annotated[Sequence[float], at.Len(2, 3)]
+
+    def __post_init__(self) -> None:
+        """Check that it goes somewhere."""
+        if not np.any(self.direction):
+            raise ValueError(f"Passage: direction is {shown(self.direction)}; it has no length.")
+
+    def delays(self, x: Floats) -> Floats:
+        """Arrival at places (n, 3) [m] after that at the origin, shape (n,), [s]."""
+        n = _in_space(self.direction)
+        return np.asarray(x @ n / (np.linalg.norm(n) * self.speed))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+@checked
+class DifferingMotion(Summarised):
+    """Motion of the ground under the supports that is not the same everywhere.
+
+    Given as the ``motion`` of a dynamic stage. Displacements are those relative to a reference
+    ground, on which the body is loaded by its inertia as by a uniform motion; in addition the
+    supports move by the displacement of their ground less that of the reference.
+
+    Attributes:
+        motions: One motion, or several by name: of facet groups with supports, or of the stations
+            in ``positions``. A node of several groups moves with the last of them.
+        positions: Places of the stations by name [m]. Between two, displacements are linear in the
+            distance along the line from the first to the last, and beyond the ends constant.
+        passage: Delays; the support that the wave reaches first has none. Unless given all of the
+            ground moves at the same time.
+        reference: Name of the motion that displacements are relative to, without delay; the first
+            unless given.
+    """
+
+    motions: Motion | Mapping[str, Motion]
+    positions: Mapping[str, Sequence[float]] | None = None
+    passage: Passage | None = None
+    reference: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check motions and stations; warn where the ground drifts apart."""
+        wanted = "a Motion, or several by name"
+        known = isinstance(self.motions, Motion | Mapping) and bool(self.named)
+        check_kind_of("DifferingMotion: motions", self.motions, known, wanted)
+        for name, motion in self.named.items():
+            check_kind_of(f"The motion of {shown(name)}", motion, isinstance(motion, Motion), "one")
+        known = isinstance(self.passage, Passage | None)
+        check_kind_of("DifferingMotion: passage", self.passage, known, "a Passage")
+        if self.reference is not None and self.reference not in self.named:
+            raise ValueError(
+                f"DifferingMotion: reference is {shown(self.reference)}; it must be one of "
+                f"{', '.join(self.named)}."
+            )
+        if self.positions is not None:
+            self._check_stations(self.positions)
+        self._warn_of_drift()
+
+    def _check_stations(self, positions: Mapping[str, Sequence[float]]) -> None:
+        if set(positions) != set(self.named) or len(positions) < 2:
+            raise ValueError(
+                f"DifferingMotion: positions are given of {', '.join(positions)}; they must be "
+                f"those of two or more motions, {', '.join(self.named)}."
+            )
+        for name, place in positions.items():
+            check_vector(f"DifferingMotion: the position of {shown(name)}", place, (2, 3))
+        along = self._along(positions)
+        if len(np.unique(along(self._places(positions)))) < len(positions):
+            raise ValueError(
+                "DifferingMotion: two of the positions are at the same distance along the line "
+                "from the first to the last."
+            )
+
+    def _warn_of_drift(self) -> None:
+        """Warn of ground that moves apart for ever."""
+        ends = np.array([m.integrated()[0][-1] for m in self.named.values()])
+        largest = max(np.abs(m.integrated()[0]).max() for m in self.named.values())
+        apart = float(np.ptp(ends, axis=0).max())
+        if apart > DRIFT * largest:
+            warnings.warn(
+                f"The motions of {', '.join(self.named)} end with velocities that differ by up to "
+                f"{apart:.3g} m/s, with which the ground goes on to move apart; correct their "
+                "baselines.",
+                PlausibilityWarning,
+                stacklevel=5,
+            )
+
+    def _summary(self) -> Rows:
+        for name, motion in self.named.items():
+            velocity, displacement = (part[-1] for part in motion.integrated())
+            ends = f"{np.abs(velocity).max():.2g} m/s, {np.abs(displacement).max():.2g} m"
+            yield name, f"{motion.duration:g} s, at the end up to {ends}"
+        if self.passage is not None:
+            yield "passage", f"{self.passage.speed:g} m/s along {self.passage.direction}"
+        yield "relative to", self._reference
+
+    @property
+    def named(self) -> Mapping[str, Motion]:
+        """The motions by name."""
+        one = self.motions
+        return {one.name: one} if isinstance(one, Motion) else one
+
+    @property
+    def name(self) -> str:
+        """What to call it in results."""
+        passing = "" if self.passage is None else f" at {self.passage.speed:g} m/s"
+        return ", ".join(motion.name for motion in self.named.values()) + passing
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups that have motions of their own."""
+        by_group = isinstance(self.motions, Mapping) and self.positions is None
+        return tuple(self.named) if by_group else ()
+
+    @property
+    def _reference(self) -> str:
+        return next(iter(self.named)) if self.reference is None else self.reference
+
+    def __call__(self, time: float) -> Floats:
+        """Acceleration of the reference at a time [s], shape (3,), [m/s^2]."""
+        return self.named[self._reference](time)
+
+    def relative_to_reference(
+        self, x: Floats, members: Mapping[str, NDArray[np.bool_]], first: float
+    ) -> Callable[[float], Floats]:
+        """Displacement of the ground at places less that of the reference at a time [s], (n, 3).
+
+        Args:
+            x: The places, shape (n, 3), [m].
+            members: Which of them belong to each of the `groups`, shape (n,).
+            first: `Passage.delays` of the support that is reached first [s].
+        """
+        shares = self._shares(x, members)
+        delays = np.zeros(len(x)) if self.passage is None else self.passage.delays(x) - first
+        courses = {name: displacement_of(motion) for name, motion in self.named.items()}
+        parts = [
+            (acts := np.flatnonzero(shares[:, k]), shares[acts, k, None], delays[acts], course)
+            for k, course in enumerate(courses.values())
+        ]
+
+        def moved(time: float) -> Floats:
+            found = np.zeros((len(x), 3))
+            for acting, share, late, course in parts:
+                found[acting] += share * course(time - late)
+            return found - courses[self._reference](np.array([time]))
+
+        return moved
+
+    def _shares(self, x: Floats, members: Mapping[str, NDArray[np.bool_]]) -> Floats:
+        """Share of each motion at each place, shape (n, motions)."""
+        one_each = np.eye(len(self.named))
+        if self.groups:
+            shares = np.zeros((len(x), len(self.named)))
+            for row, name in zip(one_each, self.named, strict=True):
+                shares[members[name]] = row
+            return shares
+        if self.positions is None:
+            return np.ones((len(x), 1))
+        along = self._along(self.positions)
+        places = along(self._places(self.positions))
+        order = np.argsort(places)
+        columns = [np.interp(along(x), places[order], each[order]) for each in one_each]
+        return np.stack(columns, axis=1)
+
+    def _places(self, positions: Mapping[str, Sequence[float]]) -> Floats:
+        """Positions in the order of the motions, shape (motions, 3), [m]."""
+        return np.array([_in_space(positions[name]) for name in self.named])
+
+    def _along(self, positions: Mapping[str, Sequence[float]]) -> Callable[[Floats], Floats]:
+        """Distance along the line through the first and the last station [m]."""
+        places = self._places(positions)
+        line = places[-1] - places[0]
+        return lambda x: np.asarray(x @ line / (np.linalg.norm(line) or 1.0))
+
+
+def _in_space(vector: Sequence[float]) -> Floats:
+    """Two or three numbers as three."""
+    found = np.zeros(3)
+    found[: len(vector)] = vector
+    return found

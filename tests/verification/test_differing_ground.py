@@ -1,0 +1,347 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Supports that move differently: a rod between two abutments, and a jointed wall.
+
+The left end of a rod of length L moves by f(t), the right one by f(t - tau) as the wave arrives
+there. Without damping and lateral contraction d'Alembert's waves, sent out by each end and
+reflected by both, are the solution, a finite sum as f(t <= 0) = 0:
+
+    u(x, t) = sum over k of  f(t - (x + 2 k L)/c) - f(t - (2 (k + 1) L - x)/c)
+              + f(t - tau - (L - x + 2 k L)/c) - f(t - tau - ((2 k + 1) L + x)/c).
+
+Its static part is the straight line between the ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from dolfinx.mesh import CellType, create_rectangle, locate_entities, meshtags
+from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
+
+from dolfinx_joints import (
+    Checkpoints,
+    DifferingMotion,
+    Elastic,
+    EnergyConsistent,
+    Fixed,
+    FrictionNoTension,
+    HilberHughesTaylor,
+    MeshError,
+    Model,
+    Motion,
+    Newmark,
+    Passage,
+    Prescribed,
+    Results,
+    ResultsMonitor,
+    Simulation,
+    Spring,
+    motion_from_displacement,
+    split_mesh,
+    stiffness_proportional,
+)
+from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.simulation.monitor import Monitor
+
+LENGTH, SPEED, TAU = 100.0, 1000.0, 0.05  # m, m/s, s
+ROCK = Elastic(young=2.4e9, poisson=0.0, density=2400.0)
+PULSE, SIZE, END = 0.1, 0.01, 0.3  # of f: s, m; of the run: s
+CLOSED = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+
+
+def moved(time):
+    """f, a pulse sin^4 [m]."""
+    return SIZE * np.sin(np.pi * np.clip(time, 0.0, PULSE) / PULSE) ** 4
+
+
+def record(dt):
+    """f as a motion along x, its acceleration sampled."""
+    time = dt * np.arange(round(PULSE / dt) + 1)
+    w = np.pi / PULSE
+    s, c = np.sin(w * time), np.cos(w * time)
+    a = np.zeros((len(time), 3))
+    a[:, 0] = SIZE * w**2 * (12.0 * s**2 * c**2 - 4.0 * s**4)
+    return Motion(acceleration=a, dt=dt, name="pulse")
+
+
+def exact(x, t):
+    """Displacement of the rod [m]."""
+    u = np.zeros(np.broadcast(x, t).shape)
+    for k in range(int(END * SPEED / LENGTH) + 1):
+        far = 2.0 * k * LENGTH
+        u += moved(t - (x + far) / SPEED) - moved(t - (2.0 * LENGTH + far - x) / SPEED)
+        u += moved(t - TAU - (LENGTH + far - x) / SPEED)
+        u -= moved(t - TAU - (LENGTH + far + x) / SPEED)
+    return u
+
+
+def rod(comm, cells, joints=None, **options):
+    """A rod between the groups left and right, with a joint in the middle if it has a law."""
+    corners = [np.zeros(2), np.array([LENGTH, 2.0])]
+    mesh = create_rectangle(comm, corners, [cells, 1], CellType.quadrilateral)
+    places = {"left": 0.0, "right": LENGTH} | ({"middle": LENGTH / 2} if joints else {})
+    found = [
+        locate_entities(mesh, 1, lambda x, at=at: np.isclose(x[0], at)) for at in places.values()
+    ]
+    facets = np.concatenate(found)
+    values = np.repeat(np.arange(len(found), dtype=np.int32), [len(each) for each in found])
+    order = np.argsort(facets)
+    tags = meshtags(mesh, 1, facets[order], values[order])
+    names = {name: i for i, name in enumerate(places)}
+    split = {"middle": names.pop("middle")} if joints else {}
+    return Model(
+        split_mesh(mesh, tags, joints=split, groups=names),
+        material=ROCK,
+        joints=joints,
+        **{"supports": [Fixed(group="left"), Fixed(group="right")], "degree": 2} | options,
+    )
+
+
+class Axial(Monitor):
+    """Displacements along the rod at all steps, and their static parts."""
+
+    def start(self, model, stage, steps, first):
+        self.x = model.V.tabulate_dof_coordinates()
+        self.times, self.total, self.static = [], [], []
+        self.record(first)
+
+    def record(self, record):
+        def along(u):
+            return u.array.reshape(-1, 2)[:, 0].copy()
+
+        self.times.append(record.time)
+        self.total.append(along(record.displacement))
+        if record.static_part is not None:
+            self.static.append(along(record.static_part(record.time)))
+
+
+def march(model, motion, steps, end=END, **options):
+    """What `Axial` saw, as arrays, and the outcome."""
+    seen = Axial()
+    outcome = Simulation(model, monitors=[seen]).dynamics(
+        dt=end / steps, steps=steps, motion=motion, **options
+    )
+    x = seen.x[: len(seen.total[0]), 0]
+    return x, np.array(seen.times), np.array(seen.total), np.array(seen.static), outcome
+
+
+def largest(comm, values):
+    return comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+
+
+def passing(dt):
+    return DifferingMotion(
+        motions=record(dt), passage=Passage(speed=LENGTH / TAU, direction=(3.0, 0.0))
+    )
+
+
+def test_a_rod_between_abutments_that_a_wave_reaches_in_turn(comm):
+    """Order 2 of mesh and step together (2.0 found), static part apart; the ledger closes."""
+    errors = []
+    for cells, steps in ((20, 120), (40, 240)):
+        dt = END / steps
+        x, t, total, static, outcome = march(rod(comm, cells), passing(dt / 4), steps)
+        ground, late = moved(t)[:, None], moved(t - TAU)[:, None]
+        errors.append(largest(comm, total + ground - exact(x, t[:, None])) / SIZE)
+        line = ground + (late - ground) * x / LENGTH
+        # Of f the record knows the accelerations at every quarter of a step, linear in between.
+        assert largest(comm, static + ground - line) < 2e-4 * SIZE
+        assert outcome.imbalance < 1e-11
+        assert outcome.energy_error < 1e-11
+    assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
+    assert errors[1] < 0.02
+
+
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), Newmark(), HilberHughesTaylor(alpha=0.1)])
+def test_equal_motions_are_a_uniform_one(comm, scheme):
+    """To rounding, and without any static part: groups, stations and a wave that meets all."""
+    motion = record(END / 240)
+    plain = march(rod(comm, 8, CLOSED), motion, 60, scheme=scheme)[2]
+    places = {"one": (0.0, 0.0), "two": (LENGTH, 1.0)}
+    for differing in (
+        DifferingMotion(motions={"left": motion, "right": motion}),
+        DifferingMotion(motions=dict.fromkeys(places, motion), positions=places),
+        DifferingMotion(motions=motion, passage=Passage(speed=1e30, direction=(1.0, 0.0))),
+    ):
+        _, _, total, static, _ = march(rod(comm, 8, CLOSED), differing, 60, scheme=scheme)
+        assert largest(comm, total - plain) < 1e-12 * largest(comm, plain)
+        assert largest(comm, static) < 1e-12 * SIZE
+
+
+def absolute(motion):
+    """Ground that moves everywhere alike, seen from ground that rests."""
+    rest = Motion(acceleration=np.zeros_like(motion.acceleration), dt=motion.dt, name="rest")
+    places = {"rest": (-LENGTH, 0.0), "start": (0.0, 0.0), "end": (LENGTH, 0.0)}
+    motions = {"rest": rest, "start": motion, "end": motion}
+    return DifferingMotion(motions=motions, positions=places)
+
+
+@pytest.mark.filterwarnings("ignore:The motions of rest, start, end")
+def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(comm):
+    """Under a constant acceleration, which steps integrate exactly, to rounding.
+
+    Under any other to the order of the steps, 2: loads take an acceleration at their ends.
+    """
+    damping = stiffness_proportional(ratio=0.05, frequency=5.0)
+    constant = Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=END)
+    model = rod(comm, 8, CLOSED, damping=damping)
+    _, t, relative, _, _ = march(model, constant, 60)
+    total, static = march(model, absolute(constant), 60)[2:4]
+    ground = t[:, None] ** 2  # 2 t^2 / 2
+    assert largest(comm, total - ground - relative) < 1e-12 * largest(comm, ground)
+    assert largest(comm, static - ground) < 1e-9 * largest(comm, ground)  # K of 1e10 N/m solved
+    apart = []
+    for steps in (60, 120):
+        motion = record(END / steps)
+        _, t, relative, _, _ = march(model, motion, steps)
+        total = march(model, absolute(motion), steps)[2]
+        apart.append(largest(comm, total - moved(t)[:, None] - relative))
+    assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
+
+
+def apart(distance, dt, end):
+    """Abutments of which the right one moves by a distance, smoothly over the time [m]."""
+    share = np.linspace(0.0, 1.0, round(end / dt) + 1)
+    path = np.zeros((len(share), 3))
+    path[:, 0] = distance * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
+    right = motion_from_displacement(path, dt=dt)
+    left = Motion(acceleration=np.zeros((2, 3)), dt=dt)
+    return DifferingMotion(motions={"left": left, "right": right})
+
+
+@pytest.mark.mpi
+def test_abutments_open_a_joint_and_close_it(comm):
+    """Apart by 1 cm slowly: the joint opens by that. Together: a bar and a joint in series."""
+    damping = stiffness_proportional(ratio=0.3, frequency=5.0)
+    for distance in (0.01, -0.01):
+        model = rod(comm, 8, CLOSED, damping=damping)
+        outcome = Simulation(model).dynamics(dt=0.05, steps=80, motion=apart(distance, 0.05, 4.0))
+        joints = outcome.state.joints
+        opening = np.full(len(joints.state.gap), max(distance, 0.0))
+        stiffness = 1.0 / (LENGTH / ROCK.young + 1.0 / CLOSED.normal_stiffness)
+        traction = np.full(len(opening), stiffness * min(distance, 0.0))
+        if distance < 0.0:
+            opening += traction / CLOSED.normal_stiffness
+        # The halves, with periods of 0.2 s, follow what takes 4 s but for (0.2/4)^2 of 1e-4.
+        assert largest(comm, joints.state.gap[:, 0] - opening) < 1e-3 * abs(distance)
+        assert largest(comm, joints.traction[:, 0] - traction) < 1e-3 * stiffness * abs(distance)
+        assert outcome.imbalance < 1e-11
+
+
+def stations():
+    """Two stations below the ends of the wall, and a wave that passes it obliquely."""
+    time = DT / 2 * np.arange(2 * STEPS + 1)
+    sampled = np.array([shaking(t) for t in time])
+    return DifferingMotion(
+        motions={
+            "left": Motion(acceleration=sampled, dt=DT / 2),
+            "right": Motion(acceleration=0.6 * sampled, dt=DT / 2),
+        },
+        positions={"left": (0.0, 0.0, 0.0), "right": (20.0, 0.0, 0.0)},
+        passage=Passage(speed=800.0, direction=(1.0, 0.5, 0.0)),
+        reference="right",
+    )
+
+
+def shaken(jointed, path, *, kill=None, **options):
+    """A wall on a base that stations and a wave move, its joints opening and sliding."""
+    monitors = [ResultsMonitor(path, points=POINTS, every=3, static_part=True), Killer(kill)]
+    simulation = Simulation(wall(jointed), monitors=monitors)
+    if not options.get("resume"):
+        simulation.statics()
+    return simulation.dynamics(dt=DT, steps=STEPS, motion=stations(), **options)
+
+
+NAMES = ("displacement", "static_displacement", "acceleration", "joint_slip", "reaction/base")
+
+
+def histories(path):
+    with Results(path) as results:
+        return [results.series("histories", name) for name in NAMES]
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:The motions of left, right end")
+def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
+    """The same as on one rank, continued from a checkpoint to the last bit; the ledger closes."""
+    path, file = new_path("differing"), wall_file()
+    if comm.rank == 0:
+        path.mkdir()
+    comm.barrier()
+    outcome = shaken(read(file), path / "whole.h5")
+    assert outcome.imbalance < 1e-11
+    assert outcome.energy_error < 1e-11
+    assert outcome.energy.joint_friction.sum() > 0.0
+    kept = Checkpoints(path / "run.ckpt", every=4)
+    with pytest.raises(Killed):
+        shaken(read(file), path / "resumed.h5", kill=7, checkpoint=kept)
+    shaken(read(file), path / "resumed.h5", checkpoint=kept, resume=True)
+    comm.barrier()
+    if comm.rank == 0:
+        shaken(read(file, MPI.COMM_SELF), path / "alone.h5")
+        whole = histories(path / "whole.h5")
+        for name, expected, again, alone in zip(
+            NAMES, whole, histories(path / "resumed.h5"), histories(path / "alone.h5"), strict=True
+        ):
+            np.testing.assert_array_equal(again, expected, err_msg=name)
+            scale = np.abs(expected).max()
+            assert scale > 0.0
+            np.testing.assert_allclose(alone, expected, rtol=0, atol=1e-9 * scale, err_msg=name)
+    comm.barrier()
+
+
+@pytest.mark.mpi
+def test_what_cannot_move_is_an_error(comm):
+    motion = record(0.01)
+    for motions, message in (
+        ({"left": motion, "rihgt": motion}, "rihgt"),
+        ({"left": motion}, r"nodes with supports are in none of them, such as that at \(100, "),
+    ):
+        with pytest.raises(MeshError, match=message):
+            march(rod(comm, 4), DifferingMotion(motions=motions), 1)
+    stood = [Fixed(group="left"), Spring(group="right", normal_stiffness=1e9)]
+    with pytest.raises(ValueError, match="also rests on springs or viscous boundaries"):
+        march(rod(comm, 4, supports=stood), passing(0.01), 1)
+
+
+def test_a_run_goes_on_where_its_ground_is(comm):
+    """In two stages as in one; not on other ground, where the supports would jump."""
+    dt, motion = END / 60, passing(END / 240)
+    simulation = Simulation(rod(comm, 8))
+    whole = simulation.dynamics(dt=dt, steps=30, motion=motion).state.displacement
+    half = simulation.dynamics(dt=dt, steps=10, motion=motion).state
+    rest = simulation.dynamics(dt=dt, steps=20, motion=motion, start=half).state.displacement
+    # The first velocities of supports are differences once more: 1e-4 found, of second order.
+    assert largest(comm, rest.array - whole.array) < 1e-3 * largest(comm, whole.array)
+    with pytest.raises(ValueError, match="The displacements of the supports at t = 0.05 differ"):
+        simulation.dynamics(dt=dt, steps=1, start=half)
+
+
+def test_prescribed_displacements_are_relative_to_their_ground(comm):
+    """A rod pulled by its right end while the ground passes: the sum of both answers."""
+    pulled = [
+        Fixed(group="left"),
+        Prescribed(group="right", component="x", value=moved),
+        Fixed(group="right", components="y"),
+    ]
+    model = rod(comm, 8, supports=pulled)
+    alone = march(model, None, 60)[2]
+    ground = march(rod(comm, 8), passing(END / 240), 60)[2]
+    both = march(model, passing(END / 240), 60)[2]
+    assert largest(comm, both - alone - ground) < 1e-11 * SIZE
+
+
+def test_ground_that_drifts_apart_is_warned_of():
+    with pytest.warns(PlausibilityWarning, match=r"differ by up to 2 m/s, .* correct their base"):
+        DifferingMotion(
+            motions={
+                "left": Motion(acceleration=np.zeros((2, 3)), dt=1.0),
+                "right": Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=1.0),
+            }
+        )

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 GROUPS: dict[str, tuple[str, ...]] = {
+    "exact": ("rigid_dam",),
     "published": ("grouted_blocks",),
 }
 

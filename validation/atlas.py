@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "exact": ("rigid_dam",),
+    "exact": ("rigid_dam", "joint_waves", "slipping_joint", "layered_column"),
     "published": ("grouted_blocks",),
 }
 

@@ -23,7 +23,15 @@ from numpy.typing import ArrayLike
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "exact": ("rigid_dam", "joint_waves", "slipping_joint", "layered_column"),
-    "published": ("grouted_blocks",),
+    "published": (
+        "grouted_blocks",
+        "gravity_dams",
+        "slipping_crack",
+        "tilted_arch",
+        "bar_on_wall",
+        "inclined_slider",
+    ),
+    "peers": ("opensees_wall",),
 }
 
 

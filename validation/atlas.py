@@ -25,6 +25,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "exact": ("rigid_dam", "joint_waves", "slipping_joint", "layered_column"),
     "published": (
         "grouted_blocks",
+        "impounded_dam",
         "gravity_dams",
         "slipping_crack",
         "tilted_arch",

@@ -32,7 +32,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "bar_on_wall",
         "inclined_slider",
     ),
-    "peers": ("opensees_wall",),
+    "peers": ("opensees_blocks",),
 }
 
 

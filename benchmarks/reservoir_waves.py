@@ -173,9 +173,7 @@ def force(
     direction: str, alpha: float, length: float, absorbing: float, far_end: Any, steps: int
 ) -> tuple[float, float, float]:
     """Largest error, where it is over the first frequency, and the ledger's imbalance."""
-    ratio, found, right, imbalance = spectrum(
-        direction, alpha, length, absorbing, far_end, steps
-    )
+    ratio, found, right, imbalance = spectrum(direction, alpha, length, absorbing, far_end, steps)
     errors = np.abs(found - right) / np.abs(right).max()
     return float(errors.max()), float(ratio[errors.argmax()]), imbalance
 

@@ -12,7 +12,6 @@ of all cases, and ends with 1 if a deviation exceeds its tolerance.
 from __future__ import annotations
 
 import sys
-import warnings
 from pathlib import Path
 
 from mpi4py import MPI
@@ -33,7 +32,6 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"{unknown[0]!r} is no case; there are {', '.join(names())}")
     if MPI.COMM_WORLD.size > 1:
         parser.error("the atlas runs on one rank")
-    warnings.simplefilter("ignore")
     options.out.mkdir(parents=True, exist_ok=True)
     results: list[Result] = []
     for name in options.cases or names():

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from mpi4py import MPI
@@ -73,7 +74,12 @@ class Strip:
         """One row of quadrilaterals, with a joint between every two layers if there is a law."""
         counts = [round(layer.length / self.size) for layer in self.layers]
         ends = np.cumsum([0, *counts])
-        at = np.concatenate([[0.0], *(np.full(n, each.length / n) for n, each in zip(counts, self.layers, strict=True))])
+        at = np.concatenate(
+            [
+                [0.0],
+                *(np.full(n, each.length / n) for n, each in zip(counts, self.layers, strict=True)),
+            ]
+        )
         x = np.cumsum(at)
         n = len(x)
         lower = np.arange(n - 1)
@@ -83,7 +89,7 @@ class Strip:
         facets["sides"] = np.vstack([along, along + n])
         if self.joint is not None:
             facets |= {f"joint_{i}": upright(k) for i, k in enumerate(ends[1:-1], 1)}
-        parts = zip(ends[:-1], ends[1:], strict=True)
+        parts = pairwise(ends)
         return dj.mesh_from_arrays(
             MPI.COMM_SELF,
             cell="quadrilateral",

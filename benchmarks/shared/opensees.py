@@ -158,9 +158,7 @@ def main() -> None:
     spent, iterations, history = dynamics(ops, arrays, kind)
     last = displacements(ops, count) - static
     moved = np.array(history) - static[arrays["watched"]]
-    np.savez(
-        found, static=static, last=last, history=moved, cpu_ms=spent, iterations=iterations
-    )
+    np.savez(found, static=static, last=last, history=moved, cpu_ms=spent, iterations=iterations)
 
 
 if __name__ == "__main__":

@@ -20,20 +20,20 @@ from validation.atlas import Outcome, Row, curve, new_figure
 SOURCE = "closed form: Chopra 1967, with an absorbing bottom as in Fenves and Chopra 1984"
 
 # Direction, reflection, length and absorbing part over the height, far end, steps, layers.
-SHORT = {
+CASES = {
     "endless": ("stream", 0.75, 10.0, 0.0, "radiating", 2000, None),
     "upwards": ("upwards", 0.75, 1.0, 0.0, "radiating", 2500, None),
     "wall at 2 H": ("stream", 0.75, 2.0, 0.0, "rigid", 2000, 48),
+    "endless, bottom reflects all": ("stream", 1.0, 30.0, 25.0, "radiating", 12000, None),
 }
-LONG = {"endless, bottom reflects all": ("stream", 1.0, 30.0, 25.0, "radiating", 12000, None)}
 WESTERGAARD = 0.5429  # of rho H^2, force on incompressible water
 
 
 def run(quick: bool) -> Outcome:
-    """Shake the face; quick leaves out the bottom that reflects everything."""
+    """Shake the face; quick takes the endless reservoir only."""
     rows, scale = [], DENSITY * HEIGHT**2
     figure, ax = new_figure(height=4.2)
-    for name, case in (SHORT if quick else SHORT | LONG).items():
+    for name, case in list(CASES.items())[: 1 if quick else None]:
         ratio, found, right, _ = spectrum(*case)
         rows.append(
             curve(

@@ -43,9 +43,7 @@ def run(quick: bool) -> Outcome:
         normal_stiffness=stiffness, shear_stiffness=stiffness, friction_angle_deg=30.0
     )
     strength = PRESSURE * np.tan(np.radians(30.0))
-    strip = Strip(
-        layers=[half, half], wave="S", size=0.5, joint=law, overlap=PRESSURE / stiffness
-    )
+    strip = Strip(layers=[half, half], wave="S", size=0.5, joint=law, overlap=PRESSURE / stiffness)
     period = 2.0 * np.pi / omega
     dt = period / 800.0
     steps = round(CYCLES / (dt / period)) + round(2 * half.length / speed / dt)
@@ -83,7 +81,11 @@ def run(quick: bool) -> Outcome:
                 abs(turned @ sent.far[last]) / abs(turned @ before[last]),
                 2 / np.pi * (angle + share * np.cos(angle)),
             ),
-            ("slip in half a cycle, elastic part taken off [m]", moved, 2.0 * height / omega * bracket),
+            (
+                "slip in half a cycle, elastic part taken off [m]",
+                moved,
+                2.0 * height / omega * bracket,
+            ),
         ):
             rows.append(
                 Row(

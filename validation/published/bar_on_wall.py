@@ -87,7 +87,9 @@ def run(quick: bool) -> Outcome:
     bar.dynamics(
         dt=dt,
         steps=round(1.4e-4 / dt),
-        velocity=lambda x: np.column_stack([np.where(x[:, 0] > -1e-9, -VELOCITY, 0.0), 0.0 * x[:, 0]]),
+        velocity=lambda x: np.column_stack(
+            [np.where(x[:, 0] > -1e-9, -VELOCITY, 0.0), 0.0 * x[:, 0]]
+        ),
     )
     time, struck, free, pressure = np.array(ends.rows).T
     rows = []

@@ -5,9 +5,9 @@
 A block of 40 x 20 mm, E = 2.1e11 Pa, nu = 0, hangs 2 mm above a rigid plane inclined by 30 degrees,
 on springs of 5 N/m across it and 2000 N/m along it, two of each, per mm of depth. 300 MPa press it
 onto the plane, then a pressure on its side pushes it along with 0.99 or 1.01 times what friction,
-mu = 0.3, carries. It sticks but for some slip near the side that is pushed, or slides until the springs
-carry the rest, 36 N / 4000 N/m = 9 mm. Cells of 5 mm, k = 1e15 Pa/m; the springs act on whole faces
-here, in corners there, and there both pressures grow together.
+mu = 0.3, carries. It sticks but for some slip near the side that is pushed, or slides until the
+springs carry the rest, 36 N / 4000 N/m = 9 mm. Cells of 5 mm, k = 1e15 Pa/m; the springs act on
+whole faces here, in corners there, and there both pressures grow together.
 
 The slip is more than a cell: joint points keep their partners here, which does no harm on a plane.
 """

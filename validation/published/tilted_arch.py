@@ -10,7 +10,7 @@ between statics that find an equilibrium and statics that do not, each voussoir 
 = 1e10 Pa/m, joint points at the nodes. Hinges are where the line of thrust touches the edges.
 
 And Milankovitch's least thickness of a semicircular arch under its weight alone, t/R = 0.1075, by
-27 voussoirs: a hinge is at most half a joint off its best place, which costs 0.6/n^2 = 8e-4 at most.
+27 voussoirs: a hinge is at most half a joint off its best place, which costs at most 0.6/n^2.
 
 Displacements are small here, so that this is the onset of rocking; whether the arch falls under a
 pulse of some length is a question of large rotations, which no joint of this program follows.
@@ -92,7 +92,11 @@ def limit() -> float:
     angle = np.radians(np.linspace(-HALF_ANGLE, HALF_ANGLE, joints))
     along = np.column_stack([np.cos(angle), -np.sin(angle)])
     radial = np.column_stack([np.sin(angle), np.cos(angle)])
-    outer, inner, half = RADIUS + THICKNESS / 2, RADIUS - THICKNESS / 2, np.ptp(angle) / 2 / VOUSSOIRS
+    outer, inner, half = (
+        RADIUS + THICKNESS / 2,
+        RADIUS - THICKNESS / 2,
+        np.ptp(angle) / 2 / VOUSSOIRS,
+    )
     weight = (outer**2 - inner**2) * half
     distance = 2 * (outer**3 - inner**3) * math.sin(half) / 3 / weight
     middle = (angle[1:] + angle[:-1]) / 2
@@ -106,7 +110,9 @@ def limit() -> float:
                 rows[block, :, 3 * joint + column] = sign * np.array([*force, moment])
             rows[block, 2, 3 * joint + 2] = sign
     rows[:, 0, -1] = weight
-    cone = np.array([[-THICKNESS / 2, 0, 1], [-THICKNESS / 2, 0, -1], [-FRICTION, 1, 0], [-FRICTION, -1, 0]])
+    cone = np.array(
+        [[-THICKNESS / 2, 0, 1], [-THICKNESS / 2, 0, -1], [-FRICTION, 1, 0], [-FRICTION, -1, 0]]
+    )
     bounds = np.kron(np.eye(joints), cone)
     found = linprog(
         np.append(np.zeros(3 * joints), -1.0),
@@ -134,12 +140,32 @@ def run(quick: bool) -> Outcome:
     of = lambda a: simulation(a, THICKNESS, HALF_ANGLE, VOUSSOIRS)  # noqa: E731
     found, exact = bisect(of, 0.3, 0.44, 6 if quick else 12), limit()
     rows = [
-        Row(quantity="acceleration of the mechanism / g, Oppenheim", ours=found, theirs=0.37, tolerance=0.014, reason="printed with two digits"),
-        Row(quantity="acceleration of the mechanism / g, linear program", ours=found, theirs=exact, tolerance=0.01, reason="straight edges of cells between nodes on the arcs"),
+        Row(
+            quantity="acceleration of the mechanism / g, Oppenheim",
+            ours=found,
+            theirs=0.37,
+            tolerance=0.014,
+            reason="printed with two digits",
+        ),
+        Row(
+            quantity="acceleration of the mechanism / g, linear program",
+            ours=found,
+            theirs=exact,
+            tolerance=0.01,
+            reason="straight edges of cells between nodes on the arcs",
+        ),
     ]
     if not quick:
         thin = bisect(lambda t: simulation(0.0, t * RADIUS, 90.0, 27), 0.15, 0.09, 11)
-        rows.append(Row(quantity="least t/R of a semicircular arch, Milankovitch", ours=thin, theirs=0.1075, tolerance=0.008, reason="27 voussoirs: 0.6/n^2"))
+        rows.append(
+            Row(
+                quantity="least t/R of a semicircular arch, Milankovitch",
+                ours=thin,
+                theirs=0.1075,
+                tolerance=0.008,
+                reason="27 voussoirs: 0.6/n^2",
+            )
+        )
     figure, ax = new_figure(height=4.2)
     angle = np.radians(np.linspace(-HALF_ANGLE, HALF_ANGLE, VOUSSOIRS + 1))
     edges = RADIUS - THICKNESS / 2, RADIUS + THICKNESS / 2

@@ -178,6 +178,17 @@ def force(
     return float(errors.max()), float(ratio[errors.argmax()]), imbalance
 
 
+def face(steps: int | None) -> None:
+    """Forces on the rigid face."""
+    print("Force on a rigid face; L: length over height, a: absorbing part of it")
+    print("direction  alpha     L     a   far end    steps  error   at f/f1  imbalance")
+    for direction, alpha, length, absorbing, far_end, most in CASES:
+        count = most if steps is None else steps
+        found = force(direction, alpha, length, absorbing, far_end, count)
+        row = (direction, alpha, length, absorbing, far_end, count, 100.0 * found[0], *found[1:])
+        print("{:9s} {:6.2f} {:5.0f} {:5.0f}   {:9s} {:6d} {:5.2f} % {:7.2f} {:10.0e}".format(*row))
+
+
 def cost(name: str, steps: int) -> None:
     """Time per step of a dam, wet and dry, with joints and tied, in turn; its ledger."""
     scene, dt = dam(name), TIME_STEP

@@ -223,6 +223,6 @@ class _Ends(Monitor):
             self.slips.append(float(record.joints.state.gap[0, 1]))
 
 
-def pulse(length: float) -> Callable[[float], float]:
-    """sin^4 over a time [s], of height 1."""
-    return lambda t: float(np.sin(np.pi * t / length) ** 4) if 0.0 < t < length else 0.0
+def pulse(length: float, height: float = 1.0) -> Callable[[float], float]:
+    """sin^4 over a time [s], of a height [m/s]."""
+    return lambda t: height * float(np.sin(np.pi * t / length) ** 4) if 0.0 < t < length else 0.0

@@ -48,7 +48,7 @@ def run(quick: bool) -> Outcome:
                 overlap=5e6 / stiffness,
             )
             # Velocities are small beside what would open the joint or let it slide.
-            incident = lambda t, one=pulse(length): 0.01 * one(t)  # noqa: E731
+            incident = pulse(length, height=0.01)
             dt = length / 400.0
             found = strip.send(incident, dt=dt, steps=steps).ratio(frequencies, incident)
             exact = strip.transfer(frequencies, stiffness)

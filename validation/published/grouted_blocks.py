@@ -5,10 +5,10 @@
 Two blocks of 5 m by 10 m in plane strain stand 1 mm apart on a fixed base, E = 3e12 Pa, nu = 0.25,
 2400 kg/m^3. Under their weight the joint, k_n = k_s = 1e12 Pa/m, is grouted with 50 kPa; compared
 is by how much the faces have moved apart under both, 2, 5 and 8 m above the base. The 1 mm is
-filled and has no part in it. Here `grout(pressure=...)` on square cells: of degree 2 and 0.25 m in plane
-strain against GEFDYN and in plane stress against code_aster in space, whose blocks are 1 m thick
-with unconstrained sides, and of degree 1 and 0.5 m against code_aster in the plane, whose nodes
-along the joint are 0.5 m apart.
+filled and has no part in it. Here `grout(pressure=...)` on square cells: of degree 2 and 0.25 m in
+plane strain against GEFDYN and in plane stress against code_aster in space, whose blocks are 1 m
+thick with unconstrained sides, and of degree 1 and 0.5 m against code_aster in the plane, whose
+nodes along the joint are 0.5 m apart.
 
 The opening is that of two cantilevers. Linear cells are too stiff in bending, which is what ours of
 degree 1 lack (1 to 2 %), and what code_aster's numbers lie below ours by, the more the fewer cells

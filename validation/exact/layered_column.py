@@ -17,7 +17,7 @@ import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, curve, new_figure
 from validation.strip import Layer, Strip, pulse
 
-SOURCE = "closed form: transfer function of layered ground, Haskell 1953, Kramer 1996 (7.2.1.4)"
+SOURCE = "closed form: transfer function of layered ground, Haskell 1953"
 
 
 def ground(shear_modulus: float, density: float) -> dj.Elastic:

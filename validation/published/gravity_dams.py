@@ -7,7 +7,8 @@ whose first frequency is within 0.02 % of its limit. Properties and sources are 
 [the study](../../docs/studies.md#two-gravity-dams), `studies.gravity_dams`, which also takes the
 water by finite elements and tells what moves the frequencies. Where the published numbers are of
 compressible water, Westergaard's mass is too heavy and lacks the compressibility; the two errors
-are opposite.
+are opposite. With compressible water by finite elements Koyna is 4.5 % above the published number,
+which is not explained: little is known of the reservoir there.
 
 The last row is the dam itself, shaken with the reservoir at 94 and 105 m: the ratio of the two
 frequencies, which does not depend on the modulus, with compressible water by finite elements.
@@ -21,6 +22,7 @@ import numpy as np
 
 from studies.gravity_dams import (
     CHOPRA_PINE_FLAT,
+    FULL,
     MEASURED_PINE_FLAT,
     PUBLISHED,
     frequencies,
@@ -60,6 +62,17 @@ def run(quick: bool) -> Outcome:
                 )
             )
     if not quick:
+        for name in ("Koyna", "Pine Flat"):
+            dam, theirs = FULL[name]
+            rows.append(
+                Row(
+                    quantity=f"{name}, full, compressible water, mode 1 [Hz]",
+                    ours=with_water(dam, "compressible", {"size": size}),
+                    theirs=theirs,
+                    tolerance=0.05,
+                    reason="their reservoir is hardly described; Koyna's 4.5 % are open",
+                )
+            )
         low, high = (
             with_water(replace(CHOPRA_PINE_FLAT, water=level), "compressible", {"size": size})
             for level in MEASURED_PINE_FLAT

@@ -4,9 +4,9 @@
 
 Half of a plate of 80 x 40 mm, E = 1.3e11 Pa, nu = 0.2, plane strain, its plane of symmetry at x =
 40 mm, lies on a rigid plane with friction 1. Its top is pressed with 50 MPa, its side at x = 0 with
-150 MPa, both growing together in five steps; it slides near that side, sticks further in, and in
-part lifts off. Compared are displacements along the plane at five points near the side. Cells of
-1.25 mm, of degree 2, k = 1e16 Pa/m.
+150 MPa, both growing together in five steps. At that side it lifts off over 3 mm, slides up to
+30 mm and sticks beyond. Compared are displacements along the plane at five points near the side.
+Cells of 1.25 mm, of degree 2, k = 1e16 Pa/m.
 
 It is a benchmark of a group of French laboratories (GRECO), whose programs' common values are the
 reference; code_aster's own by penalties are within 4 %.

@@ -113,3 +113,7 @@ def test_files_of_ones_own(tmp_path, capsys):
     assert own_files.main([str(tmp_path), "--out", str(tmp_path / "pages")]) == 1
     with pytest.raises(SystemExit):
         own_files.main([str(tmp_path / "nowhere")])
+    (tmp_path / "case.json").write_text(json.dumps({**case, "waters": {}}))
+    with pytest.raises(SystemExit):
+        own_files.main([str(tmp_path)])
+    assert "has no use for waters" in capsys.readouterr().err

@@ -44,7 +44,7 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 from mpi4py import MPI
@@ -68,6 +68,8 @@ from validation.atlas import (
 )
 
 Floats = NDArray[np.float64]
+NEEDED = {"title", "source", "mesh", "materials", "fixed"}
+KNOWN = NEEDED | {"joints", "gravity", "water", "damping", "points", "modes", "static", "histories"}
 
 
 class _Points(Monitor):
@@ -90,6 +92,23 @@ class _Points(Monitor):
     def _read(self, record: Record) -> Floats:
         u = record.displacement.getArray(readonly=True).reshape(-1, self._dim)
         return np.asarray(u[self._nodes])
+
+
+def read_case(folder: Path) -> dict[str, Any]:
+    """The case of a folder.
+
+    Raises:
+        ValueError: An entry is missing or not known.
+    """
+    path = folder / "case.json"
+    case: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    for entries, fault in (
+        (NEEDED - case.keys(), "lacks"),
+        (case.keys() - KNOWN, "has no use for"),
+    ):
+        if entries:
+            raise ValueError(f"{path} {fault} {', '.join(sorted(entries))}.")
+    return case
 
 
 def columns(path: Path) -> dict[str, list[str]]:
@@ -119,65 +138,90 @@ def build(folder: Path, case: Mapping[str, Any]) -> dj.Model:
     )
 
 
-def compare(folder: Path) -> Outcome:
-    """Run what a folder asks for."""
-    case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
-    model, rows = build(folder, case), []
-    named = case.get("points", {})
+def compare(folder: Path, case: Mapping[str, Any]) -> Outcome:
+    """Run what a case asks for."""
+    model = build(folder, case)
     places = model.V.tabulate_dof_coordinates()[:, : model.gdim]
-    nodes = {name: int(((places - at) ** 2).sum(axis=1).argmin()) for name, at in named.items()}
-    simulation = dj.Simulation(
-        model, monitors=[points := _Points(np.array([*nodes.values()], int))]
-    )
+    nodes = {
+        name: int(((places - at) ** 2).sum(axis=1).argmin())
+        for name, at in case.get("points", {}).items()
+    }
+    points = _Points(np.array(list(nodes.values()), dtype=np.int64))
+    simulation = dj.Simulation(model, monitors=[points])
     figure, ax = new_figure()
-
-    def row(quantity: str, ours: float, theirs: float, given: Mapping[str, Any]) -> None:
-        limits = {"tolerance": given["tolerance"], "reason": given["reason"]}
-        rows.append(Row(quantity=quantity, ours=ours, theirs=theirs, **limits))
-
-    if given := case.get("modes"):
-        theirs = np.array(columns(folder / given["file"])["frequency"], float)
-        for i, (a, b) in enumerate(
-            zip(dj.modes(model.system(), len(theirs)).frequencies, theirs, strict=True), 1
-        ):
-            row(f"mode {i} [Hz]", float(a), float(b), given)
-    state = simulation.statics() if model.loads else None
-    if given := case.get("static"):
-        found = columns(folder / given["file"])
-        u = state.displacement.getArray(readonly=True).reshape(-1, model.gdim)  # type: ignore
-        for point, axis, value in zip(
-            *(found[k] for k in ("point", "component", "displacement")), strict=True
-        ):
-            row(
-                f"{point}, {axis} [m]",
-                float(u[nodes[point], "xyz".index(axis)]),
-                float(value),
-                given,
-            )
-    if given := case.get("histories"):
-        motion = {name: np.array(v, float) for name, v in columns(folder / given["motion"]).items()}
-        theirs = {name: np.array(v, float) for name, v in columns(folder / given["file"]).items()}
-        times = theirs.pop("time")
-
-        def ground(t: float) -> Floats:
-            return np.array([np.interp(t, motion["time"], motion[c]) for c in "xyz"[: model.gdim]])
-
-        simulation.dynamics(dt=given["dt"], steps=round(times[-1] / given["dt"]), motion=ground)
-        moved = np.array(points.moved)
-        for name, values in theirs.items():
-            point, _, axis = name.rpartition("_")
-            ours = moved[:, list(nodes).index(point), "xyz".index(axis)]
-            ours = np.interp(times, points.times, ours)
-            limits = {"tolerance": given["tolerance"], "reason": given["reason"]}
-            rows.append(curve(name, ours, values, **limits))
-            row(f"{name}, peak [m]", float(np.abs(ours).max()), float(np.abs(values).max()), given)
-            (line,) = ax.plot(times, ours, label=f"{name}, ours")
-            ax.plot(times, values, ":", color=line.get_color(), label=f"{name}, theirs")
-        ax.set_xlabel("time [s]")
+    rows = modes(model, folder, case["modes"]) if "modes" in case else []
+    state = simulation.statics()
+    if "static" in case:
+        u = state.displacement.getArray(readonly=True).reshape(-1, model.gdim)
+        rows += statics(u, nodes, folder, case["static"])
+    if "histories" in case:
+        rows += histories(simulation, points, list(nodes), folder, case["histories"], ax)
     else:
         ax.barh([each.quantity for each in rows], [100.0 * each.deviation for each in rows])
         ax.set_xlabel("deviation [%]")
     return Outcome(rows=rows, figure=figure)
+
+
+def row(quantity: str, ours: float, theirs: float, given: Mapping[str, Any]) -> Row:
+    """A row with the tolerance that a part of the case gives."""
+    limits = {"tolerance": given["tolerance"], "reason": given["reason"]}
+    return Row(quantity=quantity, ours=float(ours), theirs=float(theirs), **limits)
+
+
+def modes(model: dj.Model, folder: Path, given: Mapping[str, Any]) -> list[Row]:
+    """Natural frequencies."""
+    theirs = np.array(columns(folder / given["file"])["frequency"], float)
+    found = dj.modes(model.system(), len(theirs)).frequencies
+    pairs = enumerate(zip(found, theirs, strict=True), 1)
+    return [row(f"mode {i} [Hz]", a, b, given) for i, (a, b) in pairs]
+
+
+def statics(
+    u: Floats, nodes: Mapping[str, int], folder: Path, given: Mapping[str, Any]
+) -> list[Row]:
+    """Static displacements."""
+    found = columns(folder / given["file"])
+    lines = zip(*(found[name] for name in ("point", "component", "displacement")), strict=True)
+    return [
+        row(f"{point}, {axis} [m]", u[nodes[point], "xyz".index(axis)], float(value), given)
+        for point, axis, value in lines
+    ]
+
+
+def histories(
+    simulation: dj.Simulation,
+    points: _Points,
+    names: list[str],
+    folder: Path,
+    given: Mapping[str, Any],
+    ax: Any,
+) -> list[Row]:
+    """Displacements in time and their peaks, drawn as well."""
+    motion, theirs = (
+        {name: np.array(v, float) for name, v in columns(folder / given[key]).items()}
+        for key in ("motion", "file")
+    )
+    times = theirs.pop("time")
+    axes = "xyz"[: simulation.model.gdim]
+
+    def ground(t: float) -> Floats:
+        return np.array([np.interp(t, motion["time"], motion[axis]) for axis in axes])
+
+    simulation.dynamics(dt=given["dt"], steps=round(times[-1] / given["dt"]), motion=ground)
+    moved, rows = np.array(points.moved), []
+    for name, values in theirs.items():
+        point, _, axis = name.rpartition("_")
+        ours = moved[:, names.index(point), axes.index(axis)]
+        ours = np.interp(times, points.times, ours)
+        limits = {"tolerance": given["tolerance"], "reason": given["reason"]}
+        rows.append(curve(name, ours, values, **limits))
+        rows.append(row(f"{name}, peak [m]", np.abs(ours).max(), np.abs(values).max(), given))
+        (line,) = ax.plot(times, ours, label=f"{name}, ours")
+        ax.plot(times, values, ":", color=line.get_color(), label=f"{name}, theirs")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("displacement [m]")
+    ax.legend()
+    return rows
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -186,14 +230,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="with case.json and the files it names")
     parser.add_argument("--out", type=Path, help="where the page goes, the folder unless given")
     options = parser.parse_args(arguments)
-    if not (options.folder / "case.json").is_file():
-        parser.error(f"{options.folder / 'case.json'} is not there")
-    case = json.loads((options.folder / "case.json").read_text(encoding="utf-8"))
+    try:
+        case = read_case(options.folder)
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
     began = processor_time()
-    outcome = compare(options.folder)
-    page = SimpleNamespace(__doc__=case["title"] + "\n", SOURCE=case["source"])
+    outcome = compare(options.folder, case)
+    page = ModuleType("page", case["title"] + "\n")
+    page.__dict__["SOURCE"] = case["source"]
     seconds = processor_time() - began
-    result = Result(name="page", module=page, outcome=outcome, seconds=seconds)  # type: ignore
+    result = Result(name="page", module=page, outcome=outcome, seconds=seconds)
     out = options.out or options.folder
     out.mkdir(parents=True, exist_ok=True)
     write_page(result, out)

@@ -31,6 +31,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "slipping_crack",
         "tilted_arch",
         "bar_on_wall",
+        "released_mass",
         "inclined_slider",
         "pressed_plate",
     ),

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
 
 SOURCE = (
     "code_aster's test SSNP143 (V6.03.143): reference by GEFDYN, and code_aster's results in "
@@ -43,15 +44,14 @@ def mesh(comm: MPI.Comm, size: float) -> dj.JointedMesh:
     across, high = round(WIDTH / size), round(HEIGHT / size)
     grid = np.arange((2 * across + 1) * (high + 1)).reshape(high + 1, 2 * across + 1)
     y, x = np.indices(grid.shape)
-    corners = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
     return dj.mesh_from_arrays(
         comm,
         cell="quadrilateral",
         x=size * np.column_stack([x.ravel() - across, y.ravel()]),
-        cells=np.column_stack([corner.ravel() for corner in corners]),
+        cells=quads(grid),
         facet_groups={
-            "base": np.column_stack([grid[0, :-1], grid[0, 1:]]),
-            "joint_1": np.column_stack([grid[:-1, across], grid[1:, across]]),
+            "base": line(grid[0]),
+            "joint_1": line(grid[:, across]),
         },
     )
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
 
 SOURCE = "code_aster's test SSNP142 A (V6.03.142): reference by GEFDYN, and its own results"
 
@@ -61,24 +62,20 @@ def mesh(cells: int) -> dj.JointedMesh:
     low = np.arange(len(ground)).reshape(deep + 1, -1)
     top = low[-1, beside : beside + cells + 1]
     up = np.vstack([top, len(ground) + np.arange(len(dam)).reshape(high, -1)])
-    around = [
-        np.column_stack([a.ravel() for a in (g[:-1, :-1], g[:-1, 1:], g[1:, :-1], g[1:, 1:])])
-        for g in (low, up)
-    ]
-    line = lambda nodes: np.column_stack([nodes[:-1], nodes[1:]])  # noqa: E731
+    cells_of = [quads(low), quads(up)]
     return dj.mesh_from_arrays(
         MPI.COMM_SELF,
         cell="quadrilateral",
         x=np.vstack([ground, dam]),
-        cells=np.vstack(around),
+        cells=np.vstack(cells_of),
         facet_groups={
             "joint_1": line(top),
             "upstream": line(up[:, 0]),
             "bottom": np.vstack([line(low[0]), line(low[:, 0]), line(low[:, -1])]),
         },
         cell_groups={
-            "rock": np.arange(len(around[0])),
-            "dam": np.arange(len(around[0]), len(around[0]) + len(around[1])),
+            "rock": np.arange(len(cells_of[0])),
+            "dam": len(cells_of[0]) + np.arange(len(cells_of[1])),
         },
     )
 

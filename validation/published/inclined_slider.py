@@ -20,6 +20,7 @@ import numpy as np
 
 import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
 
 SOURCE = "code_aster's test SSNV503 (V6.04.503), displacements and forces printed there"
 
@@ -48,20 +49,17 @@ def slider(share: float) -> tuple[np.ndarray, np.ndarray]:
     across, high = round(LENGTH / CELL), round(HEIGHT / CELL)
     grid = np.arange((across + 1) * (high + 2)).reshape(high + 2, across + 1)
     y, x = np.indices(grid.shape)
-    around = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
-    row = lambda k: np.column_stack([grid[k, :-1], grid[k, 1:]])  # noqa: E731
-    column = lambda k: np.column_stack([grid[1:-1, k], grid[2:, k]])  # noqa: E731
     jointed = dj.mesh_from_arrays(
         MPI.COMM_SELF,
         cell="quadrilateral",
         x=CELL * np.column_stack([x.ravel(), y.ravel() - 1.0]) @ TURN.T,
-        cells=np.column_stack([corner.ravel() for corner in around]),
+        cells=quads(grid),
         facet_groups={
-            "ground": row(0),
-            "joint_1": row(1),
-            "top": row(-1),
-            "left": column(0),
-            "right": column(-1),
+            "ground": line(grid[0]),
+            "joint_1": line(grid[1]),
+            "top": line(grid[-1]),
+            "left": line(grid[1:, 0]),
+            "right": line(grid[1:, -1]),
         },
     )
     press = dj.Pressure(group="top", value=PRESSURE)

@@ -20,6 +20,7 @@ import numpy as np
 
 import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
 
 SOURCE = "code_aster's test SSNV128 A (V6.04.128): reference of the GRECO group, own results"
 
@@ -33,20 +34,17 @@ def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
     """The plate and a row of fixed cells below it, the joint at y = 0."""
     grid = np.arange((cells + 1) * (cells + 2)).reshape(cells + 2, cells + 1)
     y, x = np.indices(grid.shape)
-    around = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
-    row = lambda k: np.column_stack([grid[k, :-1], grid[k, 1:]])  # noqa: E731
-    column = lambda k: np.column_stack([grid[1:-1, k], grid[2:, k]])  # noqa: E731
     jointed = dj.mesh_from_arrays(
         MPI.COMM_SELF,
         cell="quadrilateral",
         x=SIDE / cells * np.column_stack([x.ravel(), y.ravel() - 1.0]),
-        cells=np.column_stack([corner.ravel() for corner in around]),
+        cells=quads(grid),
         facet_groups={
-            "ground": row(0),
-            "joint_1": row(1),
-            "top": row(-1),
-            "side": column(0),
-            "symmetry": column(-1),
+            "ground": line(grid[0]),
+            "joint_1": line(grid[1]),
+            "top": line(grid[-1]),
+            "side": line(grid[1:, 0]),
+            "symmetry": line(grid[1:, -1]),
         },
     )
     model = dj.Model(

@@ -27,6 +27,7 @@ import numpy as np
 
 import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
 
 SOURCE = (
     "Olsson, J. Geophys. Res. 87, 1982; Brady et al. 1985, with the numbers of 3DEC's "
@@ -55,18 +56,16 @@ def mesh(cells: int) -> dj.JointedMesh:
     below = -HEIGHT / 2 + t * (plane + HEIGHT / 2)
     y = np.vstack([below, (plane + t * (HEIGHT / 2 - plane))[1:]])
     grid = np.arange(y.size).reshape(y.shape)
-    corners = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
-    row = lambda k: np.column_stack([grid[k, :-1], grid[k, 1:]])  # noqa: E731
-    on_plane = row(cells)
+    on_plane, base = line(grid[cells]), line(grid[0])
     return dj.mesh_from_arrays(
         MPI.COMM_SELF,
         cell="quadrilateral",
         x=np.column_stack([np.broadcast_to(x, y.shape).ravel(), y.ravel()]),
-        cells=np.column_stack([corner.ravel() for corner in corners]),
+        cells=quads(grid),
         facet_groups={
-            "base": row(0),
-            "top": row(-1),
-            "pin": row(0)[[len(x) // 2]],
+            "base": base,
+            "top": line(grid[-1]),
+            "pin": base[[len(x) // 2]],
             "joint_bonded": np.vstack([on_plane[:outer], on_plane[-outer:]]),
             "joint_slips": on_plane[outer:-outer],
         },

@@ -19,6 +19,7 @@ MPI_PYTEST = python3 -m pytest -q -x --color=no -p no:cacheprovider -m "mpi and 
 DEMO_ARGS ?=
 PAPER_ARGS ?=
 STUDY_ARGS ?=
+CASES ?=
 MUTANTS ?= 320
 MUTANTS_SEED ?= 1992
 BENCHMARKS = $(sort $(wildcard benchmarks/*.py))
@@ -72,7 +73,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms bench-studies bench-peers lint dist docs clean
+.PHONY: help demo paper studies validate test test-2 test-3 test-0.11 verify coverage mutants bench bench-forms bench-studies bench-peers lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -97,6 +98,10 @@ studies: ## What the paper leaves open, errors of mesh and step, gravity dams; S
 	$(PYTHON) -m studies.convergence $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.thermal_opening $(subst --records,--record,$(STUDY_ARGS))
 	$(PYTHON) -m studies.gravity_dams
+
+validate: ## The atlas of validation: numbers of others beside ours, a page each; CASES="..." of it
+	@$(call install_tool,$(PEERS_TOOL),$(PEERS_NEEDS))
+	$(call with_tool,$(PEERS_TOOL)) -m validation $(CASES)
 
 # Left to test-2: what puts the parts together that the other tests look at one by one.
 WHOLE = tests/verification tests/studies tests/test_benchmarks.py

@@ -49,15 +49,23 @@ TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # corners in tensor order to two rounds, be
 class SceneFile(StepWatch):
     """Watch that also writes the model for OpenSees, and keeps displacements of all nodes.
 
+    Args:
+        scene: What is run.
+        path: Where the model is written to.
+        steps: Of the run.
+        overlap: Of the faces of joints in OpenSees before any displacement [m]: its contact that
+            just touches has no stiffness, and a block on it alone no static state.
+
     Attributes:
         top: Nodes at the point on the crest, two if it is on a joint.
         static: Displacements of the static state, shape (nodes, 3), [m].
         last: Those of the last step from it, shape (nodes, 3), [m].
     """
 
-    def __init__(self, scene: Scene, path: Path, steps: int) -> None:
+    def __init__(self, scene: Scene, path: Path, steps: int, overlap: float = 0.0) -> None:
         """Take where to write."""
         super().__init__(scene)
+        self._overlap = overlap
         self._path, self._motion = path, scene.shaking(steps * TIME_STEP)
         self._steps = steps
 
@@ -66,9 +74,12 @@ class SceneFile(StepWatch):
         self.static = first.displacement.getArray(readonly=True).reshape(-1, 3).copy()
         ground = [self._motion(i * TIME_STEP) for i in range(self._steps + 1)]
         given = arrays(self._scene, model)
-        np.savez(self._path, **given, acceleration=np.array(ground), dt=TIME_STEP)
         distance = np.linalg.norm(given["nodes"] - np.array(self._scene.crest), axis=1)
         self.top = np.flatnonzero(distance < distance.min() + 1e-9 * np.ptp(given["nodes"]))
+        if len(given["pairs"]):
+            given["nodes"][given["pairs"][:, 1]] -= self._overlap * given["normals"]
+        given |= {"watched": self.top, "acceleration": np.array(ground), "dt": TIME_STEP}
+        np.savez(self._path, **given)
         super().start(model, stage, steps, first)
 
     def record(self, record: Record) -> None:
@@ -79,7 +90,7 @@ class SceneFile(StepWatch):
 
 def arrays(scene: Scene, model: dj.Model) -> dict[str, Any]:
     """What OpenSees needs of a wall on one rank: nodes, bricks, pairs of nodes at joints."""
-    nodes = model.V.tabulate_dof_coordinates()
+    nodes = model.V.tabulate_dof_coordinates().copy()
     found: dict[str, Any] = {
         "nodes": nodes,
         "cells": model.V.dofmap.list[:, TO_BRICK],

@@ -75,8 +75,15 @@ class _Forces(Monitor):
         self.forces.append(float(record.reservoir_force[0]))
 
 
-def exact(direction: str, frequency: Floats, alpha: float) -> Complex:
-    """Force per unit acceleration along x [N s^2/m per m]."""
+def exact(direction: str, frequency: Floats, alpha: float, length: float = np.inf) -> Complex:
+    """Force per unit acceleration along x [N s^2/m per m], after Chopra 1967.
+
+    Args:
+        direction: ``stream`` or ``upwards``.
+        frequency: [Hz].
+        alpha: Reflection of the bottom.
+        length: Distance of a wall that moves with the ground as well [m].
+    """
     omega = 2.0 * np.pi * frequency
     damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * SOUND)
     k = omega / SOUND
@@ -95,7 +102,9 @@ def exact(direction: str, frequency: Floats, alpha: float) -> Complex:
     decay = np.where(back, -decay, decay)
     moment = (1.0 - np.cos(rates * HEIGHT)) / rates
     size = HEIGHT / 2.0 - np.sin(2.0 * rates * HEIGHT) / (4.0 * rates)
-    return np.asarray(-DENSITY * np.sum(moment**2 / size / decay, axis=1))
+    # Between two walls that move alike p is odd about the middle.
+    ended = 1.0 if np.isinf(length) else np.tanh(decay * length / 2.0)
+    return np.asarray(-DENSITY * np.sum(moment**2 / size / decay * ended, axis=1))
 
 
 def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
@@ -115,16 +124,23 @@ def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
     )
 
 
-def force(
-    direction: str, alpha: float, length: float, absorbing: float, far_end: Any, steps: int
-) -> tuple[float, float, float]:
-    """Largest error, where it is over the first frequency, and the ledger's imbalance."""
+def spectrum(
+    direction: str,
+    alpha: float,
+    length: float,
+    absorbing: float,
+    far_end: Any,
+    steps: int,
+    layers: int | None = None,
+) -> tuple[Floats, Complex, Complex, float]:
+    """Frequencies over the first, force found and exact, and the ledger's imbalance."""
     waves = dj.ReservoirWaves(
         group="up",
         level=HEIGHT,
         length=length * HEIGHT,
         absorbing_length=absorbing * HEIGHT,
         far_end=far_end,
+        layers=layers,
         bottom_reflection=alpha,
         sound_speed=SOUND,
     )
@@ -147,10 +163,19 @@ def force(
         found = found * 0.5 * (1.0 + np.cos(np.pi * late))
     transform = np.exp(-2j * np.pi * FIRST * np.outer(ratio, times))
     found = (transform @ found) / (transform @ [pulse(t)[axis] for t in times])
-    right = exact(direction, ratio * FIRST, alpha)
-    errors = np.abs(found - right) / np.abs(right).max()
+    end = length * HEIGHT if far_end == "rigid" else np.inf
+    right = exact(direction, ratio * FIRST, alpha, end)
     assert outcome.imbalance is not None
-    return float(errors.max()), float(ratio[errors.argmax()]), outcome.imbalance
+    return ratio, found, right, outcome.imbalance
+
+
+def force(
+    direction: str, alpha: float, length: float, absorbing: float, far_end: Any, steps: int
+) -> tuple[float, float, float]:
+    """Largest error, where it is over the first frequency, and the ledger's imbalance."""
+    ratio, found, right, imbalance = spectrum(direction, alpha, length, absorbing, far_end, steps)
+    errors = np.abs(found - right) / np.abs(right).max()
+    return float(errors.max()), float(ratio[errors.argmax()]), imbalance
 
 
 def face(steps: int | None) -> None:

@@ -106,8 +106,14 @@ def statics(ops: Any, kind: Kind) -> None:
     ops.wipeAnalysis()
 
 
-def dynamics(ops: Any, scene: Arrays, kind: Kind) -> tuple[list[float], list[int]]:
-    """Processor time [ms] and iterations of each step, by the average acceleration method."""
+def dynamics(
+    ops: Any, scene: Arrays, kind: Kind
+) -> tuple[list[float], list[int], list[list[list[float]]]]:
+    """The steps, by the average acceleration method.
+
+    Returns:
+        Processor time [ms], iterations, and displacements of the watched nodes [m] of each step.
+    """
     dt, ground = float(scene["dt"]), scene["acceleration"]
     ops.rayleigh(0.0, 0.0, float(scene["damping"]), 0.0)  # of the first stiffness of the bricks
     for axis in (1, 2, 3):
@@ -119,7 +125,8 @@ def dynamics(ops: Any, scene: Arrays, kind: Kind) -> tuple[list[float], list[int
     ops.algorithm(*kind.steps[0])
     ops.integrator("Newmark", 0.5, 0.25)
     ops.analysis("Transient")
-    spent, iterations = [], []
+    watched = (scene["watched"] + 1).tolist()
+    spent, iterations, history = [], [], []
     for step in range(1, len(ground)):
         began = time.process_time()
         if ops.analyze(1, dt):
@@ -132,7 +139,8 @@ def dynamics(ops: Any, scene: Arrays, kind: Kind) -> tuple[list[float], list[int
             ops.algorithm(*kind.steps[0])
         spent.append(1e3 * (time.process_time() - began))
         iterations.append(ops.testIter())
-    return spent, iterations
+        history.append([ops.nodeDisp(tag) for tag in watched])
+    return spent, iterations, history
 
 
 def main() -> None:
@@ -147,9 +155,10 @@ def main() -> None:
     statics(ops, kind)
     count = len(arrays["nodes"])
     static = displacements(ops, count)
-    spent, iterations = dynamics(ops, arrays, kind)
+    spent, iterations, history = dynamics(ops, arrays, kind)
     last = displacements(ops, count) - static
-    np.savez(found, static=static, last=last, cpu_ms=spent, iterations=iterations)
+    moved = np.array(history) - static[arrays["watched"]]
+    np.savez(found, static=static, last=last, history=moved, cpu_ms=spent, iterations=iterations)
 
 
 if __name__ == "__main__":

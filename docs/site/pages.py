@@ -22,7 +22,7 @@ MENU = {
         "docs/conventions.md",
     ],
     "Background": ["docs/theory/index.md"],
-    "Evidence": ["docs/studies.md", "docs/decisions/index.md"],
+    "Evidence": ["docs/validation.md", "docs/studies.md", "docs/decisions/index.md"],
     "Development": [
         "docs/design.md",
         "CONTRIBUTING.md",

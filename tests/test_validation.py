@@ -1,0 +1,119 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The atlas of validation: quick cases hold, its frame tells what does not.
+
+Expected: what the cases compare with; a column of height H under its weight sinks by rho g H^2/2E.
+"""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("matplotlib")
+pytest.importorskip("gmsh")
+
+from dolfinx_joints.geometry.two_blocks import two_blocks
+from validation import __main__ as atlas_command
+from validation import own_files
+from validation.atlas import Row, curve, names, run_case, share, table
+
+# The others run for more than some seconds, or beside OpenSees.
+QUICK = ("rigid_dam", "joint_waves", "grouted_blocks", "bar_on_wall", "pressed_plate")
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_quick_cases_hold(name):
+    result = run_case(name, quick=True)
+    assert result.outcome is not None
+    assert not result.wrong
+    assert result.title
+    assert result.module.SOURCE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in names() if name not in QUICK])
+def test_the_other_cases_hold(name):
+    result = run_case(name, quick=True)
+    assert result.outcome is not None or "OpenSees" in result.missing
+    assert not result.wrong
+
+
+def test_rows():
+    row = Row(quantity="a", ours=1.1, theirs=1.0, tolerance=0.05, reason="b")
+    assert row.deviation == pytest.approx(0.1)
+    assert not row.holds
+    assert "**too large**" in table([row])
+    assert not Row(quantity="a", ours=math.nan, theirs=1.0, tolerance=1.0, reason="b").holds
+    assert Row(quantity="a", ours=1.1, theirs=0.0, tolerance=0.05, reason="b", scale=100.0).holds
+    # 3 apart at the worst place, of 30 at the most.
+    found = curve("c", [0.0, 10.0, 33.0j], [0.0, 10.0, 30.0j], tolerance=0.2, reason="b")
+    assert found.deviation == pytest.approx(0.1)
+    assert (share(0.012), share(0.0), share(-2e-9)) == ("1.2 %", "0 %", "-2e-09")
+
+
+def test_command_writes_pages_and_fails_where_a_row_does(tmp_path, capsys, monkeypatch):
+    arguments = ["grouted_blocks", "--quick", "--out", str(tmp_path)]
+    assert atlas_command.main(arguments) == 0
+    page = (tmp_path / "grouted_blocks.md").read_text()
+    assert "GEFDYN" in page
+    assert (tmp_path / "grouted_blocks.png").stat().st_size > 10_000
+    assert "grouted_blocks.md" in (tmp_path / "index.md").read_text()
+    from validation.published import grouted_blocks
+
+    monkeypatch.setitem(grouted_blocks.GEFDYN, 5.0, 1e-6)
+    assert atlas_command.main(arguments) == 1
+    assert "opening 5 m above the base" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        atlas_command.main(["no_such_case"])
+
+
+def test_files_of_ones_own(tmp_path, capsys):
+    young, density, height = 1e9, 2000.0, 4.0
+    two_blocks(tmp_path / "column.msh", lower_height=1.0, upper_height=3.0, size=0.5, order=2)
+    solid = {"young": young, "poisson": 0.0, "density": density}
+    law = {"normal_stiffness": 1e15, "shear_stiffness": 1e15, "friction_angle_deg": 45.0}
+    case = {
+        "title": "A column",
+        "source": "by hand",
+        "mesh": "column.msh",
+        "materials": {"lower": solid, "upper": solid},
+        "fixed": ["base"],
+        "joints": law,
+        "gravity": True,
+        "points": {"top": [0.5, 0.5, height]},
+        "modes": {"file": "modes.csv", "tolerance": 0.06, "reason": "shear"},
+        "static": {"file": "static.csv", "tolerance": 1e-3, "reason": "k_n"},
+        "histories": {
+            "file": "histories.csv",
+            "tolerance": 0.05,
+            "reason": "vibration",
+            "motion": "motion.csv",
+            "dt": 0.001,
+        },
+    }
+    (tmp_path / "case.json").write_text(json.dumps(case))
+    sinks = -density * 9.80665 * height**2 / 2.0 / young
+    (tmp_path / "static.csv").write_text(f"point,component,displacement\ntop,z,{sinks}\n")
+    # A cantilever's first frequencies, equal along x and y; shear makes it softer than Euler's.
+    bending = 1.8751**2 / (2 * math.pi * height**2) * math.sqrt(young / density / 12.0)
+    (tmp_path / "modes.csv").write_text(f"frequency\n{bending}\n{bending}\n")
+    # The ground comes up slowly: the column sinks by the share of g that it is pushed with.
+    times = np.linspace(0.0, 0.4, 41)
+    push = 0.1 * 9.80665 * np.sin(0.5 * np.pi * times / 0.4) ** 2
+    rows = [f"{t},0,0,{a}" for t, a in zip(times, push, strict=True)]
+    (tmp_path / "motion.csv").write_text("\n".join(["time,x,y,z", *rows]))
+    rows = [f"{t},{sinks * a / 9.80665}" for t, a in zip(times, push, strict=True)]
+    (tmp_path / "histories.csv").write_text("\n".join(["time,top_z", *rows]))
+    assert own_files.main([str(tmp_path)]) == 0, capsys.readouterr().out
+    assert "by hand" in (tmp_path / "page.md").read_text()
+    (tmp_path / "static.csv").write_text(f"point,component,displacement\ntop,z,{2 * sinks}\n")
+    assert own_files.main([str(tmp_path), "--out", str(tmp_path / "pages")]) == 1
+    with pytest.raises(SystemExit):
+        own_files.main([str(tmp_path / "nowhere")])
+    (tmp_path / "case.json").write_text(json.dumps({**case, "waters": {}}))
+    with pytest.raises(SystemExit):
+        own_files.main([str(tmp_path)])
+    assert "has no use for waters" in capsys.readouterr().err

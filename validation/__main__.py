@@ -1,0 +1,54 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Run the atlas of validation: ``make validate``, or with names of cases.
+
+    ./with-dolfinx python3 -m validation
+    ./with-dolfinx python3 -m validation grouted_blocks rigid_dam
+
+Writes a page with a figure for each case into ``output/validation``, prints all rows and the table
+of all cases, and ends with 1 if a deviation exceeds its tolerance.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+from dolfinx_joints.common.command_line import Parser
+from validation.atlas import Result, names, run_case, summary, table, write_page
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run cases; 1 if a deviation exceeds its tolerance."""
+    parser = Parser(description="Run the atlas of validation.")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(names())}")
+    parser.add_argument("--quick", action="store_true", help="shorter runs")
+    parser.add_argument("--out", type=Path, default=Path("output/validation"), help="of the pages")
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.cases if name not in names()]
+    if unknown:
+        parser.error(f"{unknown[0]!r} is no case; there are {', '.join(names())}")
+    if MPI.COMM_WORLD.size > 1:
+        parser.error("the atlas runs on one rank")
+    options.out.mkdir(parents=True, exist_ok=True)
+    results: list[Result] = []
+    for name in options.cases or names():
+        result = run_case(name, quick=options.quick)
+        results.append(result)
+        print(f"\n{result.title} ({name}, {result.seconds:.0f} s)", flush=True)
+        print(table(result.outcome.rows) if result.outcome else f"left out: {result.missing}")
+        write_page(result, options.out)
+    found = summary(results)
+    text = f"# Atlas of validation\n\n{found}\n"
+    (options.out / "index.md").write_text(text, encoding="utf-8")
+    print(f"\n{found}\n\npages: {options.out}, {sum(r.seconds for r in results):.0f} s in all")
+    for result in results:
+        for row in result.wrong:
+            print(f"{result.name}: {row.quantity} deviates by {row.deviation:.3g}", file=sys.stderr)
+    return int(any(result.wrong for result in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

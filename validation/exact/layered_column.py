@@ -1,0 +1,74 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Two layers of ground on rock under a wave that rises.
+
+12 m of G = 45 MPa and 1800 kg/m^3 (158 m/s) and 16 m of 200 MPa and 2000 kg/m^3 (316 m/s) lie on
+rock of 2 GPa and 2200 kg/m^3 (953 m/s), nu = 0.3 everywhere, in which a pulse of S or P waves
+rises. Compared is the motion of the free surface over that of the incident wave up to the fourth
+resonance. The rock is 10 m deep and ends at dashpots, by which the wave comes in; cells are 1 m, of
+degree 2, steps a four-hundredth of the pulse.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import dolfinx_joints as dj
+from validation.atlas import Outcome, Row, curve, new_figure
+from validation.strip import Layer, Strip, pulse
+
+SOURCE = "closed form: transfer function of layered ground, Haskell 1953"
+
+
+def ground(shear_modulus: float, density: float) -> dj.Elastic:
+    """A layer's material, nu = 0.3."""
+    return dj.Elastic(young=2.6 * shear_modulus, poisson=0.3, density=density)
+
+
+LAYERS = (
+    Layer(length=10.0, material=ground(2e9, 2200.0)),
+    Layer(length=16.0, material=ground(2e8, 2000.0)),
+    Layer(length=12.0, material=ground(4.5e7, 1800.0)),
+)
+
+
+def run(quick: bool) -> Outcome:
+    """Let pulses rise; quick takes an S wave in steps twice as long."""
+    rows = []
+    figure, ax = new_figure()
+    for wave in "S" if quick else "SP":
+        strip = Strip(layers=LAYERS, wave=wave, size=1.0, open_end=True)
+        first = LAYERS[2].speed(wave) / 48.0  # resonance of the uppermost layer alone [Hz]
+        length = 1.0 / (2.5 * first)
+        incident = pulse(length)
+        dt = length / (200.0 if quick else 400.0)
+        sent = strip.send(incident, dt=dt, steps=round(16.0 / first / dt))
+        frequencies = np.linspace(0.1, 4.5, 177) * first
+        found = sent.ratio(frequencies, incident)
+        exact = strip.transfer(frequencies)
+        rows.append(
+            curve(
+                f"free surface / incident wave, {wave}",
+                found,
+                exact,
+                tolerance=0.02 if quick else 0.01,
+                reason="phase on the way, twenty waves to and fro: second order in the step",
+            )
+        )
+        low = frequencies < first
+        peaks = [frequencies[low][np.abs(each[low]).argmax()] for each in (found, exact)]
+        rows.append(
+            Row(
+                quantity=f"first resonance [Hz], {wave}",
+                ours=float(peaks[0]),
+                theirs=float(peaks[1]),
+                tolerance=0.02,
+                reason="frequencies 1 % apart",
+            )
+        )
+        (line,) = ax.plot(frequencies, np.abs(exact), label=f"exact, {wave}")
+        ax.plot(frequencies[::4], np.abs(found[::4]), ".", color=line.get_color())
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel("|free surface / incident|; dots: ours")
+    ax.legend()
+    return Outcome(rows=rows, figure=figure)

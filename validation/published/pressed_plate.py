@@ -1,0 +1,99 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A plate pressed onto a rigid plane and pushed along it.
+
+Half of a plate of 80 x 40 mm, E = 1.3e11 Pa, nu = 0.2, plane strain, its plane of symmetry at x =
+40 mm, lies on a rigid plane with friction 1. Its top is pressed with 50 MPa, its side at x = 0 with
+150 MPa, both growing together in five steps. At that side it lifts off over 3 mm, slides up to
+30 mm and sticks beyond. Compared are displacements along the plane at five points near the side.
+Cells of 1.25 mm, of degree 2, k = 1e16 Pa/m.
+
+It is a benchmark of a group of French laboratories (GRECO), whose programs' common values are the
+reference; code_aster's own by penalties are within 4 %.
+"""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_joints as dj
+from validation.atlas import Outcome, Row, new_figure
+from validation.grids import line, quads
+
+SOURCE = "code_aster's test SSNV128 A (V6.04.128): reference of the GRECO group, own results"
+
+SIDE, CELL = 0.04, 0.00125
+# By x [mm]: displacement along the plane [um].
+GRECO = {0.0: 28.6, 1.25: 27.2, 5.0: 22.8, 7.5: 19.8, 11.25: 15.0}
+CODE_ASTER = {0.0: 28.6488, 1.25: 27.2687, 5.0: 22.9236, 7.5: 19.9289, 11.25: 15.6085}
+
+
+def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
+    """The plate and a row of fixed cells below it, the joint at y = 0."""
+    grid = np.arange((cells + 1) * (cells + 2)).reshape(cells + 2, cells + 1)
+    y, x = np.indices(grid.shape)
+    jointed = dj.mesh_from_arrays(
+        MPI.COMM_SELF,
+        cell="quadrilateral",
+        x=SIDE / cells * np.column_stack([x.ravel(), y.ravel() - 1.0]),
+        cells=quads(grid),
+        facet_groups={
+            "ground": line(grid[0]),
+            "joint_1": line(grid[1]),
+            "top": line(grid[-1]),
+            "side": line(grid[1:, 0]),
+            "symmetry": line(grid[1:, -1]),
+        },
+    )
+    model = dj.Model(
+        jointed,
+        material=dj.Elastic(young=1.3e11, poisson=0.2, density=7800.0),
+        joints=dj.FrictionNoTension(
+            normal_stiffness=1e16, shear_stiffness=1e16, friction_angle_deg=45.0
+        ),
+        supports=[
+            dj.Fixed(group="ground"),
+            dj.Fixed(group="joint_1-"),
+            dj.Fixed(group="symmetry", components="x"),
+        ],
+        loads=[dj.Pressure(group="top", value=5e7), dj.Pressure(group="side", value=15e7)],
+        degree=2,
+        quadrature="nodal",
+    )
+    return model, dj.Simulation(model)
+
+
+def run(quick: bool) -> Outcome:
+    """Press and push; quick on cells twice as long."""
+    model, simulation = plate(round(SIDE / CELL) // (2 if quick else 1))
+    state = simulation.statics(steps=5)
+    nodes = model.nodes("joint_1+")
+    x = 1e3 * model.V.tabulate_dof_coordinates()[nodes, 0]
+    u = 1e6 * state.displacement.getArray(readonly=True).reshape(-1, 2)[nodes, 0]
+    order = np.argsort(x)
+    x, u = x[order], u[order]
+    rows = []
+    for who, numbers, tolerance, reason in (
+        ("GRECO", GRECO, 0.05, "what the test allows"),
+        ("code_aster", CODE_ASTER, 0.03, "soft tangential penalty there"),
+    ):
+        for at, theirs in numbers.items():
+            rows.append(
+                Row(
+                    quantity=f"displacement at x = {at:g} mm [um], {who}",
+                    ours=float(np.interp(at, x, u)),
+                    theirs=theirs,
+                    tolerance=tolerance,
+                    reason=reason,
+                )
+            )
+    figure, ax = new_figure()
+    ax.plot(x, u, label="ours")
+    for who, numbers, mark in (("GRECO", GRECO, "o"), ("code_aster", CODE_ASTER, "x")):
+        ax.plot(list(numbers), list(numbers.values()), mark, label=who)
+    ax.set_xlabel("distance from the side that is pushed [mm]")
+    ax.set_ylabel("displacement along the plane [µm]")
+    ax.legend()
+    return Outcome(rows=rows, figure=figure)

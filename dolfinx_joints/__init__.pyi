@@ -6,6 +6,7 @@ from . import exact as exact
 from . import export as export
 from . import report as report
 from . import study as study
+from .body.damping import ModalRatios as ModalRatios
 from .body.damping import Rayleigh as Rayleigh
 from .body.damping import mass_proportional as mass_proportional
 from .body.damping import rayleigh as rayleigh

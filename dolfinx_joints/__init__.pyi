@@ -93,6 +93,7 @@ from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
+from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions

@@ -247,7 +247,9 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
         columns = damped.columns(system.mass.createVecRight())
         delta = effective.damping * damped.rates
         changes.append(ModalChange(columns, delta, lambda _: np.zeros_like(delta), comm))
-    return changes[0].and_(changes[1]) if len(changes) == 2 else next(iter(changes), None)
+    if len(changes) == 2:
+        return changes[0].and_(changes[1])
+    return changes[0] if changes else None
 
 
 class Cache:

@@ -249,8 +249,8 @@ def _pairs(real: PETSc.Mat | None, imaginary: PETSc.Mat | None) -> PETSc.Mat:
     if imaginary is not None:
         negative = imaginary.copy()
         negative.scale(-1.0)
-    nest = PETSc.Mat().createNest([[real, negative], [imaginary, real]])
-    return as_aij(nest)
+    comm = next(each.comm for each in (real, imaginary) if each is not None)
+    return as_aij(PETSc.Mat().createNest([[real, negative], [imaginary, real]], comm=comm))
 
 
 def _vector(system: MatrixSystem, values: Floats) -> PETSc.Vec:

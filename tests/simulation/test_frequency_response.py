@@ -7,7 +7,7 @@ top, so that y = u - a / w^2 = Y cos k(L - z), k^2 = rho w^2 / E*. E* is E (1 + 
 E (1 + i w b). On a clamped base y = -a / w^2 there; on dashpots of the impedance s on ground that
 moves, E* y' = i w s (y + a / w^2).
 
-Average acceleration is the bilinear transform: the ratio of the discrete Fourier transforms of u and
+Average acceleration is the bilinear transform: the discrete Fourier transform of u over that of
 the ground's acceleration at f is the response at tan(pi f dt) / (pi dt), exactly.
 """
 

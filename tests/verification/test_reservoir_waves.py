@@ -221,9 +221,12 @@ def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):
     turned = np.tan(np.pi * frequencies * dt) / (np.pi * dt)
     found = dj.frequency_response(model, turned, points={"crest": (0.0, H)}, direction=(1.0, 0.5))
     moved = (waves @ np.append(0.0, crest.values)) / ground[:, 0]
-    np.testing.assert_allclose(moved, found.displacement["crest"][:, 0], rtol=1e-3)
-    force = (waves @ np.array(kept.forces)) / ground
-    np.testing.assert_allclose(force[:, 0], found.reservoir_force[:, 0], rtol=1e-3)
+    force = (waves @ np.array(kept.forces))[:, 0] / ground[:, 0]
+    for one, other in (
+        (moved, found.displacement["crest"][:, 0]),
+        (force, found.reservoir_force[:, 0]),
+    ):
+        assert np.abs(one - other).max() < 2e-3 * np.abs(other).max()
 
 
 def leaning(x):

@@ -70,7 +70,7 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Answer to a harmonic acceleration of the ground, all joints closed and sticking (collective).
 
-    (-omega^2 M + i omega C + (1 + 2 i zeta) K) u = -M iota, (34b), with the waves of a `reservoir`
+    (-omega^2 M + i omega C + (1 + 2 i zeta) K) u = -M iota, (34c), with the waves of a `reservoir`
     among the unknowns; each frequency is one factorisation.
 
     Args:

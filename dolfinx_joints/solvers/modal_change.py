@@ -66,7 +66,7 @@ class ModalChange:
 
 
 class ChangedSolver:
-    """Solver of A + Psi delta Psi^T from one of A (Woodbury).
+    """Solver of A + Psi delta Psi^T from one of A (Woodbury), (34b).
 
     With Z = A^-1 Psi, one back-substitution per mode for each factor, and y = A^-1 b the solution
     is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.

@@ -17,7 +17,7 @@ from dolfinx_joints.body.places import extent, nearest_nodes
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import of_ranks
-from dolfinx_joints.common.parameters import check_vector
+from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modal_damping import modal_damping
@@ -71,7 +71,7 @@ def frequency_response(
     """Answer to a harmonic acceleration of the ground, all joints closed and sticking (collective).
 
     (-omega^2 M + i omega C + (1 + 2 i zeta) K) u = -M iota, (34c), with the waves of a `reservoir`
-    among the unknowns; each frequency is one factorisation.
+    among the unknowns; each frequency is one factorisation. Dashpots of joint laws are left out.
 
     Args:
         model: The model; its loads have no part in it.
@@ -86,13 +86,18 @@ def frequency_response(
         JointsError: Supports move, or modes are asked for with waves.
         MeshError: A point is far from the body.
     """
-    along = check_vector("direction", direction or np.eye(model.gdim)[0], (model.gdim,))
+    wanted = np.eye(model.gdim)[0] if direction is None else direction
+    along = check_vector("direction", wanted, (model.gdim,))
+    if not np.any(along):
+        raise ValueError("direction is zero; the ground must move along some axis.")
+    named = isinstance(points, Mapping)
+    check_kind_of("points", points, named, "coordinates by name")
     system = model.system(only=())
     if system.values is not None:
         raise JointsError("frequency_response moves the ground; supports must not move on it.")
     if modes is not None and model.coupled is not None:
         raise JointsError("modes are those of a body; one with waves in its water is solved for.")
-    along = along / (np.linalg.norm(along) or 1.0)
+    along = along / np.linalg.norm(along)
     hertz = np.array(frequencies, dtype=np.float64)
     omegas: Floats = 2.0 * np.pi * hertz
     reader = _Points(model, points)
@@ -226,10 +231,13 @@ class _Points:
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
         numbers = NodeNumbering(model.V).number
         self._nodes: list[int | None] = []
-        for name, place in points.items():
+        for name, given in points.items():
+            place = [float(x) for x in check_vector(f"The point {shown(name)}", given, (2, 3))]
             distance, near = nearest_nodes(model.jointed, model.V, place)
             if not distance <= 0.1 * extent(model.V):
-                raise MeshError(f"The point {name} lies {distance:.3g} m from the nearest node.")
+                raise MeshError(
+                    f"The point {shown(name)} lies {distance:.3g} m from the nearest node."
+                )
             here = {int(numbers[node]): int(node) for node in near}
             first = min(number for each in self._comm.allgather(list(here)) for number in each)
             self._nodes.append(here.get(first))

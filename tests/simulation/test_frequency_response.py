@@ -171,10 +171,14 @@ def test_ranks_agree(wall):
 @mpi
 def test_errors(wall):
     model = wall()
-    with pytest.raises(dj.MeshError, match="The point far lies"):
+    with pytest.raises(dj.MeshError, match="The point 'far' lies"):
         dj.frequency_response(model, [1.0], points={"far": (0.0, 0.0, 90.0)})
     with pytest.raises(ValueError, match="direction is .*; it must be 3 finite numbers"):
         dj.frequency_response(model, [1.0], points=CREST, direction=(1.0, 0.0))
+    with pytest.raises(ValueError, match="direction is zero"):
+        dj.frequency_response(model, [1.0], points=CREST, direction=np.zeros(3))
+    with pytest.raises(ValueError, match="points is .*; it must be coordinates by name"):
+        dj.frequency_response(model, [1.0], points=[(0.0, 0.0, 0.0)])
     moving = dj.Prescribed(group="base", component="x", value=lambda t: t)
     model = dj.Model(model.jointed, material=CONCRETE, joints=LAW, supports=[moving])
     with pytest.raises(dj.JointsError, match="supports must not move"):

@@ -191,7 +191,8 @@ ASSUMED = {
     "plane strain, endless reservoir": GORAI_KOYNA,
     "plane stress": replace(GORAI_KOYNA, plane="stress"),
     "reservoir of 103 m up to a wall": replace(GORAI_KOYNA, length=103.0),
-    "both": replace(GORAI_KOYNA, plane="stress", length=103.0),
+    "reservoir of 206 m up to a wall": replace(GORAI_KOYNA, length=206.0),
+    "plane stress, wall at 103 m": replace(GORAI_KOYNA, plane="stress", length=103.0),
     "modulus 9.6 % lower": replace(GORAI_KOYNA, young=0.904 * GORAI_KOYNA.young),
 }
 

@@ -6,6 +6,7 @@ from . import exact as exact
 from . import export as export
 from . import report as report
 from . import study as study
+from .body.damping import ModalRatios as ModalRatios
 from .body.damping import Rayleigh as Rayleigh
 from .body.damping import mass_proportional as mass_proportional
 from .body.damping import rayleigh as rayleigh
@@ -97,6 +98,7 @@ from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
+from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation
 from .solvers.step_solver import SolverOptions as SolverOptions

@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.command_line import Parser
@@ -59,6 +60,7 @@ class Dam:
         endless: Whether the water is a reservoir by finite elements, instead of Westergaard's mass.
         vibration: Frequency of a vibration, to which compressible water resists in a reservoir by
             finite elements [Hz]; zero for incompressible water.
+        length: Of such a reservoir, up to a rigid end at rest [m]; endless unless given.
         constrained_sides: Its sides that cannot move across the valley: both for plane strain; one,
             the plane of symmetry of half a monolith, leaves out its bending across the valley.
     """
@@ -74,6 +76,7 @@ class Dam:
     constrained_sides: tuple[str, ...] = ()
     endless: bool = False
     vibration: float = 0.0
+    length: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +173,33 @@ FULL = {
     "Pine Flat, plane strain": (replace(SAMII_PINE_FLAT, plane="strain"), 2.5267),
 }
 
+
+def waves(reflection: float) -> dj.ReservoirWaves:
+    """Thirty depths of water before Koyna, the last 25 of them absorbing."""
+    return dj.ReservoirWaves(
+        group="upstream",
+        level=103.0,
+        length=30.0 * 103.0,
+        absorbing_length=25.0 * 103.0,
+        sound_speed=SOUND,
+        bottom_reflection=reflection,
+    )
+
+
+# What may stand behind the period published for Koyna with water, which says neither.
+ASSUMED = {
+    "plane strain, endless reservoir": GORAI_KOYNA,
+    "plane stress": replace(GORAI_KOYNA, plane="stress"),
+    "reservoir of 103 m up to a wall": replace(GORAI_KOYNA, length=103.0),
+    "reservoir of 206 m up to a wall": replace(GORAI_KOYNA, length=206.0),
+    "plane stress, wall at 103 m": replace(GORAI_KOYNA, plane="stress", length=103.0),
+    "modulus 9.6 % lower": replace(GORAI_KOYNA, young=0.904 * GORAI_KOYNA.young),
+}
+
+# Water with waves before Koyna: none, and over a bottom that reflects all, and three quarters.
+SHAKEN = {"empty": None, "full": waves(1.0), "full, bottom reflects 0.75": waves(0.75)}
+FREQUENCIES = np.arange(0.04, 12.0, 0.02)  # [Hz]
+
 # Periods [s] of the whole dam in forced vibration, by level of the reservoir [m].
 MEASURED_PINE_FLAT = {94.0: 0.288, 105.0: 0.306}
 
@@ -197,6 +227,8 @@ def build(
     order: int = 2,
     law: dj.FrictionNoTension = CLOSED,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    reservoir: dj.ReservoirWaves | None = None,
+    damping: dj.Rayleigh | dj.ModalRatios | None = None,
 ) -> dj.Model:
     """The model of a dam with a clamped base (collective)."""
     with TemporaryDirectory() as folder:
@@ -213,7 +245,8 @@ def build(
         where: dict[str, Any] = {"group": "upstream", "level": dam.water}
         water = [dj.WestergaardMass(**where)]
         if dam.endless:
-            water = [dj.ReservoirMass(**where, frequency=dam.vibration, sound_speed=SOUND)]
+            options = {"frequency": dam.vibration, "sound_speed": SOUND, "length": dam.length}
+            water = [dj.ReservoirMass(**where, **options)]
     return dj.Model(
         jointed,
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
@@ -221,7 +254,17 @@ def build(
         supports=supports,
         plane=dam.plane,
         added_mass=water,
+        reservoir=reservoir,
+        damping=damping,
     )
+
+
+def crest_response(reservoir: dj.ReservoirWaves | None, size: float) -> NDArray[np.float64]:
+    """Acceleration of Koyna's crest over that of the ground, at `FREQUENCIES` (collective)."""
+    model = build(replace(GORAI_KOYNA, water=None), size=size, reservoir=reservoir)
+    crest = {"crest": (0.0, 103.0)}
+    found = dj.frequency_response(model, FREQUENCIES, points=crest, hysteretic_ratio=0.05)
+    return np.abs(found.acceleration("crest")[:, 0])
 
 
 def convergence(dam: Dam, order: int, sizes: Sequence[float]) -> str:
@@ -243,6 +286,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Compute and print everything."""
     parser = Parser(description="Frequencies of Koyna and Pine Flat dams.")
     parser.add_argument("--quick", action="store_true", help="coarser meshes")
+    parser.add_argument("--figure", type=Path, help="picture of the crest's response to be written")
     options = parser.parse_args(arguments)
     sizes = [size * (2.0 if options.quick else 1.0) for size in SIZES]
     abort_on_error(MPI.COMM_WORLD)
@@ -274,6 +318,20 @@ def main(arguments: list[str] | None = None) -> None:
     show("\nwater: Westergaard's mass, and an endless reservoir by finite elements")
     for name, (dam, published) in FULL.items():
         show(f"  {name}, at {dam.water:g} m: {waters(dam, cells, published)}")
+    show("\nKoyna with compressible water: what may stand behind the published 2.5445 Hz")
+    for what, dam in ASSUMED.items():
+        found = with_water(dam, "compressible", cells)
+        show(f"  {what:<34} {found:8.4f} Hz, {deviation(found, 1 / 0.393)}")
+    show("\nKoyna shaken along the stream, 5 % hysteretic: peaks of the crest's acceleration")
+    shaken = {what: crest_response(water, sizes[0]) for what, water in SHAKEN.items()}
+    for what, ratios in shaken.items():
+        tops, _ = find_peaks(ratios, prominence=0.5)  # ripples of the absorbing length have less
+        peaks = (f"{ratios[i]:.1f} at {FREQUENCIES[i]:.2f} Hz" for i in tops)
+        show(f"  {what:<34} {', '.join(peaks)}")
+    if options.figure and MPI.COMM_WORLD.rank == 0:
+        first = FREQUENCIES[np.argmax(shaken["empty"])]
+        ax = dj.motion_plots.frequency_response(FREQUENCIES, shaken, first=first)
+        dj.plots.save(ax.figure, options.figure)
     show("\nPine Flat with water, measured on the whole dam")
     for kind in WATERS:
         show(f"  {kind}")

@@ -1,11 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Constant viscous damping C = a M + b K of the bulk; joints are never damped by it."""
+"""Constant viscous damping of the bulk: C = a M + b K, and damping ratios of given modes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import annotated_types as at
@@ -37,6 +38,33 @@ class Rayleigh:
         """Damping ratio of a mode of the given frequency [Hz]."""
         omega = 2.0 * math.pi * frequency
         return self.mass_factor / (2.0 * omega) + self.stiffness_factor * omega / 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class ModalRatios:
+    """Damping ratios of the lowest modes, joints closed: C = M Phi diag(c) Phi^T M, (34a).
+
+    Wilson and Penzien (1972). Other modes have the damping of ``beyond`` alone, which in the named
+    ones is a part of their ratio. What absorbs waves comes on top.
+
+    Attributes:
+        ratio: Of all these modes, or one for each, from the lowest on.
+        modes: How many modes.
+        beyond: Rayleigh damping of the whole body.
+    """
+
+    ratio: Ratio | Sequence[float]
+    modes: Annotated[int, at.Ge(1)]
+    beyond: Rayleigh = field(default_factory=Rayleigh)
+
+    def __post_init__(self) -> None:
+        """Check that there are as many ratios as modes."""
+        if np.ndim(self.ratio) and len(np.asarray(self.ratio)) != self.modes:
+            raise ValueError(
+                f"ModalRatios: ratio has {len(np.asarray(self.ratio))} values for {self.modes} "
+                "modes; give one for all or one for each."
+            )
 
 
 @checked

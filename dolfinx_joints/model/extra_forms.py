@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import ufl
@@ -38,3 +38,11 @@ def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:
             "by an extra_stiffness over jointed.dS(), or read the mesh with joints=[] for a "
             "monolithic body."
         )
+
+
+def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
+    """Check that laws and gaps are given where the mesh has joints."""
+    for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
+        if not jointed.joint_names and isinstance(given, Mapping) and given:
+            names = ", ".join(map(str, given))
+            raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")

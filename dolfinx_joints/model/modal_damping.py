@@ -1,15 +1,19 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Damping ratios of the natural modes, and how far dashpots couple the modes."""
+"""Damping ratios of the natural modes: given, as a part of C, and found, with their coupling."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
-from dolfinx_joints.model.modes import Modes
+from dolfinx_joints.body.damping import ModalRatios
+from dolfinx_joints.model.modes import Modes, whole_groups
 from dolfinx_joints.model.system import MatrixSystem, check_system
 
 Floats = NDArray[np.float64]
@@ -86,3 +90,73 @@ def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
         for i, other in enumerate(modes.shapes):
             matrix[i, j] = force.dot(other)
     return ModalDamping(frequencies=modes.frequencies, matrix=matrix)
+
+
+class DampedModes:
+    """The part Psi diag(c) Psi^T of C that gives modes their ratios, found when first asked for.
+
+    Psi = M Phi without rows of constrained dofs, and zero at unknowns of water.
+
+    Args:
+        asked: The ratios.
+    """
+
+    def __init__(self, asked: ModalRatios) -> None:
+        """Keep the ratios."""
+        self.asked = asked
+        self._body: MatrixSystem | None = None
+
+    def given_to(self, body: MatrixSystem) -> MatrixSystem:
+        """The system of a body with this damping; further ones have the modes of the first."""
+        if self._body is None:
+            none: dict[str, Any] = {"patterns": (), "load_names": (), "in_joints": ()}
+            self._body = replace(body, values=None, water=None, shared=None, **none)
+        return replace(body, damped_modes=self)
+
+    @cached_property
+    def _found(self) -> tuple[Floats, Floats]:
+        """Psi, shape (local dofs of the body, modes), and c, shape (modes,), [1/s] (collective)."""
+        assert self._body is not None
+        system, count = self._body, self.asked.modes
+        modes = whole_groups(system, count)
+        if len(modes.shapes) < count:
+            raise ValueError(
+                f"ModalRatios: modes is {count}, which ends within modes of one frequency or past "
+                f"the last mode; {len(modes.shapes)} are the most up to there."
+            )
+        work, by_rest = system.mass.createVecRight(), np.zeros(count)
+        for i, shape in enumerate(modes.shapes):
+            by_rest[i] = system.damping_force(shape, work).dot(shape)
+            if system.absorption is not None:
+                system.absorption.mult(shape, work)
+                by_rest[i] -= work.dot(shape)
+        doubled = 4.0 * np.pi * modes.frequencies
+        rates = doubled * np.asarray(self.asked.ratio) - by_rest
+        wrong = np.flatnonzero(rates < -1e-12 * by_rest)
+        if len(wrong):
+            i = wrong[0]
+            asked = np.broadcast_to(self.asked.ratio, count)[i]
+            raise ValueError(
+                f"ModalRatios: ratio of mode {i + 1} is {asked:.4g}; the rest of the damping gives "
+                f"it {by_rest[i] / doubled[i]:.4g} already."
+            )
+        columns = np.column_stack([(system.mass * shape).array_r for shape in modes.shapes])
+        columns[system.constrained] = 0.0
+        return columns, np.maximum(rates, 0.0)
+
+    @property
+    def rates(self) -> Floats:
+        """Diagonal c, shape (modes,), [1/s] (collective)."""
+        return self._found[1]
+
+    def columns(self, like: PETSc.Vec) -> Floats:
+        """Owned rows of Psi among all unknowns of a vector, shape (local, modes) (collective)."""
+        columns, _ = self._found
+        return np.pad(columns, ((0, like.getLocalSize() - len(columns)), (0, 0)))
+
+    def add_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Add Psi diag(c) Psi^T v [N] (collective)."""
+        columns, rates = self._found
+        mine = columns.T @ velocity.array_r[: len(columns)]
+        amounts = np.sum(velocity.comm.tompi4py().allgather(mine), axis=0)
+        out.getArray()[: len(columns)] += columns @ (rates * amounts)

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body import matrices
-from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.damping import ModalRatios, Rayleigh
 from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
@@ -36,8 +35,9 @@ from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in
 from dolfinx_joints.loads.water.water import Reservoir
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_tied
+from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
+from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem
@@ -58,7 +58,7 @@ class Model(Summarised):
             ``extra_stiffness`` ties them all.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
-        damping: Rayleigh damping, its stiffness part of the bulk alone; none unless given.
+        damping: `Rayleigh`, its stiffness part of the bulk alone, or `ModalRatios`.
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
         degree: Degree of the displacement, that of the mesh unless given.
         quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
@@ -85,9 +85,11 @@ class Model(Summarised):
         mass: M [kg].
         body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
+        damping: As it was given.
         rayleigh: Factors of M and K in C.
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that viscous boundaries are, None without any.
+        damped_modes: What damping ratios of modes add to C, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
         coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.
@@ -104,7 +106,7 @@ class Model(Summarised):
         joints: AnyLaw | Mapping[str, AnyLaw] | None = None,
         supports: Sequence[Support] = (),
         loads: Sequence[Load] = (),
-        damping: Rayleigh | None = None,
+        damping: Rayleigh | ModalRatios | None = None,
         initial_gaps: Mapping[str, InitialGap] | None = None,
         degree: Literal[1, 2] | None = None,
         quadrature: str | int = "auto",
@@ -123,8 +125,9 @@ class Model(Summarised):
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)
         check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
-        check_kind_of("damping", damping, isinstance(damping, Rayleigh | None), "a Rayleigh")
-        _check_joints(jointed, joints, initial_gaps)
+        known = isinstance(damping, Rayleigh | ModalRatios | None)
+        check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
+        check_joints(jointed, joints, initial_gaps)
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
@@ -153,16 +156,18 @@ class Model(Summarised):
         self.redistribution: Redistribution | None = None
         if redistribute_mass and self.operator is not None:
             self._redistribute(self.operator, extra_stiffness)
-        self.rayleigh, self.absorption, self.dashpots = self._damping(
-            damping or Rayleigh(), extra_stiffness, extra_damping
-        )
+        self.damping, self.damped_modes = damping or Rayleigh(), None
+        rest = self.damping
+        if isinstance(rest, ModalRatios):
+            self.damped_modes, rest = DampedModes(rest), rest.beyond
+        damped = self._damping(rest, extra_stiffness, extra_damping)
+        self.rayleigh, self.absorption, self.dashpots = damped
         laws = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
         self.reservoir, self.coupled = reservoir, None
         if reservoir is not None:
-            self.coupled = BodyAndWater(
-                self.mass.createVecRight(), reservoir.water(self), self.gdim
-            )
+            water = reservoir.water(self)
+            self.coupled = BodyAndWater(self.mass.createVecRight(), water, self.gdim)
 
     _summary = model_rows
 
@@ -329,6 +334,8 @@ class Model(Summarised):
             in_joints=water_in_joints(loads),
             shared=shared,
         )
+        if self.damped_modes is not None and not static:
+            system = self.damped_modes.given_to(system)
         if waves is None or self.coupled is None:
             return system
         return self.coupled.system(system, by_name, waves)
@@ -379,14 +386,6 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
-
-
-def _check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
-    """Check that laws and gaps are given where the mesh has joints."""
-    for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
-        if not jointed.joint_names and isinstance(given, Mapping) and given:
-            names = ", ".join(map(str, given))
-            raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
 
 
 def _check_loads(jointed: JointedMesh, loads: Any) -> None:

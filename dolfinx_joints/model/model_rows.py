@@ -28,6 +28,8 @@ def model_rows(model: Any) -> Rows:
         yield "reservoir", f"{names(_kinds([model.reservoir]))}, {unknowns} unknowns"
     alpha, beta = model.rayleigh.mass_factor, model.rayleigh.stiffness_factor
     terms = [f"{alpha:.4g} 1/s times M" if alpha else "", f"{beta:.4g} s times K" if beta else ""]
+    if model.damped_modes is not None:
+        terms.append(f"ratios of {model.damped_modes.asked.modes} modes")
     yield "damping", " + ".join(filter(None, terms))
 
 

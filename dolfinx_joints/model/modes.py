@@ -115,16 +115,22 @@ def _number_of_modes(system: MatrixSystem) -> int:
     return int(sum(system.mass.comm.tompi4py().allgather(left)))
 
 
-def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
-    """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
-    from slepc4py import SLEPc
-
-    stiffness, mass = as_aij(system.stiffness), as_aij(system.mass)
+def closed_stiffness(system: MatrixSystem) -> PETSc.Mat:
+    """K with all joints closed and sticking, (34), a new matrix (collective)."""
+    stiffness = as_aij(system.stiffness)
     if system.contact is not None:
         every = stiffness.createVecRight()
         every.set(1.0)
         joint = JointTangent(system.contact.operator, every)
         stiffness.axpy(1.0, joint.assemble(system.contact.closed_tangent()))
+    return stiffness
+
+
+def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
+    """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
+    from slepc4py import SLEPc
+
+    stiffness, mass = closed_stiffness(system), as_aij(system.mass)
     rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
     stiffness.zeroRowsColumns(rows, diag=1.0)
     mass.zeroRowsColumns(rows, diag=0.0)

@@ -42,6 +42,7 @@ class MatrixSystem:
         rayleigh: Factors of M and K in C.
         dashpots: The rest of C, None for nothing [N s/m].
         absorption: The part of it that takes waves out, None for nothing [N s/m].
+        damped_modes: What damping ratios of modes add to C (`DampedModes`), None for nothing.
         contact: The joints, or None.
         bulk: Cells with plastic materials, whose elastic part K holds, or None.
         patterns: Nodal forces [N] with their factors of time [s].
@@ -63,6 +64,7 @@ class MatrixSystem:
     rayleigh: Rayleigh = field(default_factory=Rayleigh)
     dashpots: PETSc.Mat | None = None
     absorption: PETSc.Mat | None = None
+    damped_modes: Any = None
     contact: Contact | None = None
     bulk: PlasticBulk | None = None
     patterns: Sequence[Pattern] = ()
@@ -149,7 +151,7 @@ class MatrixSystem:
 
     @cached_property
     def damping(self) -> PETSc.Mat:
-        """C, added up when first asked for [N s/m] (collective)."""
+        """C without `damped_modes`, added up when first asked for [N s/m] (collective)."""
         return self.combined(0.0, 1.0, 0.0)
 
     def combined(self, mass: float, damping: float, stiffness: float) -> PETSc.Mat:
@@ -203,6 +205,8 @@ class MatrixSystem:
             if factor and matrix is not None:
                 matrix.mult(velocity, work)
                 out.axpy(factor, work)
+        if self.damped_modes is not None:
+            self.damped_modes.add_force(velocity, out)
         return out
 
     def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:

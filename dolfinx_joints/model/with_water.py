@@ -117,6 +117,19 @@ class BodyAndWater:
         """Force of the waves on the face, -(integral of p n), shape (gdim,), [N] (collective)."""
         return np.asarray(-self.pressure(velocity) @ self._normals)
 
+    def harmonic_push(self, omega: float, along: Floats) -> NDArray[np.complex128]:
+        """What moving bounds and the far field push the rank's water by in steady vibration [N].
+
+        Args:
+            omega: Circular frequency [rad/s].
+            along: Acceleration of the ground along each axis, shape (gdim,), [m/s^2].
+        """
+        water, velocity = self.water, np.asarray(along / (1j * omega), dtype=np.complex128)
+        push = water.impedance * (water.driven @ velocity)
+        if water.section is not None:
+            push = push + water.section.harmonic_force(omega, velocity)
+        return np.asarray(push[self.numbers])
+
     def energy(self, one: PETSc.Vec, other: PETSc.Vec) -> float:
         """Half the product of the water's parts of two vectors (collective)."""
         mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
@@ -154,11 +167,11 @@ class BodyAndWater:
         rows = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(
             dry,
-            mass=self._matrix(dry.mass, rows.mass),
-            stiffness=self._matrix(dry.stiffness, rows.stiffness),
+            mass=self.matrix(dry.mass, rows.mass),
+            stiffness=self.matrix(dry.stiffness, rows.stiffness),
             rayleigh=Rayleigh(),  # that of the body is among the dashpots
-            dashpots=self._matrix(dry.damping, rows.losses, coupled=True),
-            absorption=self._matrix(dry.absorption, rows.losses),
+            dashpots=self.matrix(dry.damping, rows.losses, coupled=True),
+            absorption=self.matrix(dry.absorption, rows.losses),
             contact=None if dry.contact is None else self._contact(dry.contact),
             patterns=patterns,
             load_names=names,
@@ -166,11 +179,11 @@ class BodyAndWater:
             coupled=self,
         )
 
-    def _matrix(
-        self, body: PETSc.Mat | None, water: csr_array, *, coupled: bool = False
+    def matrix(
+        self, body: PETSc.Mat | None, water: csr_array | None = None, *, coupled: bool = False
     ) -> PETSc.Mat:
         """A matrix of both from the body's and the rank's rows of the water's (collective)."""
-        own = water.tocoo()
+        own = coo_array((len(self.numbers), self.water.size)) if water is None else water.tocoo()
         parts = [(self.dry + own.row, self._water_columns(own.col), own.data)]
         if body is not None:
             starts, columns, values = _csr(body)

@@ -60,7 +60,7 @@ def manifest(
         **({} if model.reservoir is None else {"reservoir": as_json(model.reservoir)}),
         "supports": [as_json(support) for support in model.supports],
         "static_stages": {stage.name: _acting(model, stage) for stage in stages},
-        "damping": as_json(model.rayleigh),
+        "damping": as_json(model.damping),
         "resolved_hz": resolved.as_json(),
         "settings": {name: as_json(value) for name, value in settings.items()},
         "petsc_options": dict(PETSc.Options().getAll()),

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Figures of ground motions: histories and response spectra, also beside a target spectrum.
+"""Figures of ground motions and of what answers to them: histories, spectra, responses.
 
 Functions draw on the axes ``ax``, or on new ones, and return them. ``reference`` is another motion
 to draw behind; components are x (stream), y (cross-valley) and z (up).
@@ -8,9 +8,10 @@ to draw behind; components are x (stream), y (cross-valley) and z (up).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +28,7 @@ from dolfinx_joints.postprocessing.axes import (
     new_axes,
     plain_periods,
 )
-from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, RED
+from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, RED, RUNS
 from dolfinx_joints.results.arguments import COMPONENTS, Component
 
 if TYPE_CHECKING:
@@ -129,5 +130,32 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
     low, high = ((1.0 + s * match.tolerance) * match.target / STANDARD_GRAVITY for s in (-1, 1))
     label = f"target ± {match.tolerance:.0%}"
     ax.fill_between(match.periods, low, high, color="black", alpha=0.15, linewidth=0, label=label)
+    legend(ax)
+    return ax
+
+
+@checked
+def frequency_response(
+    frequencies: Sequence[float] | Floats,
+    accelerations: Mapping[str, NDArray[Any]],
+    *,
+    first: Annotated[float, at.Gt(0), at.Unit("Hz")] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Size of accelerations over that of the ground against the frequency [Hz].
+
+    Args:
+        frequencies: [Hz], shape (n,).
+        accelerations: Real or complex, shape (n,), by label.
+        first: A frequency to divide by, as that of the first mode of the empty dam [Hz].
+        ax: Axes to draw on.
+    """
+    ax = ax or new_axes()
+    over = np.asarray(frequencies) / (first or 1.0)
+    for i, (label, values) in enumerate(accelerations.items(), start=1):
+        ax.plot(over, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
+    decorate(ax, "f / f₁" if first else "frequency [Hz]", "acceleration / of the ground")
+    ax.set_xlim(over.min(), over.max())
+    ax.set_ylim(bottom=0.0)
     legend(ax)
     return ax

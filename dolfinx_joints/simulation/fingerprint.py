@@ -56,7 +56,10 @@ def fingerprint(
     sums = _NodalSums(system, nodes, model)
     held = Inventory()
     vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
-    for name, value in {**settings, "Rayleigh damping": system.rayleigh}.items():
+    damping: dict[str, Any] = {"Rayleigh damping": system.rayleigh}
+    if system.damped_modes is not None:
+        damping["damping ratios"] = system.damped_modes.asked
+    for name, value in {**settings, **damping}.items():
         if name not in vectors:
             held.add(name, value)
     facts: dict[str, Any] = {**held.facts, "node coordinates": nodes.positions.ravel()}

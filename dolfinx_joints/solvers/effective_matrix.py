@@ -67,9 +67,9 @@ class EffectiveMatrix:
         added: Matrix added to A.
 
     Attributes:
-        full: A, without what exact modes add.
+        full: A, without what exact and damped modes add.
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
-        change: What exact modes add to both, None without any.
+        change: What exact and damped modes add to both, None without any.
         norm: Infinity norm of A.
         inertia: Whether A is that of a time step.
         symmetric: Whether A is, with the sign of the rows of waves in water changed.
@@ -109,17 +109,8 @@ class EffectiveMatrix:
         self._answered = False
         self._near = system.stiffness.getNearNullSpace()
         self._solver: DirectSolver | IterativeSolver | None = None
-        self.change: ModalChange | None = None
+        self.change = _modal_change(system, effective)
         self._changed: ChangedSolver | None = None
-        step = effective.modal_step(system)
-        if step is not None:
-            more = effective.stiffness - 0.5
-            self.change = ModalChange(
-                step.modes.weighted(step.used),
-                step.change(effective.mass, effective.damping, effective.stiffness),
-                lambda x: effective.mass * step.of_supports(x) - more * step.pushed(x),
-                step.modes.comm,
-            )
 
     @classmethod
     def of(
@@ -138,7 +129,7 @@ class EffectiveMatrix:
     def solver(self) -> DirectSolver | IterativeSolver:
         """Solver of ``constrained``, made when first asked for and then kept (collective).
 
-        `solve` and `solve_block` add what exact modes change.
+        `solve` and `solve_block` add what exact and damped modes change.
         """
         if self._solver is None:
             self._solver = self._made()
@@ -235,6 +226,30 @@ class EffectiveMatrix:
             self._solver.destroy()
         self.full.destroy()
         self.constrained.destroy()
+
+
+def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalChange | None:
+    """What exact and damped modes add to A, None without any (collective)."""
+    changes, comm = [], system.mass.comm.tompi4py()
+    step = effective.modal_step(system)
+    if step is not None:
+        more = effective.stiffness - 0.5
+        changes.append(
+            ModalChange(
+                step.modes.weighted(step.used),
+                step.change(effective.mass, effective.damping, effective.stiffness),
+                lambda x: effective.mass * step.of_supports(x) - more * step.pushed(x),
+                comm,
+            )
+        )
+    damped = system.damped_modes
+    if damped is not None and effective.damping:
+        columns = damped.columns(system.mass.createVecRight())
+        delta = effective.damping * damped.rates
+        changes.append(ModalChange(columns, delta, lambda _: np.zeros_like(delta), comm))
+    if len(changes) == 2:
+        return changes[0].and_(changes[1])
+    return changes[0] if changes else None
 
 
 class Cache:

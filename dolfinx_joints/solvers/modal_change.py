@@ -45,6 +45,15 @@ class ModalChange:
         self.columns, self.delta, self._comm = columns, delta, comm
         self._of_supports = of_supports
 
+    def and_(self, other: ModalChange) -> ModalChange:
+        """Both changes as one."""
+        return ModalChange(
+            np.hstack([self.columns, other.columns]),
+            np.append(self.delta, other.delta),
+            lambda x: np.append(self._of_supports(x), other._of_supports(x)),
+            self._comm,
+        )
+
     def amounts(self, values: Floats) -> Floats:
         """Psi^T times owned rows (collective)."""
         parts = self.columns.T @ values
@@ -57,7 +66,7 @@ class ModalChange:
 
 
 class ChangedSolver:
-    """Solver of A + Psi delta Psi^T from one of A (Woodbury).
+    """Solver of A + Psi delta Psi^T from one of A (Woodbury), (34b).
 
     With Z = A^-1 Psi, one back-substitution per mode for each factor, and y = A^-1 b the solution
     is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.

@@ -52,6 +52,8 @@ class Products:
         if system.dashpots is not None:
             system.dashpots.mult(x, self.reaction)
             damped.axpy(1.0, self.reaction)
+        if system.damped_modes is not None:
+            system.damped_modes.add_force(x, damped)
         residual.axpy(effective.damping, damped)
         self.absorbed = 0.0
         if system.absorption is not None:

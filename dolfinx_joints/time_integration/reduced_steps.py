@@ -278,6 +278,7 @@ def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:
         "moving supports": system.values is not None,
         "waves in a reservoir": system.coupled is not None,
         "dashpots": system.dashpots is not None or system.absorption is not None,
+        "damping ratios of modes": system.damped_modes is not None,
         "unsymmetric matrices": not system.symmetric,
         "water that follows the joints": system.water is not None,
         "dofs without mass": sum(comm.allgather(len(system.massless))) > 0,

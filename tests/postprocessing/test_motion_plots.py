@@ -71,6 +71,17 @@ def test_a_match_is_drawn_with_the_band_of_its_tolerance() -> None:
     assert labels == ["x, as given", "x, stream", "target", "target ± 10%"]
 
 
+def test_responses_over_frequency_are_sizes_over_a_first_one() -> None:
+    given = {"empty": np.array([1.0, 3.0 + 4.0j]), "full": np.array([-1.0j, 2.0])}
+    ax = motion_plots.frequency_response([1.0, 3.0], given, first=2.0)
+    empty, full = ax.get_lines()
+    np.testing.assert_allclose(empty.get_xdata(), [0.5, 1.5])
+    np.testing.assert_allclose(empty.get_ydata(), [1.0, 5.0])
+    np.testing.assert_allclose(full.get_ydata(), [1.0, 2.0])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == list(given)
+    assert ax.get_xlabel() == "f / f₁"
+
+
 def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
     ax = motion_plots.history(MOTION.baseline_corrected(0), "y", "displacement", reference=MOTION)
     before, after = (np.asarray(line.get_ydata()) for line in ax.get_lines())

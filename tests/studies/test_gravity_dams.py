@@ -18,16 +18,19 @@ from mpi4py import MPI
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry.gravity_dam import GravitySection
-from studies import gravity_dams
+from studies import damping_ratios, gravity_dams
 from studies.gravity_dams import (
     ABAQUS_KOYNA,
+    ASSUMED,
     CHOPRA_PINE_FLAT,
+    GORAI_KOYNA,
     INFLUENCES,
     PUBLISHED,
     SAMII_PINE_FLAT,
     WATERS,
     build,
     frequencies,
+    waves,
     with_water,
 )
 
@@ -109,6 +112,43 @@ def test_kinds_of_water():
     )
     assert parabola < sound < still < frequencies(replace(SAMII_PINE_FLAT, water=None), size=12.0)
     assert sound == pytest.approx(2.5267, rel=0.02)
+
+
+def test_what_may_stand_behind_the_period_of_koyna_with_water():
+    # Published 1 / 0.393 Hz with compressible water. Plane stress and a wall at 103 m, the length
+    # that is told of the reservoir, are needed both.
+    cells = {"size": 8.0, "order": 2}
+    found = {what: with_water(dam, "compressible", cells) * 0.393 for what, dam in ASSUMED.items()}
+    alone = ("plane stress", "reservoir of 103 m up to a wall")
+    assert found["plane strain, endless reservoir"] > 1.04
+    assert all(1.015 < found[what] < 1.03 for what in alone)
+    assert found["plane stress, wall at 103 m"] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_the_crest_resonates_where_the_added_mass_has_the_mode():
+    # Two ways to compressible water: waves among the unknowns, thirty depths of them, and the mass
+    # of an endless reservoir at its own frequency. Steps of 5 mHz.
+    model = build(replace(GORAI_KOYNA, water=None), size=8.0, reservoir=waves(1.0))
+    frequencies = np.arange(2.63, 2.70, 0.005)
+    found = dj.frequency_response(
+        model, frequencies, points={"crest": (0.0, 103.0)}, hysteretic_ratio=0.005
+    )
+    peak = frequencies[np.argmax(np.abs(found.acceleration("crest")[:, 0]))]
+    expected = with_water(GORAI_KOYNA, "compressible", {"size": 8.0, "order": 2})
+    assert peak == pytest.approx(expected, abs=0.006)
+
+
+def test_damping_ratios_of_modes():
+    # In proportion to the frequency, or to its inverse; printed with two digits.
+    rows = [line.split() for line in damping_ratios.table(size=12.0).splitlines()[1:]]
+    by_stiffness, by_mass, rayleigh, modal, beyond = np.array(rows, dtype=float)[:, 2:].T
+    frequencies = np.array(rows, dtype=float)[:, 1]
+    np.testing.assert_allclose(by_stiffness, 5.0 * frequencies / frequencies[0], atol=0.1)
+    np.testing.assert_allclose(by_mass, 5.0 * frequencies[0] / frequencies, atol=0.01)
+    assert rayleigh[0] == rayleigh[3] == 5.0
+    np.testing.assert_array_equal(modal, [5.0] * 4 + [0.0] * 4)
+    np.testing.assert_array_equal(beyond[:4], 5.0)
+    np.testing.assert_allclose(beyond[4:], 5.0 * frequencies[4:] / frequencies[3], atol=0.1)
 
 
 @pytest.mark.slow

@@ -171,6 +171,64 @@ def test_floor_that_shakes_upwards(comm, far_end):
     assert np.abs(found - exact).max() < 0.01 * np.abs(exact).max()
 
 
+@mpi
+@pytest.mark.parametrize(
+    ("alpha", "length", "absorbing", "error"), [(0.75, 10.0, 0.0, 0.01), (1.0, 30.0, 25.0, 0.02)]
+)
+def test_frequency_response_before_a_rigid_dam(comm, alpha, length, absorbing, error):
+    """The same forces without a run in time, along the stream and upwards."""
+    frequencies = np.linspace(0.11, 2.91, 29) * FIRST
+    if alpha == 1.0:  # not at the poles
+        frequencies = frequencies[np.abs((frequencies / FIRST) % 2.0 - 1.0) > 0.05]
+    waves = dj.ReservoirWaves(
+        group="up",
+        level=H,
+        length=length * H,
+        bottom_reflection=alpha,
+        sound_speed=C,
+        absorbing_length=absorbing * H,
+    )
+    model, points = rigid_dam(comm, waves), {"crest": (0.0, H)}
+    exact = np.array([exact_force(f, alpha) for f in frequencies])
+    found = dj.frequency_response(model, frequencies, points=points)
+    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
+    np.testing.assert_allclose(found.acceleration("crest")[:, 0], 1.0, atol=1e-6)
+    k, q = 2.0 * np.pi * frequencies / C, (1.0 - alpha) / (1.0 + alpha)
+    exact = RHO * (1.0 - np.cos(k * H)) / k / (k * (np.cos(k * H) + 1j * q * np.sin(k * H)))
+    found = dj.frequency_response(model, frequencies, points=points, direction=(0.0, 1.0))
+    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
+
+
+def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):
+    """By the Fourier transform of crest and force under a pulse, at the rule's own frequency."""
+    mesh = create_rectangle(comm, [[0.0, 0.0], [30.0, H]], [2, 8], CellType.quadrilateral)
+    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "base": lambda x: x[1] < 1e-9})
+    waves = dj.ReservoirWaves(group="up", level=H, length=3.0 * H, bottom_reflection=0.3)
+    model = dj.Model(
+        jointed,
+        material=CONCRETE,
+        supports=[dj.Fixed(group="base")],
+        reservoir=waves,
+        damping=dj.ModalRatios(ratio=0.3, modes=2, beyond=dj.Rayleigh(mass_factor=4.0)),
+    )
+    dt, frequencies = 2.0**-7, np.array([0.7, 1.6, 2.5])
+    pulse = lambda t: np.exp(-(((t - 0.3) / 0.05) ** 2)) * np.array([1.0, 0.0, 0.5])  # noqa: E731
+    crest, kept = Crest(model), Kept()
+    dj.Simulation(model, monitors=[crest, kept]).dynamics(dt=dt, steps=768, motion=pulse)
+    times = np.array(kept.times)
+    waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
+    ground = (waves @ [pulse(t) for t in times])[:, :1] * np.hypot(1.0, 0.5)
+    turned = np.tan(np.pi * frequencies * dt) / (np.pi * dt)
+    found = dj.frequency_response(model, turned, points={"crest": (0.0, H)}, direction=(1.0, 0.5))
+    moved = (waves @ np.append(0.0, crest.values)) / ground[:, 0]
+    force = (waves @ np.array(kept.forces))[:, 0] / ground[:, 0]
+    for one, other in (
+        (moved, found.displacement["crest"][:, 0]),
+        (force, found.reservoir_force[:, 0]),
+    ):
+        assert np.abs(one - other).max() < 2e-3 * np.abs(other).max()
+
+
 def leaning(x):
     """A face of a cylinder that leans, on a floor that rises, seen from x < 0."""
     place = x.copy()

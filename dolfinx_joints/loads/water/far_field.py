@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -38,6 +39,19 @@ class Section:
     driven: Floats
     by_rate: csr_array
     by_place: csr_array
+
+    def harmonic_force(
+        self, omega: float, velocity: NDArray[np.complex128]
+    ) -> NDArray[np.complex128]:
+        """Force on the far end in steady vibration, shape (unknowns of the water,), [N].
+
+        Args:
+            omega: Circular frequency [rad/s].
+            velocity: Of the ground along each axis, shape (gdim,), complex, [m/s].
+        """
+        matrix = self.stiffness + 1j * omega * self.losses - omega**2 * self.mass
+        place = splu(csc_array(matrix)).solve(self.driven @ velocity)
+        return np.asarray(self.by_place @ place + 1j * omega * (self.by_rate @ place))
 
 
 class FarField:

@@ -33,6 +33,7 @@ from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint
 from .laws.mohr_coulomb import MohrCoulombJoint as MohrCoulombJoint
 from .laws.rigid import RigidJoint as RigidJoint
+from .laws.shear_keys import ShearKeyJoint as ShearKeyJoint
 from .laws.viscous import ViscousJoint as ViscousJoint
 from .loads.body_and_face_loads import FormLoad as FormLoad
 from .loads.body_and_face_loads import Gravity as Gravity

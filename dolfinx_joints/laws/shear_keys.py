@@ -238,7 +238,7 @@ class ShearKeyJoint:
         return (FORWARD, self.forward_play is not None), (BACKWARD, self.backward_play is not None)
 
     def _faces(self, gap: Floats, state: JointState) -> Faces:
-        """Choose the face of each tooth for a step; a tooth that is not met is far away."""
+        """Choose the face of each tooth at the start of a step; a tooth that is gone is far away."""
         axes, count = self._axes, len(gap)
         before = np.einsum("fij,nj->nfi", axes, state.gap)
         after = np.einsum("fij,nj->nfi", axes, gap)
@@ -252,17 +252,13 @@ class ShearKeyJoint:
         far = np.zeros((count, 3), dtype=bool)
         for i, (flank, exists) in enumerate(self._flanks, start=1):
             start, end = before[:, [flank, CREST], 0], after[:, [flank, CREST], 0]
-            inside, stays = (start <= 0.0).all(axis=1), (end <= 0.0).all(axis=1)
-            # In contact: the nearer face. Else that of the two planes which is crossed last.
-            way = np.where(start > 0.0, start - end, 1.0)
-            crossed = np.maximum(start, 0.0) / np.where(way > 0.0, way, 1.0)
-            first = np.where(inside[:, None], start, crossed)
-            crest = first[:, 1] > first[:, 0]
-            meets = (inside | stays) & (state.internal[:, BROKEN] == 0.0) & exists
-            chosen[:, i], far[:, i] = np.where(crest, CREST, flank), ~meets
-            kept[:, i - 1] = meets & stays & ((end[:, 1] > end[:, 0]) == crest)
+            crest = start[:, 1] > start[:, 0]  # the face that a point is nearest to, or beyond
+            there = (state.internal[:, BROKEN] == 0.0) & exists
+            chosen[:, i], far[:, i] = np.where(crest, CREST, flank), ~there
+            kept[:, i - 1] = there & (end <= 0.0).all(axis=1) & ((end[:, 1] > end[:, 0]) == crest)
+            inside = there & (start <= 0.0).all(axis=1)
             slip = state.internal[:, 2 * i : 2 * i + 2]
-            held[:, i] = np.where((meets & inside)[:, None], slip, 0.0)
+            held[:, i] = np.where(inside[:, None], slip, 0.0)
         rows = np.arange(count)[:, None], chosen
         before, after = before[rows], after[rows]
         before[far] = after[far] = self.depth
@@ -310,7 +306,9 @@ class ShearKeyJoint:
         """Answer at a gap, or on a compliance, and where it is too much for the teeth."""
         if compliance is None:
             return self._answer(rule, gap, state)
-        return on_compliance(lambda end: self._answer(rule, end, state), gap, compliance)
+        return on_compliance(
+            lambda end: self._answer(rule, end, state), state.gap, gap, compliance
+        )
 
     def _answer(self, rule: Rule, gap: Floats, state: JointState) -> tuple[Response, Bools]:
         """The sum over the faces (9a), and where the teeth are overloaded (9b)."""
@@ -424,12 +422,16 @@ def _put(part: Response, answer: Response, here: NDArray[Any]) -> None:
 
 
 def on_compliance(
-    answer: Callable[[Floats], tuple[Response, Bools]], trial_gap: Floats, compliance: Floats
+    answer: Callable[[Floats], tuple[Response, Bools]],
+    gap: Floats,
+    trial_gap: Floats,
+    compliance: Floats,
 ) -> tuple[Response, Bools]:
     """Answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
 
     Args:
         answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
+        gap: That at the start of the step, where a sticking point would be pressed least.
         trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
         compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
 
@@ -440,7 +442,7 @@ def on_compliance(
         ConvergenceError: A point was not found.
     """
     c = np.repeat(compliance, (1, 2), axis=1)
-    identity, gap = np.eye(3), trial_gap
+    identity = np.eye(3)
     found, flags, wrong = _missed(answer, gap, trial_gap, c)
     for _ in range(MOST_ITERATIONS):
         stiff = c * np.abs(found.tangent).max(axis=2)

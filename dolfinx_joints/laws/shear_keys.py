@@ -306,8 +306,9 @@ class ShearKeyJoint:
         """Answer at a gap, or on a compliance, and where it is too much for the teeth."""
         if compliance is None:
             return self._answer(rule, gap, state)
+        stiffness = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         return on_compliance(
-            lambda end: self._answer(rule, end, state), state.gap, gap, compliance
+            lambda end: self._answer(rule, end, state), state.gap, gap, compliance, stiffness
         )
 
     def _answer(self, rule: Rule, gap: Floats, state: JointState) -> tuple[Response, Bools]:
@@ -426,14 +427,16 @@ def on_compliance(
     gap: Floats,
     trial_gap: Floats,
     compliance: Floats,
+    stiffness: Floats,
 ) -> tuple[Response, Bools]:
     """Answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
 
     Args:
         answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
-        gap: That at the start of the step, where a sticking point would be pressed least.
+        gap: That at the start of the step, where few points slide.
         trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
         compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
+        stiffness: That of a sticking point in the three directions, for a measure of residuals.
 
     Returns:
         The answer, its tangent being d traction / d trial_gap, and the flags.
@@ -441,34 +444,31 @@ def on_compliance(
     Raises:
         ConvergenceError: A point was not found.
     """
-    c = np.repeat(compliance, (1, 2), axis=1)
-    identity = np.eye(3)
-    found, flags, wrong = _missed(answer, gap, trial_gap, c)
+    c, identity = np.repeat(compliance, (1, 2), axis=1), np.eye(3)
+    scale = 1.0 + c * stiffness
+
+    def missed(gap: Floats) -> tuple[Response, Bools, Floats]:
+        found, flags = answer(gap)
+        return found, flags, gap + c * found.traction - trial_gap
+
+    found, flags, wrong = missed(gap)
     for _ in range(MOST_ITERATIONS):
         stiff = c * np.abs(found.tangent).max(axis=2)
         rounding = (1.0 + stiff) * np.abs(gap).max(axis=1, keepdims=True)
-        far = np.abs(wrong).max(axis=1) > ROUNDING * rounding.max(axis=1)
+        far = (np.abs(wrong) > ROUNDING * rounding.max(axis=1, keepdims=True)).any(axis=1)
         if not far.any():
             break
         jacobian = identity + c[:, :, None] * found.tangent
         step = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
+        size = np.abs(wrong / scale).max(axis=1)
         for _ in range(MOST_CUTS):
-            found, flags, left = _missed(answer, gap - step, trial_gap, c)
-            worse = far & ~(np.abs(left).max(axis=1) < np.abs(wrong).max(axis=1))
+            found, flags, left = missed(gap - step)
+            worse = far & ~(np.abs(left / scale).max(axis=1) < size)
             if not worse.any():
                 break
             step[worse] *= 0.5
         gap, wrong = gap - step, left
     else:
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))
-    jacobian = identity + found.tangent * c[:, None, :]
-    tangent = np.linalg.solve(jacobian, found.tangent)
+    tangent = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
     return replace(found, tangent=tangent), flags
-
-
-def _missed(
-    answer: Callable[[Floats], tuple[Response, Bools]], gap: Floats, trial_gap: Floats, c: Floats
-) -> tuple[Response, Bools, Floats]:
-    """The answer at a gap, its flags, and how far that is from the trial gap less c t."""
-    found, flags = answer(gap)
-    return found, flags, gap + c * found.traction - trial_gap

@@ -20,17 +20,15 @@ over whole steps balance its energy as those of `FrictionNoTension` do.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import (
@@ -44,14 +42,12 @@ from dolfinx_joints.laws.law import (
     Status,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
+from dolfinx_joints.laws.return_mapping import on_compliance
 
 Bools = NDArray[np.bool_]
 
 # Faces, in the order of the axes and offsets.
 BASE, FORWARD, CREST, BACKWARD = range(4)
-
-# Of Newton's method on a compliance; the last of the sizes that rounding has.
-MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 8.0 * float(np.finfo(float).eps)
 
 # Columns of the internal variables; then the elastic slips on the teeth's faces.
 BROKEN, LIFT, TEETH = 0, 1, slice(2, 6)
@@ -136,9 +132,9 @@ class ShearKeyJoint:
     spacing: Annotated[float, at.Gt(0), at.Unit("m")]
     tooth_width: Annotated[float, at.Gt(0), at.Unit("m")] | None = None
     tooth_cohesion: Annotated[float, at.Gt(0), at.Unit("Pa")]
-    tooth_friction_angle_deg: (
-        Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None
-    ) = None
+    tooth_friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = (
+        None
+    )
     forward_play: Annotated[float, at.Ge(0), at.Unit("m")] | None = 0.0
     backward_play: Annotated[float, at.Ge(0), at.Unit("m")] | None = 0.0
     key_axis: tuple[float, float] = (0.0, 1.0)
@@ -163,7 +159,7 @@ class ShearKeyJoint:
 
     @property
     def cohesion(self) -> float:
-        """a c, per area of the joint [Pa]."""
+        """Cohesion a c per area of the joint [Pa]."""
         width = self.tooth_width
         if width is None:
             width = 0.5 * self.spacing + self.depth / math.tan(math.radians(self.flank_angle_deg))
@@ -227,7 +223,7 @@ class ShearKeyJoint:
 
     @cached_property
     def _offsets(self) -> Floats:
-        """o of each face, along its normal, shape (4,), [m]."""
+        """Offset o of each face along its normal, shape (4,), [m]."""
         _, s = _cosine_and_sine(self.flank_angle_deg)
         plays = ((self.forward_play or 0.0) * s, (self.backward_play or 0.0) * s)
         return np.array([0.0, plays[0], -self.depth, plays[1]])
@@ -238,7 +234,7 @@ class ShearKeyJoint:
         return (FORWARD, self.forward_play is not None), (BACKWARD, self.backward_play is not None)
 
     def _faces(self, gap: Floats, state: JointState) -> Faces:
-        """Choose the face of each tooth at the start of a step; a tooth that is gone is far away."""
+        """Choose faces at the start of a step; of a tooth that is gone they are far away."""
         axes, count = self._axes, len(gap)
         before = np.einsum("fij,nj->nfi", axes, state.gap)
         after = np.einsum("fij,nj->nfi", axes, gap)
@@ -275,29 +271,25 @@ class ShearKeyJoint:
     ) -> Response:
         """Answer with the teeth, without them where that would be too much for them."""
         answer, overloaded = self._solved(rule, gap, state, compliance)
-        here = np.flatnonzero(overloaded)
-        if not len(here):
+        if not overloaded.any():
             return answer
-        before = _rows(state, here)
-        sheared = self._sheared(before)
-        if compliance is not None and len(compliance) > 1:
-            compliance = compliance[here]
-        part, _ = self._solved(rule, gap[here], sheared, compliance)
-        part.dissipation[:] += self.stored_energy(before) - self.stored_energy(sheared)
-        _put(part, answer, here)
-        return answer
+        sheared = self._sheared(state, overloaded)
+        answer, _ = self._solved(rule, gap, sheared, compliance)
+        released = self.stored_energy(state) - self.stored_energy(sheared)
+        return replace(answer, dissipation=answer.dissipation + released)
 
-    def _sheared(self, state: JointState) -> JointState:
-        """The state without teeth, the base lifted to where it bears the pressure of either."""
-        axes, held, _, _ = self._faces(state.gap, state)
-        local = self._tractions(held)
+    def _sheared(self, state: JointState, here: Bools) -> JointState:
+        """The state without the teeth of some points, whose base bears the larger pressure."""
+        faces = self._faces(state.gap, state)
+        local = self._tractions(faces.before)
+        pressed = -self._in_joint_axes(faces.axes, local)[:, :, 0]
         # No more than a face's own overlap: energy may be lost only.
-        pressed = np.minimum(-self._in_joint_axes(axes, local)[:, :, 0], -local.reshape(-1, 3, 3)[:, :, 0])
-        pressed = pressed.max(axis=1)
-        closed = (held.gap[::3, 0] <= 0.0) | (pressed > 0.0)
+        pressed = np.minimum(pressed, -local.reshape(-1, 3, 3)[:, :, 0]).max(axis=1)
+        closed = (faces.before.gap[::3, 0] <= 0.0) | (pressed > 0.0)
         lift = np.where(closed, state.gap[:, 0] + pressed / self.normal_stiffness, 0.0)
-        internal = np.zeros_like(state.internal)
-        internal[:, BROKEN], internal[:, LIFT] = 1.0, lift
+        internal = state.internal.copy()
+        internal[here] = 0.0
+        internal[here, BROKEN], internal[here, LIFT] = 1.0, lift[here]
         return replace(state, internal=internal)
 
     def _solved(
@@ -351,11 +343,9 @@ class ShearKeyJoint:
         Of a traction that is neither that of the end nor the mean of both ends the faces take as
         much as lies between these; the rest is numerical.
         """
-        state, after = before, answer.state
+        after = answer.state
         breaks = after.internal[:, BROKEN] > before.internal[:, BROKEN]
-        if breaks.any():
-            state = replace(before, internal=before.internal.copy())
-            state.internal[breaks] = self._sheared(_rows(before, breaks)).internal
+        state = self._sheared(before, breaks) if breaks.any() else before
         faces = self._faces(after.gap, state)
         single = self._friction.backward_euler(faces.gap, faces.before)
         mean = 0.5 * (self._tractions(faces.before) + single.traction)
@@ -403,72 +393,3 @@ def _cosine_and_sine(angle_deg: float) -> tuple[float, float]:
     """Of an angle from zero to 90 degrees, where the cosine is zero."""
     angle = math.radians(angle_deg)
     return (0.0, 1.0) if angle_deg == 90.0 else (math.cos(angle), math.sin(angle))
-
-
-def _rows(state: JointState, here: NDArray[Any]) -> JointState:
-    """The state of some points."""
-    part = JointState(
-        gap=state.gap[here], elastic_slip=state.elastic_slip[here], internal=state.internal[here]
-    )
-    return replace(part, slips=state.slips[here]) if len(state.slips) else part
-
-
-def _put(part: Response, answer: Response, here: NDArray[Any]) -> None:
-    """Write the answer of some points into that of all."""
-    for name in ("traction", "tangent", "dissipation", "status"):
-        getattr(answer, name)[here] = getattr(part, name)
-    for name in ("gap", "elastic_slip", "internal", "slips"):
-        if len(getattr(part.state, name)):
-            getattr(answer.state, name)[here] = getattr(part.state, name)
-
-
-def on_compliance(
-    answer: Callable[[Floats], tuple[Response, Bools]],
-    gap: Floats,
-    trial_gap: Floats,
-    compliance: Floats,
-    stiffness: Floats,
-) -> tuple[Response, Bools]:
-    """Answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
-
-    Args:
-        answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
-        gap: That at the start of the step, where few points slide.
-        trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-        compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
-        stiffness: That of a sticking point in the three directions, for a measure of residuals.
-
-    Returns:
-        The answer, its tangent being d traction / d trial_gap, and the flags.
-
-    Raises:
-        ConvergenceError: A point was not found.
-    """
-    c, identity = np.repeat(compliance, (1, 2), axis=1), np.eye(3)
-    scale = 1.0 + c * stiffness
-
-    def missed(gap: Floats) -> tuple[Response, Bools, Floats]:
-        found, flags = answer(gap)
-        return found, flags, gap + c * found.traction - trial_gap
-
-    found, flags, wrong = missed(gap)
-    for _ in range(MOST_ITERATIONS):
-        stiff = c * np.abs(found.tangent).max(axis=2)
-        rounding = (1.0 + stiff) * np.abs(gap).max(axis=1, keepdims=True)
-        far = (np.abs(wrong) > ROUNDING * rounding.max(axis=1, keepdims=True)).any(axis=1)
-        if not far.any():
-            break
-        jacobian = identity + c[:, :, None] * found.tangent
-        step = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
-        size = np.abs(wrong / scale).max(axis=1)
-        for _ in range(MOST_CUTS):
-            found, flags, left = missed(gap - step)
-            worse = far & ~(np.abs(left / scale).max(axis=1) < size)
-            if not worse.any():
-                break
-            step[worse] *= 0.5
-        gap, wrong = gap - step, left
-    else:
-        raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))
-    tangent = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
-    return replace(found, tangent=tangent), flags

@@ -68,7 +68,8 @@ class ViscousJoint:
         if dilates or isinstance(self.law, ShearKeyJoint):
             what = "a dilatancy angle" if dilates else "shear keys"
             raise ValueError(
-                f"ViscousJoint: law has {what}; dashpots are for joints that close at a gap of zero."
+                f"ViscousJoint: law has {what}; dashpots are for joints that close at a "
+                "gap of zero."
             )
 
     @property

@@ -264,8 +264,7 @@ def test_tangents(name, rule):
     point within a step of a kink may show more: one in a hundred is let go.
     """
     law = LAWS[name]
-    for before, answer, moved in walk(law, rule, number=6):
-        pass
+    before, answer, moved = list(walk(law, rule, number=6))[-1]
     rng, gap = np.random.default_rng(8), before.gap + moved
     c = 10.0 ** rng.uniform(-13, -10, (len(gap), 1)) * rng.uniform(0.5, 2.0, (len(gap), 2))
     condensed = getattr(law, f"condensed_{rule}")

@@ -35,6 +35,7 @@ from dolfinx_joints import (
     MatrixSystem,
     Newmark,
     RigidJoint,
+    ShearKeyJoint,
     SolverOptions,
     StepControl,
 )
@@ -291,6 +292,32 @@ def test_keys_and_friction_in_one_body(ratio):
     assert run.ledger.relative_imbalance <= 1e-11
     assert run.rows[-1].joint_friction[0] > 0.0
     assert run.rows[-1].joint_friction[1] == 0.0
+
+
+@pytest.mark.parametrize(("ratio", "kind"), [(1.0, "monolithic"), (1e3, "condensed")])
+def test_shear_keys(ratio, kind):
+    """Flanks of some mm of depth are met, ridden over and sheared off: every joule is there."""
+    keys = ShearKeyJoint(
+        normal_stiffness=1e4 * ratio,
+        shear_stiffness=5e3 * ratio,
+        friction_angle_deg=30.0,
+        depth=0.01,
+        flank_angle_deg=35.0,
+        spacing=0.1,
+        tooth_cohesion=400.0,
+        forward_play=1e-3,
+        key_axis=(0.6, 0.8),
+    )
+    system = body(4, ratio, laws={"a": keys, "b": keys})
+    run = march(system, EnergyConsistent(), longest_period(system) / 200, 300, kind=kind)
+    states = [state.joints for state in run.states]
+    rides = [(j.state.gap[:, 0] > 1e-3) & (j.traction[:, 0] < 0.0) for j in states]
+    assert np.any(rides)
+    broken = [int(joints.state.internal[:, 0].sum()) for joints in states]
+    assert 0 < broken[-1] < 6 or 0 < broken[len(broken) // 2] < 6
+    assert run.ledger.relative_imbalance <= 1e-10
+    assert np.abs(run.line("joint_numerical")).max() <= 1e-10 * run.ledger.scale
+    assert run.rows[-1].friction > 0.0
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1e2, 1e4])

@@ -29,7 +29,7 @@ Vector = tuple[float, float]
 Flagged = tuple[Response, NDArray[np.bool_]]
 
 # Of Newton's method on a compliance; the last of the sizes that rounding has.
-MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 8.0 * float(np.finfo(float).eps)
+MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 16.0 * float(np.finfo(float).eps)
 
 
 class Coulomb(NamedTuple):
@@ -243,7 +243,7 @@ def on_compliance(
         ConvergenceError: A point was not found.
     """
     c, identity = np.repeat(compliance, (1, 2), axis=1), np.eye(3)
-    scale = 1.0 + c * stiffness
+    scale, known = 1.0 + c * stiffness, np.maximum(np.abs(gap), np.abs(trial_gap)).max(axis=1)
 
     def missed(gap: Floats) -> tuple[Response, NDArray[np.bool_], Floats]:
         found, flags = answer(gap)
@@ -252,7 +252,8 @@ def on_compliance(
     found, flags, wrong = missed(gap)
     for _ in range(MOST_ITERATIONS):
         stiff = c * np.abs(found.tangent).max(axis=2)
-        rounding = (1.0 + stiff) * np.abs(gap).max(axis=1, keepdims=True)
+        rounding = (1.0 + stiff) * np.maximum(known, np.abs(gap).max(axis=1))[:, None]
+        rounding += np.abs(c * found.traction)
         far = (np.abs(wrong) > ROUNDING * rounding.max(axis=1, keepdims=True)).any(axis=1)
         if not far.any():
             break

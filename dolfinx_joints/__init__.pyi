@@ -47,7 +47,9 @@ from .loads.temperature.fields import ReservoirTemperature as ReservoirTemperatu
 from .loads.temperature.fields import seasonal_temperatures as seasonal_temperatures
 from .loads.temperature.fields import steady_temperature as steady_temperature
 from .loads.temperature.from_file import temperature_from_file as temperature_from_file
+from .loads.temperature.joint_conductance import JointConductance as JointConductance
 from .loads.temperature.thermal_strain import Temperature as Temperature
+from .loads.temperature.transient import transient_temperatures as transient_temperatures
 from .loads.water.face_pressure import HydrostaticPressure as HydrostaticPressure
 from .loads.water.face_pressure import SiltPressure as SiltPressure
 from .loads.water.face_pressure import WestergaardMass as WestergaardMass

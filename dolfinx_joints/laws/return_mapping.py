@@ -269,5 +269,5 @@ def on_compliance(
         gap, wrong = gap - step, left
     else:
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))
-    tangent: Floats = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
-    return replace(found, tangent=tangent), flags
+    tangent = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
+    return replace(found, tangent=np.asarray(tangent, dtype=np.float64)), flags

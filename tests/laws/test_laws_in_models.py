@@ -186,7 +186,6 @@ class TestMixed:
         assert np.abs(response.traction[:, 1:] - expected).max(initial=0.0) < 1e-9 * largest
         assert outcome.energy.friction == 0.0
 
-
     def test_shear_keys_by_both_solvers(self, jointed):
         """Loose by 1 um, so that flanks are met: the same path, and energies add up."""
         keys = ShearKeyJoint(

@@ -94,7 +94,7 @@ def test_riding_up_a_flank(way, axis):
     overlap = force * math.cos(math.radians(PHI)) / K_N / math.cos(math.radians(ALPHA))
     np.testing.assert_allclose(gaps[rising, 0], (slip - PLAY) * tan(ALPHA) - overlap, rtol=1e-6)
     expected = np.array([-N, *(N * tan(ALPHA + PHI) * across)])
-    np.testing.assert_allclose(tractions[rising], np.tile(expected, (60, 1)), rtol=1e-6, atol=1.0)
+    np.testing.assert_allclose(tractions[rising], np.tile(expected, (60, 1)), rtol=1e-6, atol=10.0)
     assert {answer.status[0] for answer in answers[20:]} == {Status.SLIP}
 
 
@@ -147,7 +147,7 @@ def test_teeth_shear_off(rule):
     mean = 0.5 * (ends + np.concatenate([[0.0], ends[:-1]]))
     expected = ends if rule == "backward_euler" else mean
     held = expected < 1e6
-    np.testing.assert_allclose(tractions[held, 1], expected[held], rtol=1e-6, atol=1.0)
+    np.testing.assert_allclose(tractions[held, 1], expected[held], rtol=1e-6, atol=10.0)
     np.testing.assert_allclose(tractions[~held, 1], 0.0, atol=1e-6)
     assert [a.state.internal[0, 0] for a in answers] == [*(~held).astype(float)]
     assert 0 < (~held).sum() < 4

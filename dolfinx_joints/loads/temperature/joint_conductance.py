@@ -5,7 +5,7 @@ r"""Heat from block to block through joints.
 The faces of a joint have temperatures of their own, and the flux from one to the other is
 q = h (T- - T+), with the virtual work \int h [T] [v] dA. Of contact and what fills an opening g,
 
-    1 / h = 1 / h_c + max(g, 0) / k_f.                                                     (12u)
+    1 / h = 1 / h_c + max(g, 0) / k_f.                                                     (12y)
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class JointConductance:
     film: Annotated[float, at.Ge(0), at.Unit("W/(m K)")] = 0.0
 
     def at(self, opening: Any) -> Any:
-        """Conductance h (12u) at a normal gap [m], a number or UFL."""
+        """Conductance h (12y) at a normal gap [m], a number or UFL."""
         if self.film == 0.0:
             return ufl.conditional(ufl.gt(opening, 0.0), 0.0, self.closed)
         return 1.0 / (1.0 / self.closed + ufl.max_value(opening, 0.0) / self.film)

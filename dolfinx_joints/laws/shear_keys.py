@@ -3,9 +3,9 @@
 r"""A joint with shear keys: teeth that block slip across them, are ridden over, and shear off.
 
     crest                ______
-                        /      \\   flanks at the angle alpha, depth d
-    base   ____________/        \\____________
-            play | play             across the keys ->
+                        /      \          flanks at the angle alpha, depth d
+    base   ____________/        \________
+            play | play                   across the keys ->
 
 Contact of a point is that with flat faces, each a `FrictionNoTension` in the axes of the face: the
 base, and of the tooth on either side one face, flank or crest. With the rows of R_i a face's normal

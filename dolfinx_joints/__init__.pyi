@@ -34,6 +34,7 @@ from .laws.friction import frictionless as frictionless
 from .laws.keyed import KeyedJoint as KeyedJoint
 from .laws.mohr_coulomb import MohrCoulombJoint as MohrCoulombJoint
 from .laws.rigid import RigidJoint as RigidJoint
+from .laws.shear_keys import ShearKeyJoint as ShearKeyJoint
 from .laws.viscous import ViscousJoint as ViscousJoint
 from .loads.body_and_face_loads import FormLoad as FormLoad
 from .loads.body_and_face_loads import Gravity as Gravity
@@ -48,7 +49,9 @@ from .loads.temperature.fields import ReservoirTemperature as ReservoirTemperatu
 from .loads.temperature.fields import seasonal_temperatures as seasonal_temperatures
 from .loads.temperature.fields import steady_temperature as steady_temperature
 from .loads.temperature.from_file import temperature_from_file as temperature_from_file
+from .loads.temperature.joint_conductance import JointConductance as JointConductance
 from .loads.temperature.thermal_strain import Temperature as Temperature
+from .loads.temperature.transient import transient_temperatures as transient_temperatures
 from .loads.water.face_pressure import HydrostaticPressure as HydrostaticPressure
 from .loads.water.face_pressure import SiltPressure as SiltPressure
 from .loads.water.face_pressure import WestergaardMass as WestergaardMass

@@ -5,7 +5,7 @@
 Plain functions of numbers in the order of the theory (docs/theory), numbers of its equations beside
 the lines; loops over points, compiled by numba, take them as they stand. `friction` has the loop
 for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
-`trial_traction`.
+`trial_traction`. `on_compliance` is for laws that have no closed form there.
 
 A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
 itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a
@@ -14,15 +14,22 @@ case like any other.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.law import Floats, JointState, Response
 
 Vector = tuple[float, float]
+Flagged = tuple[Response, NDArray[np.bool_]]
+
+# Of Newton's method on a compliance; the last of the sizes that rounding has.
+MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 16.0 * float(np.finfo(float).eps)
 
 
 class Coulomb(NamedTuple):
@@ -211,3 +218,56 @@ def contact_fraction(before: Floats, after: Floats) -> Floats:
     if not opening.any():
         return np.ones(len(before))
     return np.where(opening > 0.0, -after / np.where(opening > 0.0, opening - after, 1.0), 1.0)
+
+
+def on_compliance(
+    answer: Callable[[Floats], Flagged],
+    gap: Floats,
+    trial_gap: Floats,
+    compliance: Floats,
+    stiffness: Floats,
+) -> Flagged:
+    """Answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
+
+    Args:
+        answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
+        gap: That at the start of the step, where few points slide.
+        trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
+        compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
+        stiffness: That of a sticking point in the three directions, for a measure of residuals.
+
+    Returns:
+        The answer, its tangent being d traction / d trial_gap, and the flags.
+
+    Raises:
+        ConvergenceError: A point was not found.
+    """
+    c, identity = np.repeat(compliance, (1, 2), axis=1), np.eye(3)
+    scale, known = 1.0 + c * stiffness, np.maximum(np.abs(gap), np.abs(trial_gap)).max(axis=1)
+
+    def missed(gap: Floats) -> tuple[Response, NDArray[np.bool_], Floats]:
+        found, flags = answer(gap)
+        return found, flags, gap + c * found.traction - trial_gap
+
+    found, flags, wrong = missed(gap)
+    for _ in range(MOST_ITERATIONS):
+        stiff = c * np.abs(found.tangent).max(axis=2)
+        rounding = (1.0 + stiff) * np.maximum(known, np.abs(gap).max(axis=1))[:, None]
+        rounding += np.abs(c * found.traction)
+        far = (np.abs(wrong) > ROUNDING * rounding.max(axis=1, keepdims=True)).any(axis=1)
+        if not far.any():
+            break
+        jacobian = identity + c[:, :, None] * found.tangent
+        step = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
+        size = np.abs(wrong / scale).max(axis=1)
+        for _ in range(MOST_CUTS):
+            found, flags, left = missed(gap - step)
+            worse = far & ~(np.abs(left / scale).max(axis=1) < size)
+            if not worse.any():
+                break
+            step[worse] *= 0.5
+        gap, wrong = gap - step, left
+    else:
+        raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))
+    tangent = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
+    return replace(found, tangent=np.asarray(tangent, dtype=np.float64)), flags

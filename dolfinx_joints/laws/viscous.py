@@ -27,6 +27,7 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.losses import losses_of, work
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
 from dolfinx_joints.laws.return_mapping import contact_fraction
+from dolfinx_joints.laws.shear_keys import ShearKeyJoint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +45,12 @@ class ViscousJoint:
     `CondensedLaw`: models take the monolithic path.
 
     Attributes:
-        law: The law without dashpots, without dilatancy.
+        law: The law without dashpots, without dilatancy or shear keys.
         normal_viscosity: eta_n.
         shear_viscosity: eta_s.
 
     Raises:
-        ValueError: ``law`` is no `Law`, or has a dilatancy angle.
+        ValueError: ``law`` is no `Law`, or opens as it slips.
     """
 
     law: Law
@@ -63,9 +64,11 @@ class ViscousJoint:
                 f"ViscousJoint: law is {shown(self.law)}; it must be a joint law of finite "
                 "stiffness."
             )
-        if isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg:
+        dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
+        if dilates or isinstance(self.law, ShearKeyJoint):
+            what = "a dilatancy angle" if dilates else "shear keys"
             raise ValueError(
-                "ViscousJoint: law has a dilatancy angle; dashpots are for joints that close at a "
+                f"ViscousJoint: law has {what}; dashpots are for joints that close at a "
                 "gap of zero."
             )
 

@@ -20,6 +20,7 @@ from dolfinx_joints import (
     MohrCoulombJoint,
     Newmark,
     RigidJoint,
+    ShearKeyJoint,
     SolverOptions,
     ViscousJoint,
 )
@@ -98,7 +99,7 @@ class TestMixed:
     def jointed(self, wall_file, read):
         return read(wall_file())
 
-    def run(self, jointed, laws, scheme=None):
+    def run(self, jointed, laws, scheme=None, solver="auto"):
         from dolfinx_joints import Elastic, Fixed, Gravity, Model, Simulation, synthetic_motion
 
         model = Model(
@@ -109,7 +110,7 @@ class TestMixed:
             loads=[Gravity()],
         )
         newton = SolverOptions(relative_tolerance=1e-12)
-        simulation = Simulation(model, options=newton, solver="auto")
+        simulation = Simulation(model, options=newton, solver=solver)
         simulation.statics()
         motion = synthetic_motion(duration=2.0)
         outcome = simulation.dynamics(dt=0.005, steps=20, motion=motion, scheme=scheme or Newmark())
@@ -184,6 +185,30 @@ class TestMixed:
         largest = max(comm.allgather(float(np.abs(expected).max(initial=1.0))))
         assert np.abs(response.traction[:, 1:] - expected).max(initial=0.0) < 1e-9 * largest
         assert outcome.energy.friction == 0.0
+
+    def test_shear_keys_by_both_solvers(self, jointed):
+        """Loose by 1 um, so that flanks are met: the same path, and energies add up."""
+        keys = ShearKeyJoint(
+            **FRICTION,
+            depth=0.1,
+            flank_angle_deg=60.0,
+            spacing=1.0,
+            tooth_cohesion=1e6,
+            forward_play=1e-6,
+            backward_play=1e-6,
+        )
+        scheme = EnergyConsistent()
+        (_, _, one), (_, _, two) = (
+            self.run(jointed, keys, scheme, solver) for solver in ("condensed", "monolithic")
+        )
+        difference = one.state.displacement.copy()
+        difference.axpy(-1.0, two.state.displacement)
+        assert difference.norm() < 1e-8 * one.state.displacement.norm()
+        assert one.laws_without_losses == ()
+        for outcome in (one, two):
+            assert outcome.imbalance < 1e-10
+            assert outcome.energy_error < 1e-10
+        assert one.energy.friction > 0.0
 
 
 class Forgetful(MohrCoulombJoint):

@@ -47,6 +47,7 @@ from dolfinx_joints import (
     ResultsError,
     ResultsMonitor,
     RigidJoint,
+    ShearKeyJoint,
     Simulation,
     StepControl,
     stiffness_proportional,
@@ -127,6 +128,15 @@ BOND = MohrCoulombJoint(
     tensile_strength=5e4,
     dilatancy_angle_deg=5.0,
 )
+KEYS = ShearKeyJoint(
+    normal_stiffness=1e11,
+    shear_stiffness=1e11,
+    friction_angle_deg=30.0,
+    depth=0.2,
+    flank_angle_deg=60.0,
+    spacing=1.0,
+    tooth_cohesion=2e5,
+)
 WAVES = ReservoirWaves(group="y_min", level=18.0, length=30.0, bottom_reflection=0.7)
 CUT = StepControl(max_halvings=3, tolerance=2e-3)
 CASES = {
@@ -141,6 +151,7 @@ CASES = {
     "Newmark": {"scheme": Newmark()},
     "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},
+    "shear keys": {"joints": KEYS},
     "reservoir waves": {"reservoir": WAVES},
 }
 

@@ -19,7 +19,7 @@ The terms are also computed anew from the states with NumPy, point by point.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from dolfinx_joints import (
     MatrixSystem,
     Newmark,
     RigidJoint,
+    ShearKeyJoint,
     SolverOptions,
     StepControl,
 )
@@ -188,8 +189,6 @@ def body(seed, ratio, *, laws=None, damping=0.0, push=1.0) -> MatrixSystem:
 
 def in_two(system, laws) -> MatrixSystem:
     """The same with points 0, 1, 2 in joint a and 3, 4, 5 in joint b."""
-    from dataclasses import replace
-
     from dolfinx_joints.joints.operator import GapOperator
 
     operator = system.contact.operator
@@ -291,6 +290,33 @@ def test_keys_and_friction_in_one_body(ratio):
     assert run.ledger.relative_imbalance <= 1e-11
     assert run.rows[-1].joint_friction[0] > 0.0
     assert run.rows[-1].joint_friction[1] == 0.0
+
+
+@pytest.mark.parametrize(("ratio", "kind"), [(1.0, "monolithic"), (1e3, "condensed")])
+def test_shear_keys(ratio, kind):
+    """Flanks some mm high are met and ridden over in joint a, sheared off in joint b."""
+    strong = ShearKeyJoint(
+        normal_stiffness=1e4 * ratio,
+        shear_stiffness=5e3 * ratio,
+        friction_angle_deg=30.0,
+        depth=0.01,
+        flank_angle_deg=35.0,
+        spacing=0.1,
+        tooth_cohesion=1e9,
+        forward_play=1e-3,
+        key_axis=(0.6, 0.8),
+    )
+    laws = {"a": strong, "b": replace(strong, tooth_cohesion=50.0)}
+    system = body(4, ratio, laws=laws)
+    run = march(system, EnergyConsistent(), longest_period(system) / 200, 150, kind=kind)
+    states = [state.joints for state in run.states]
+    assert any(((j.state.gap[:3, 0] > 1e-3) & (j.traction[:3, 0] < 0.0)).any() for j in states)
+    broken = states[-1].state.internal[:, 0].reshape(2, 3).sum(axis=1)
+    assert broken[0] == 0.0
+    assert broken[1] > 0.0
+    assert run.ledger.relative_imbalance <= 1e-10
+    assert np.abs(run.line("joint_numerical")).max() <= 1e-10 * run.ledger.scale
+    assert run.rows[-1].friction > 0.0
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1e2, 1e4])

@@ -8,7 +8,8 @@ the diffusivity kappa,
     w T_s = kappa div grad T_c,   -w T_c = kappa div grad T_s,
 
 so that a body takes part in the season as far as its thickness lets it. Nothing flows through
-faces without a given temperature, nor from block to block through a joint.
+faces without a given temperature, and from block to block through joints of a given conductance
+only.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import annotated_types as at
 import numpy as np
@@ -28,6 +29,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
+from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -103,7 +105,18 @@ class ReservoirTemperature:
 Face = float | Callable[[Floats], Floats] | AnnualWave | ReservoirTemperature
 
 
-def steady_temperature(jointed: JointedMesh, faces: Mapping[str, Face]) -> Any:
+Conductivity = Annotated[float, at.Gt(0), at.Unit("W/(m K)")]
+
+
+@checked
+def steady_temperature(
+    jointed: JointedMesh,
+    faces: Mapping[str, Face],
+    *,
+    conductivity: Conductivity = 2.5,
+    joints: Joints | None = None,
+    openings: Openings | None = None,
+) -> Any:
     """Temperature of a body whose faces have kept theirs for long (collective).
 
     Args:
@@ -111,15 +124,20 @@ def steady_temperature(jointed: JointedMesh, faces: Mapping[str, Face]) -> Any:
         faces: Temperature of each facet group that has one: a number, or a function of points
             (n, gdim) [m] that gives (n,); of what swings with the seasons the mean counts. Where
             groups meet the later one goes before.
+        conductivity: k of the body, which only `joints` is compared with.
+        joints: Conductance of the joints that let heat through.
+        openings: Their normal gaps [m], numbers or UFL scalars; zero unless given.
 
     Returns:
         A DOLFINx function of the degree of the mesh, a `Temperature.value` [degrees C].
 
     Raises:
-        ValueError: No face is given, a value is not finite, or a block has no such face.
-        MeshError: There is no such group.
+        ValueError: No face is given, a value is not finite, or nothing gives a block its
+            temperature.
+        MeshError: There is no such group or joint.
     """
-    return _solve(jointed, _face_values(jointed, faces, 0.0)[:, :1], None)
+    values = face_values(jointed, faces, 0.0)[:, :1]
+    return _solve(jointed, values, None, _Through(conductivity, joints, openings))
 
 
 @checked
@@ -131,6 +149,9 @@ def seasonal_temperatures(
     expansion: Annotated[float, at.Ge(0), at.Unit("1/K")],
     diffusivity: Annotated[float, at.Gt(0), at.Unit("m^2/s")] = 1e-6,
     day: Day = 15.0,
+    conductivity: Conductivity = 2.5,
+    joints: Joints | None = None,
+    openings: Openings | None = None,
 ) -> list[Temperature]:
     """Loads of a body that follows the seasons, mean and swing (collective).
 
@@ -141,6 +162,9 @@ def seasonal_temperatures(
         expansion: Coefficient of linear thermal expansion [1/K].
         diffusivity: kappa [m^2/s].
         day: Day of the year at t = 0.
+        conductivity: As in `steady_temperature`, and the next two.
+        joints: Conductance of the joints that let heat through.
+        openings: Their normal gaps [m].
 
     Returns:
         Three loads, for `Model`: the mean less the reference, and the swing's cosine and sine.
@@ -149,9 +173,10 @@ def seasonal_temperatures(
         ValueError: As in `steady_temperature`.
         MeshError: There is no such group.
     """
-    values = _face_values(jointed, faces, day)
-    mean = _solve(jointed, values[:, :1], None)
-    swing = _solve(jointed, values[:, 1:], diffusivity)
+    values = face_values(jointed, faces, day)
+    through = _Through(conductivity, joints, openings)
+    mean = _solve(jointed, values[:, :1], None, through)
+    swing = _solve(jointed, values[:, 1:], diffusivity, through)
     return [
         Temperature(value=mean, reference=reference, expansion=expansion),
         Temperature(value=swing[0], reference=0.0, expansion=expansion, factor=_cosine),
@@ -173,17 +198,25 @@ def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
 
 
-def _space(jointed: JointedMesh, components: int) -> Any:
+class _Through(NamedTuple):
+    """Heat through joints: conductivity of the body, conductances and openings."""
+
+    conductivity: float
+    joints: Joints | None
+    openings: Openings | None
+
+
+def scalar_space(jointed: JointedMesh, components: int = 1) -> Any:
     """Lagrange space of the degree of the mesh."""
     shape = () if components == 1 else (components,)
     return fem.functionspace(jointed.mesh, ("Lagrange", jointed.shape.degree, shape))
 
 
-def _face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
+def face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
     """Parts of the given temperatures at the nodes, shape (n, 3), NaN where none is given."""
     good = isinstance(faces, Mapping) and bool(faces)
     check_kind_of("faces", faces, good, "a temperature per facet group")
-    space = _space(jointed, 1)
+    space = scalar_space(jointed)
     gdim = jointed.mesh.geometry.dim
     points = space.tabulate_dof_coordinates()[:, :gdim]
     values = np.full((len(points), 3), np.nan)
@@ -206,22 +239,27 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
     return np.column_stack([mean, np.zeros((len(points), 2))])
 
 
-def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> Any:
+def _solve(
+    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _Through
+) -> Any:
     """Field with given values at some nodes, NaN at the others (collective).
 
     Args:
         jointed: The mesh.
         given: Shape (n, components).
         diffusivity: None for a steady field, else that of the cosine and sine parts [m^2/s].
+        through: Heat through joints.
     """
     components = given.shape[1]
-    space = _space(jointed, components)
+    space = scalar_space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
     kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
     form = kappa * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+    share = fem.Constant(jointed.mesh, float(diffusivity or 1.0) / through.conductivity)
+    form += joint_term(jointed, through.joints, through.openings, share * t, q)
     if diffusivity is not None:
         form += FREQUENCY * (t[1] * q[0] - t[0] * q[1]) * ufl.dx
-    matrix = fem_petsc.assemble_matrix(fem.form(form))
+    matrix = fem_petsc.assemble_matrix(jointed.form(form))
     matrix.assemble()
     b, x = matrix.createVecLeft(), matrix.createVecRight()
     owned = given[: b.getLocalSize() // components].ravel()
@@ -254,8 +292,8 @@ def _solve(jointed: JointedMesh, given: Floats, diffusivity: float | None) -> An
     isolated = [float(np.abs(ones - 1.0).max(initial=0.0)) for ones in found[1:]]
     if not all(comm.allgather(all(error < ISOLATED for error in isolated))):
         raise ValueError(
-            "A block has no face with a given temperature; joints let no heat through, so name a "
-            "facet group of each block in faces."
+            "A block has no face with a given temperature; joints let no heat through unless "
+            "joints gives their conductance, so name a facet group of each block in faces."
         )
     field = fem.Function(space, name="temperature")
     field.x.array[: len(found[0])] = found[0]

@@ -1,0 +1,89 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Heat from block to block through joints.
+
+The faces of a joint have temperatures of their own, and the flux from one to the other is
+q = h (T- - T+), with the virtual work \int h [T] [v] dA. Of contact and what fills an opening g,
+
+    1 / h = 1 / h_c + max(g, 0) / k_f.                                                     (12ad)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import annotated_types as at
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_kind_of, real, shown
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class JointConductance:
+    """How much heat a joint lets through, per area and kelvin.
+
+    Attributes:
+        closed: h_c, of the joint in contact.
+        film: k_f, conductivity of what fills the opening, such as 0.025 of air at rest and 0.6 of
+            water; zero lets nothing through where the joint is open.
+    """
+
+    closed: Annotated[float, at.Gt(0), at.Unit("W/(m^2 K)")]
+    film: Annotated[float, at.Ge(0), at.Unit("W/(m K)")] = 0.0
+
+    def at(self, opening: Any) -> Any:
+        """Conductance h (12ad) at a normal gap [m], a number or UFL."""
+        if self.film == 0.0:
+            return ufl.conditional(ufl.gt(opening, 0.0), 0.0, self.closed)
+        return 1.0 / (1.0 / self.closed + ufl.max_value(opening, 0.0) / self.film)
+
+
+Joints = Mapping[str, JointConductance]
+Openings = Mapping[str, Any]
+
+
+def joint_term(
+    jointed: JointedMesh, joints: Joints | None, openings: Openings | None, t: Any, q: Any
+) -> Any:
+    """Work of the fluxes through joints on a test function (UFL), [W]; 0 without such.
+
+    Args:
+        jointed: The mesh.
+        joints: Conductance of each joint that lets heat through.
+        openings: Normal gap of these, a number or a UFL scalar under `JointedMesh.dS` [m]; those
+            not named are closed.
+        t: Temperature.
+        q: Test function.
+
+    Raises:
+        ValueError: A conductance or an opening is none.
+        MeshError: There is no such joint.
+    """
+    joints, openings = joints or {}, openings or {}
+    check_kind_of("joints", joints, isinstance(joints, Mapping), "a JointConductance per joint")
+    check_kind_of("openings", openings, isinstance(openings, Mapping), "an opening per joint")
+    if missing := [name for name in openings if name not in joints]:
+        raise ValueError(f"openings names {shown(missing[0])}, which has no conductance in joints.")
+    term = 0
+    for name, each in joints.items():
+        if name not in jointed.joint_names:
+            known = ", ".join(jointed.joint_names) or "none"
+            raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
+        good = isinstance(each, JointConductance)
+        check_kind_of(f"The conductance of {name!r}", each, good, "a JointConductance")
+        opening = openings.get(name, 0.0)
+        if not isinstance(opening, Expr):
+            good = math.isfinite(real(opening))
+            check_kind_of(f"The opening of {name!r}", opening, good, "a number or a UFL scalar")
+            opening = fem.Constant(jointed.mesh, float(opening))
+        term += each.at(opening) * ufl.inner(ufl.jump(t), ufl.jump(q)) * jointed.dS(name)
+    return term

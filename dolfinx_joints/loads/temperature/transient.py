@@ -1,0 +1,203 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Temperatures that follow their faces in time, with heat through joints.
+
+    \int (rho c dT/dt v + k grad T . grad v) dx + \int_joints h [T] [v] dA = 0
+
+by two implicit stages a step with one matrix, gamma = 1 - 1/sqrt(2) (Alexander 1977): of second
+order, and without oscillation where a face changes at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import annotated_types as at
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.parameters import numbers_of, real, shown
+from dolfinx_joints.loads.temperature.fields import (
+    FREQUENCY,
+    Day,
+    Face,
+    face_values,
+    scalar_space,
+)
+from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
+from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+GAMMA = 1.0 - math.sqrt(0.5)
+
+
+@checked
+def transient_temperatures(
+    jointed: JointedMesh,
+    faces: Mapping[str, Face],
+    *,
+    times: Sequence[float],
+    initial: Any,
+    conductivity: Annotated[float, at.Gt(0), at.Unit("W/(m K)")] = 2.5,
+    heat_capacity: Annotated[float, at.Gt(0), at.Unit("J/(m^3 K)")] = 2.5e6,
+    joints: Joints | None = None,
+    openings: Openings | None = None,
+    day: Day = 15.0,
+) -> list[Any]:
+    """Temperatures of a body at given times, from those at t = 0 (collective).
+
+    Times at equal distances share a factor. To let openings change, go on from the last field.
+
+    Args:
+        jointed: The mesh.
+        faces: Temperature of each facet group that has one, as in `steady_temperature`; waves
+            swing. Nothing flows through other faces.
+        times: Ends of the steps, rising and positive [s].
+        initial: Temperature at t = 0, a number or an earlier field [degrees C].
+        conductivity: k.
+        heat_capacity: Of the volume, rho c.
+        joints: Conductance of the joints that let heat through.
+        openings: Their normal gaps [m], numbers or UFL scalars; zero unless given.
+        day: Day of the year at t = 0.
+
+    Returns:
+        A DOLFINx function of the degree of the mesh for each time, a `Temperature.value`.
+
+    Raises:
+        ValueError: Times, faces, conductances, openings or the initial field cannot be used.
+        MeshError: There is no such group or joint.
+    """
+    ends = numbers_of(times)
+    if ends is None or ends.ndim != 1 or not _rise(ends):
+        raise ValueError(f"times is {shown(times)}; it must be rising, positive times [s].")
+    space = scalar_space(jointed)
+    parts = face_values(jointed, faces, day) if faces else None
+    stepper = _Stepper(jointed, space, parts, (conductivity, heat_capacity), (joints, openings))
+    now, time, found = _first(space, initial), 0.0, []
+    for end in ends:
+        now = stepper.step(now, time, float(end) - time)
+        time = float(end)
+        field = fem.Function(space, name="temperature")
+        field.x.array[: len(now)] = now
+        field.x.scatter_forward()
+        found.append(field)
+    stepper.destroy()
+    return found
+
+
+def _rise(times: Floats) -> bool:
+    """Whether there are times, one after the other and after zero."""
+    good = np.isfinite(times).all() and (np.diff(times, prepend=0.0) > 0.0).all()
+    return len(times) > 0 and bool(good)
+
+
+def _first(space: Any, initial: Any) -> Floats:
+    """Initial temperature at the rank's own nodes."""
+    size = space.dofmap.index_map.size_local
+    if isinstance(initial, fem.Function):
+        own = initial.function_space
+        if own.mesh is not space.mesh or own.ufl_element() != space.ufl_element():
+            raise ValueError("initial lives on another space; it must be a field of this mesh.")
+        return np.array(initial.x.array[:size])
+    if not math.isfinite(real(initial)):
+        raise ValueError(f"initial is {shown(initial)}; it must be a number or an earlier field.")
+    return np.full(size, float(initial))
+
+
+class _Stepper:
+    """Steps of the temperatures at the rank's own nodes.
+
+    Args:
+        jointed: The mesh.
+        space: Scalar space.
+        parts: Mean, cosine and sine of given temperatures, (n, 3), NaN where none; None for none.
+        material: k and rho c.
+        through: Conductances and openings of joints.
+    """
+
+    def __init__(
+        self,
+        jointed: JointedMesh,
+        space: Any,
+        parts: Floats | None,
+        material: tuple[float, float],
+        through: tuple[Joints | None, Openings | None],
+    ) -> None:
+        """Assemble (collective)."""
+        t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
+        k, capacity = (fem.Constant(jointed.mesh, value) for value in material)
+        conducts = k * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
+        conducts += joint_term(jointed, *through, t, q)
+        self._stiff = fem_petsc.assemble_matrix(jointed.form(conducts))
+        self._mass = fem_petsc.assemble_matrix(fem.form(capacity * ufl.inner(t, q) * ufl.dx))
+        for matrix in (self._stiff, self._mass):
+            matrix.assemble()
+        self._b, self._x = self._stiff.createVecLeft(), self._stiff.createVecRight()
+        size = self._b.getLocalSize()
+        self._parts = np.full((size, 3), np.nan) if parts is None else parts[:size]
+        self._known = np.isfinite(self._parts[:, 0])
+        self._dt = 0.0
+        self._whole: Any = None
+        self._ksp: Any = None
+
+    def step(self, start: Floats, time: float, dt: float) -> Floats:
+        """Temperatures after a step of length dt from a time [s]."""
+        if self._ksp is None or not math.isclose(dt, self._dt, rel_tol=1e-12):
+            self._factor(dt)
+        start = self._given(start, time)
+        middle = self._stage(start, time + GAMMA * dt)
+        return self._stage(start + (1.0 - GAMMA) / GAMMA * (middle - start), time + dt)
+
+    def _given(self, values: Floats, time: float) -> Floats:
+        """The values with the given temperatures of a time."""
+        phase = FREQUENCY * time
+        swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
+        given: Floats = np.where(self._known, swing, values)
+        return given
+
+    def _stage(self, before: Floats, time: float) -> Floats:
+        """T with (M + gamma dt A) T = M before, and given temperatures at a time."""
+        given = self._given(np.zeros_like(before), time)
+        self._x.setArray(before)
+        self._mass.mult(self._x, self._b)
+        right = self._b.getArray().copy()
+        self._x.setArray(given)
+        self._whole.mult(self._x, self._b)
+        self._b.setArray(np.where(self._known, given, right - self._b.getArray()))
+        self._ksp.solve(self._b, self._x)
+        found: Floats = self._x.getArray().copy()
+        return found
+
+    def _factor(self, dt: float) -> None:
+        """Factor M + gamma dt A (collective)."""
+        self._drop()
+        self._whole = self._stiff.copy()
+        self._whole.scale(GAMMA * dt)
+        self._whole.axpy(1.0, self._mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        matrix = self._whole.copy()
+        first = matrix.getOwnershipRange()[0]
+        matrix.zeroRowsColumns((np.flatnonzero(self._known) + first).astype(PETSc.IntType))
+        self._ksp = PETSc.KSP().create(matrix.comm)
+        self._ksp.setType("preonly")
+        self._ksp.getPC().setType("lu")
+        self._ksp.getPC().setFactorSolverType("mumps")
+        self._ksp.setOperators(matrix)
+        matrix.destroy()
+        self._dt = dt
+
+    def _drop(self) -> None:
+        for thing in (self._ksp, self._whole):
+            if thing is not None:
+                thing.destroy()
+
+    def destroy(self) -> None:
+        """Free matrices, vectors and factor."""
+        self._drop()
+        for thing in (self._stiff, self._mass, self._b, self._x):
+            thing.destroy()

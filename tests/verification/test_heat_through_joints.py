@@ -1,0 +1,208 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""Heat through a joint between two slabs of length L, a cold and a warm one.
+
+With outer faces at T0 and T1 the flux is q = (T1 - T0) / (2 L / k + 1 / h), the same everywhere,
+and the temperature jumps by q / h: exact with linear elements. With insulated outer faces a swing
+against each other, +-cos(b x) from these, fades as exp(-kappa b^2 t) with b tan(b L) = 2 h / k.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import ufl
+from dolfinx import fem
+from scipy.optimize import brentq
+
+from dolfinx_joints import (
+    AnnualWave,
+    JointConductance,
+    MeshError,
+    seasonal_temperatures,
+    steady_temperature,
+    transient_temperatures,
+)
+from dolfinx_joints.loads.temperature.fields import YEAR
+
+pytestmark = pytest.mark.mpi
+
+LENGTH, K, CAPACITY = 2.0, 2.5, 2.5e6  # m, W/(m K), J/(m^3 K)
+FACES = {"x_min": 4.0, "x_max": 16.0}
+CONTACT = JointConductance(closed=50.0)
+AIR = JointConductance(closed=50.0, film=0.025)
+
+
+@pytest.fixture
+def slabs(wall_file, read):
+    """``slabs(cells)``: two slabs of 2 m along x, cells in each."""
+
+    def make(cells=2, order=1):
+        return read(
+            wall_file(
+                length=2.0 * LENGTH,
+                thickness=1.0,
+                height=1.0,
+                divisions=(2 * cells, 1, 1),
+                joints=1,
+                order=order,
+            )
+        )
+
+    return make
+
+
+def nodes(field):
+    """Coordinates along x of the nodes, and on which side of the joint these are, -1 and 1."""
+    jointed, space = field.function_space.mesh, field.function_space
+    side = np.zeros(len(field.x.array))
+    x = jointed.geometry.x[:, 0]
+    for cell, dofs in enumerate(space.dofmap.list):
+        middle = x[jointed.geometry.dofmap[cell]].mean()
+        side[dofs] = np.sign(middle - LENGTH)
+    return space.tabulate_dof_coordinates()[:, 0], side
+
+
+def through(h):
+    """The exact steady temperature at places on sides."""
+    flux = 12.0 / (2.0 * LENGTH / K + 1.0 / h)
+    return lambda x, side: 10.0 + flux / K * (x - LENGTH) + 0.5 * flux / h * side
+
+
+@pytest.mark.parametrize(
+    ("joint", "opening", "h"),
+    [
+        (CONTACT, None, 50.0),
+        (CONTACT, -1e-4, 50.0),  # overlaps are closed
+        (AIR, 2e-3, 1.0 / (1.0 / 50.0 + 2e-3 / 0.025)),
+    ],
+)
+def test_two_slabs_in_contact(slabs, joint, opening, h):
+    jointed = slabs()
+    openings = None if opening is None else {"joint_1": opening}
+    field = steady_temperature(
+        jointed, FACES, conductivity=K, joints={"joint_1": joint}, openings=openings
+    )
+    np.testing.assert_allclose(field.x.array, through(h)(*nodes(field)), rtol=1e-12)
+
+
+def test_an_open_joint_insulates(slabs):
+    jointed = slabs()
+    options = {"joints": {"joint_1": CONTACT}, "openings": {"joint_1": 1e-9}}
+    field = steady_temperature(jointed, FACES, **options)
+    _, side = nodes(field)
+    np.testing.assert_allclose(field.x.array, 10.0 + 6.0 * side, rtol=1e-12)
+    with pytest.raises(ValueError, match="A block has no face with a given temperature"):
+        steady_temperature(jointed, {"x_min": 4.0}, **options)
+    alone = steady_temperature(jointed, {"x_min": 4.0}, joints=options["joints"])
+    np.testing.assert_allclose(alone.x.array, 4.0, rtol=1e-12)
+
+
+def test_the_opening_of_a_displacement(slabs):
+    """The block beyond the joint moves away by 2 mm: the gap is that of its form."""
+    jointed = slabs()
+    space = fem.functionspace(jointed.mesh, ("Lagrange", 1, (3,)))
+    u = fem.Function(space)
+    probe = steady_temperature(jointed, FACES)
+    _, side = nodes(probe)
+    u.x.array[0::3] = np.where(side > 0.0, 2e-3, 0.0)
+    gap = ufl.dot(jointed.frame("joint_1"), ufl.jump(u))[0]
+    options = {"joints": {"joint_1": AIR}, "openings": {"joint_1": gap}, "conductivity": K}
+    field = steady_temperature(jointed, FACES, **options)
+    np.testing.assert_allclose(
+        field.x.array, through(1.0 / (0.02 + 2e-3 / 0.025))(*nodes(field)), rtol=1e-10
+    )
+
+
+def test_seasons_through_a_joint(slabs):
+    """With much diffusivity each day is a steady one: both waves through the joint."""
+    jointed = slabs()
+    air = AnnualWave(mean=9.0, amplitude=10.0, warmest_day=0.0)
+    loads = seasonal_temperatures(
+        jointed,
+        {"x_min": air, "x_max": 15.0},
+        reference=0.0,
+        expansion=1e-5,
+        diffusivity=1.0,
+        day=0.0,
+        conductivity=K,
+        joints={"joint_1": CONTACT},
+    )
+    for load, ends in zip(loads[:2], ((9.0, 15.0), (10.0, 0.0)), strict=True):
+        field, space = load.value, scalar(jointed)
+        f = fem.Function(space)
+        points = space.element.interpolation_points
+        points = points() if callable(points) else points
+        f.interpolate(fem.Expression(field + 0.0, points, comm=jointed.mesh.comm))
+        x, side = nodes(f)
+        steady = through(50.0)(x, side)  # from 4 to 16
+        expected = ends[0] + (steady - 4.0) / 12.0 * (ends[1] - ends[0])
+        np.testing.assert_allclose(f.x.array, expected, atol=2e-3)
+
+
+def scalar(jointed):
+    return fem.functionspace(jointed.mesh, ("Lagrange", 1))
+
+
+def test_a_difference_of_the_slabs_fades(slabs):
+    """As fast as the joint lets it, of second order in the step."""
+    jointed, h = slabs(8, 2), 5.0
+    b = brentq(lambda b: b * math.tan(b * LENGTH) - 2.0 * h / K, 0.01, 0.78)
+    start = transient_temperatures(jointed, {}, times=[1.0], initial=0.0)[0]
+    x, side = nodes(start)
+    mode = -side * np.cos(b * np.where(side < 0.0, x, 2.0 * LENGTH - x))
+    start.x.array[:] = 10.0 + mode
+    end = 10.0 * 86400.0
+    exact = math.exp(-K / CAPACITY * b**2 * end)
+    errors = []
+    for steps in (2, 4, 8):
+        fields = transient_temperatures(
+            jointed,
+            {},
+            times=np.linspace(0.0, end, steps + 1)[1:],
+            initial=start,
+            conductivity=K,
+            heat_capacity=CAPACITY,
+            joints={"joint_1": JointConductance(closed=h)},
+        )
+        error = np.abs(fields[-1].x.array - 10.0 - exact * mode).max(initial=0.0)
+        errors.append(max(jointed.mesh.comm.allgather(float(error))))
+    assert errors[-1] < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.2)
+
+
+def test_long_times_are_steady(slabs):
+    """From any start, in steps of two lengths; and the mean of what swings, a year later."""
+    jointed, joints = slabs(), {"joint_1": CONTACT}
+    faces = {"x_min": AnnualWave(mean=4.0, amplitude=0.0), "x_max": 16.0}
+    times = [*(0.5 * YEAR * np.arange(1, 5)), *(4.0 * YEAR * np.arange(1, 7))]
+    fields = transient_temperatures(
+        jointed, faces, times=times, initial=30.0, conductivity=K, joints=joints
+    )
+    assert len(fields) == len(times)
+    np.testing.assert_allclose(fields[-1].x.array, through(50.0)(*nodes(fields[-1])), rtol=1e-6)
+
+
+def test_refusals(slabs):
+    jointed = slabs()
+    good = {"times": [1.0], "initial": 9.0}
+    for options, error, text in (
+        ({"joints": {"north": CONTACT}}, MeshError, "no joint 'north'; the joints are: joint_1"),
+        ({"joints": {"joint_1": 50.0}}, ValueError, "it must be a JointConductance"),
+        ({"openings": {"joint_1": 1.0}}, ValueError, "'joint_1', which has no conductance"),
+        (
+            {"joints": {"joint_1": AIR}, "openings": {"joint_1": math.nan}},
+            ValueError,
+            "The opening of 'joint_1' is nan; it must be a number or a UFL scalar",
+        ),
+        ({"times": [2.0, 1.0]}, ValueError, "it must be rising, positive times"),
+        ({"initial": math.nan}, ValueError, "initial is nan; it must be a number or an earlier"),
+    ):
+        with pytest.raises(error, match=text):
+            transient_temperatures(jointed, FACES, **{**good, **options})

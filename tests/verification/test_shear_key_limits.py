@@ -1,0 +1,88 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A block on a keyed joint under its weight and a horizontal body force: where it gives way.
+
+On flanks every point bears tan(alpha + phi) times its pressure and no more, however the pressure is
+distributed, so that this is the ratio of the resultants at which the block goes; along the keys it
+is tan(phi), friction alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx_joints import (
+    ConvergenceError,
+    Elastic,
+    Fixed,
+    FrictionNoTension,
+    Gravity,
+    Model,
+    ShearKeyJoint,
+    Simulation,
+)
+
+pytestmark = pytest.mark.mpi
+
+PHI, ALPHA = 15.0, 10.0
+STIFF = {"normal_stiffness": 1e10, "shear_stiffness": 1e10, "friction_angle_deg": PHI}
+KEYS = ShearKeyJoint(
+    **STIFF,
+    depth=0.05,
+    flank_angle_deg=ALPHA,
+    spacing=1.0,
+    tooth_cohesion=50e6,
+)
+
+
+@pytest.fixture
+def meshes(two_rectangles_file, blocks_file, read):
+    """Two blocks on each other, the joint level, by the number of dimensions."""
+    files = {2: two_rectangles_file, 3: blocks_file}
+    return lambda dim: read(files[dim](angle=0.0))
+
+
+def pushed(jointed, law, ratio, solver, axis=0):
+    """Shear over pressure of the joint under a body force of a ratio of the weight."""
+    dim = jointed.mesh.geometry.dim
+    force = np.zeros(dim)
+    force[axis], force[-1] = 9.81 * ratio, -9.81
+    model = Model(
+        jointed,
+        material=Elastic(young=30e9, poisson=0.2, density=2400.0),
+        joints=law,
+        supports=[Fixed(group="base")],
+        loads=[Gravity(acceleration=tuple(force))],
+    )
+    state = Simulation(model, solver=solver).statics(steps=4)
+    sums = [model.contact.integral(each) for each in state.joints.traction.T]
+    return math.hypot(*sums[1:]) / -sums[0]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("solver", "play"), [("monolithic", 1e-4), ("condensed", 0.0)])
+def test_keys_hold_what_friction_cannot(meshes, dim, solver, play):
+    """At 97 % of tan(alpha + phi), far above tan(phi); not at 103 %."""
+    keys = replace(KEYS, forward_play=play, backward_play=play)
+    limit = math.tan(math.radians(ALPHA + PHI))
+    held = pushed(meshes(dim), keys, 0.97 * limit, solver)
+    assert held == pytest.approx(0.97 * limit, rel=1e-6)
+    with pytest.raises(ConvergenceError):
+        pushed(meshes(dim), FrictionNoTension(**STIFF), 0.97 * limit, solver)
+    with pytest.raises(ConvergenceError):
+        pushed(meshes(dim), keys, 1.03 * limit, solver)
+
+
+def test_keys_do_not_hold_along_themselves(meshes):
+    limit = math.tan(math.radians(PHI))
+    keys = replace(KEYS, forward_play=1e-4, backward_play=1e-4)
+    held = pushed(meshes(3), keys, 0.97 * limit, "condensed", axis=1)
+    assert held == pytest.approx(0.97 * limit, rel=1e-6)
+    with pytest.raises(ConvergenceError):
+        pushed(meshes(3), keys, 1.03 * limit, "condensed", axis=1)

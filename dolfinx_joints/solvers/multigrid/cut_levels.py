@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
@@ -121,27 +122,60 @@ def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[P
     whole = ties.matMult(prolongation)
     starts, entries, values = whole.getValuesCSR()
     whole.destroy()
-    node = np.repeat(np.arange(rows), np.diff(starts)) // size
-    pairs, pair = np.unique(node * (columns[1] // wide) + entries // wide, return_inverse=True)
-    node, function = np.divmod(pairs, columns[1] // wide)
+    ends, function = _pairs(starts[::size].copy(), entries // wide, columns[1] // wide)
+    node = np.repeat(np.arange(rows // size), np.diff(ends))
     joint = _shared(ties)[node]
     blocks = blocks_of(comm, columns[0] // wide)
     touched = np.zeros(columns[0] // wide, dtype=bool)
     owner = rank_of(blocks, function)
     touched[sent_to(comm, owner[joint], function[joint]) - blocks[comm.rank]] = True
     cut = np.flatnonzero(rows_at(comm, touched, function))
-    part = np.zeros(len(pairs), dtype=np.int64)
+    part = np.zeros(len(function), dtype=np.int64)
     part[cut] = _parts(matrix, size, node[cut], function[cut])
     first, functions = _numbered(comm, blocks, touched, function, part)
-    number = (first + part)[pair] * wide + entries % wide
-    order = np.lexsort((number, np.repeat(np.arange(rows), np.diff(starts))))
-    cut_matrix = PETSc.Mat().createAIJ(
-        ((rows, every), (int(functions.sum()) * wide, None)),
-        csr=(starts, number[order].astype(PETSc.IntType), values[order]),
-        comm=matrix.comm,
-    )
+    entries = _renumbered(starts, entries, size, wide, ends, function, first + part)
+    sizes = ((rows, every), (int(functions.sum()) * wide, None))
+    cut_matrix = PETSc.Mat().createAIJ(sizes, csr=(starts, entries, values), comm=matrix.comm)
     cut_matrix.setBlockSizes(size, wide)
     return cut_matrix, functions
+
+
+def _pairs(starts: NDArray[Any], functions: NDArray[Any], count: int) -> tuple[Ints, Ints]:
+    """Functions of each local node, once each and sorted, one node after the other.
+
+    Args:
+        starts: First entry of each node, shape (n + 1,).
+        functions: Function of each entry.
+        count: Number of functions.
+
+    Returns:
+        First pair of each node, shape (n + 1,), and function of each pair.
+    """
+    ones = np.ones(len(functions), dtype=np.int8)
+    held = csr_array((ones, functions, starts), shape=(len(starts) - 1, count))
+    held.sum_duplicates()
+    return held.indptr.astype(np.int64), held.indices.astype(np.int64)
+
+
+@njit(cache=True)
+def _renumbered(
+    starts: NDArray[Any],
+    entries: NDArray[Any],
+    size: int,
+    wide: int,
+    ends: Ints,
+    function: Ints,
+    number: Ints,
+) -> NDArray[Any]:  # pragma: no cover
+    """Columns of entries whose functions have new numbers, in the same order."""
+    found = np.empty_like(entries)
+    for row in range(len(starts) - 1):
+        p = ends[row // size]
+        for k in range(starts[row], starts[row + 1]):
+            while function[p] < entries[k] // wide:
+                p += 1
+            found[k] = number[p] * wide + entries[k] % wide
+    return found
 
 
 def _numbered(

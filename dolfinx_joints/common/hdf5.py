@@ -81,20 +81,28 @@ def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
     )
 
 
-def seal(content: bytes | memoryview) -> bytes:
+def seal(path: Path) -> bytes:
     """Checksum to be written behind the content of a file."""
-    return hashlib.sha256(content).digest()
+    return _checksum(path, path.stat().st_size)
 
 
 def check_seal(path: Path) -> None:
     """Compare the checksum at the end of a file with its content; a ValueError if they differ."""
-    checksum, left = hashlib.sha256(), path.stat().st_size - DIGEST_BYTES
+    size = path.stat().st_size - DIGEST_BYTES
+    with path.open("rb") as file:
+        file.seek(max(size, 0))
+        if file.read() != _checksum(path, size):
+            raise ValueError("its checksum is not that of its content")
+
+
+def _checksum(path: Path, left: int) -> bytes:
+    """Checksum of the first bytes of a file."""
+    checksum = hashlib.sha256()
     with path.open("rb") as file:
         while left > 0 and (block := file.read(min(left, 1 << 20))):
             checksum.update(block)
             left -= len(block)
-        if file.read() != checksum.digest():
-            raise ValueError("its checksum is not that of its content")
+    return checksum.digest()
 
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:

@@ -11,7 +11,7 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import blocks_of, dealt, equal_blocks, rank_of, rows_at, sent_to
+from dolfinx_joints.common.mpi import dealt, equal_blocks, positions, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
 from dolfinx_joints.mesh.joint_frames import facet_geometry, frames
@@ -113,7 +113,7 @@ def joint_points(
     sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
     np.add.at(sums, of, values[:, :4])
     np.minimum.at(least, of, values[:, 4])
-    number, count = _positions(comm, table[first, 0], every), comm.allreduce(len(first))
+    number, count = positions(comm, table[first, 0], every), comm.allreduce(len(first))
     share = values[:, 0] / sums[of, 0]
     areas, mean, sizes, points = (
         dealt(comm, count, number, each)
@@ -140,16 +140,6 @@ def joint_points(
         joint=joint,
         sizes=sizes,
     )
-
-
-def _positions(comm: Any, numbers: Ints, count: int) -> Ints:
-    """Position of each number, of 0 to ``count``, among those of all ranks (collective)."""
-    blocks = equal_blocks(count, comm.size)
-    start, stop = blocks[comm.rank :][:2]
-    there = np.sort(sent_to(comm, rank_of(blocks, numbers), numbers)) - start
-    position = np.zeros(stop - start, dtype=np.int64)
-    position[there] = blocks_of(comm, len(there))[comm.rank] + np.arange(len(there))
-    return rows_at(comm, position, numbers)
 
 
 def _shortest_edges(nodes: Floats, corners: int) -> Floats:

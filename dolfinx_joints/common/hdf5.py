@@ -53,6 +53,19 @@ def damage_reported(
         raise error(f"{path} {verdict}: {reason[:300]}.") from raised
 
 
+@contextmanager
+def new_file(path: Path, size: int, **options: Any) -> Iterator[h5py.File]:
+    """An HDF5 file to be written, replaced if it is there.
+
+    HDF5 does not take a full disk well, so there must be room for ``size`` bytes before it begins.
+    """
+    with path.open("w+b") as disk:
+        os.posix_fallocate(disk.fileno(), 0, max(size, 1))
+        disk.truncate(0)  # it takes no other file for a new one
+        with h5py.File(disk, "w", **options) as file:
+            yield file
+
+
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
     """Give a dataset or group attributes that `attribute` reads."""
     for name, text in texts.items():

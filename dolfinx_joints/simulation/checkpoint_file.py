@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
@@ -19,6 +19,7 @@ from dolfinx_joints.common.hdf5 import (
     attribute,
     check_seal,
     damage_reported,
+    new_file,
     seal,
     set_texts,
 )
@@ -43,10 +44,10 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
     """
     part = path.with_name(path.name + ".part")
     try:
-        with part.open("w+b") as file:
-            _write_tree(file, tree)
-            file.seek(0, os.SEEK_END)
-            file.write(seal(part))
+        _write_tree(part, tree)
+        checksum = seal(part)
+        with part.open("ab") as file:
+            file.write(checksum)
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -56,14 +57,13 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
 
 
-def _write_tree(disk: BinaryIO, tree: Mapping[str, Any]) -> None:
-    """Write a tree as HDF5, which does not take a full disk well: first there must be room."""
+def _write_tree(path: Path, tree: Mapping[str, Any]) -> None:
+    """Write a tree as HDF5."""
     facts = np.frombuffer(json.dumps(_without_arrays(tree)).encode(), dtype=np.uint8)
     arrays = list(_arrays(tree))
     size = sum(int(np.prod(each.shape)) * each.dtype.itemsize for _, each in arrays)
-    os.posix_fallocate(disk.fileno(), 0, size + facts.nbytes + _MORE_BYTES * (1 + len(arrays)))
-    disk.truncate(0)  # HDF5 takes no other file for a new one
-    with h5py.File(disk, "w", libver="latest") as file:
+    size += facts.nbytes + _MORE_BYTES * (1 + len(arrays))
+    with new_file(path, size, libver="latest") as file:
         set_texts(file, format=FORMAT)
         file.attrs["version"] = VERSION
         file.create_dataset("facts", data=facts)

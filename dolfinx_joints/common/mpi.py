@@ -275,6 +275,8 @@ def handing_out(comm: Any, *things: Any) -> Iterator[None]:
         try:
             yield
         finally:
+            for part in parts:
+                part.asked_by = None
             if comm.rank == 0:
                 for rank in range(1, comm.size if parts else 1):
                     comm.send(None, rank, _TAG)

@@ -178,7 +178,8 @@ class FieldMonitor(Monitor):
             found = joint_values(self._of_joints(joints, pressure))
             parts = {what: across(self._comm, each) for what, each in found.items()}
             values.append(({name: across(self._comm, moved)}, parts))
-        with handing_out(self._comm, values):
+        fixed = [grid.cell_data for grid in self._grids]
+        with handing_out(self._comm, values, fixed):
             for file, (points, cells) in zip(self._files, values, strict=False):
                 file.append(time, points, cells)
 

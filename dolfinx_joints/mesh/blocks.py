@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from dolfinx_joints.common.mpi import blocks_of, rows_at
+from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import local_cells
@@ -63,3 +65,30 @@ def same_places(points: Floats, distance: float) -> Ints:
     """Numbers of points, the same for those nearer to each other than a distance [m], (n,)."""
     pairs = KDTree(points).query_pairs(distance, output_type="ndarray")
     return connected(pairs[:, 0], pairs[:, 1], len(points))
+
+
+def first_at_places(comm: Any, points: Floats, distance: float) -> Ints:
+    """Number among those of all ranks of the first point at the place of each, (n,) (collective).
+
+    Args:
+        comm: Communicator.
+        points: Coordinates of this rank's, shape (n, 3), [m].
+        distance: Points nearer to each other than that are at the same place [m].
+    """
+    blocks = blocks_of(comm, len(points))
+    number = blocks[comm.rank] + np.arange(len(points))
+    # In strips across an axis, each for a rank; who is near to a border goes to both sides.
+    along = points @ np.sqrt([1.0, 2.0, 3.0])
+    reach = 2.0 * np.sqrt(6.0) * distance
+    strip = np.floor((along[:, None] + [-reach, reach]) / (1000.0 * reach)).astype(np.int64)
+    both = np.append(np.arange(len(points)), np.flatnonzero(strip[:, 0] != strip[:, 1]))
+    rank = np.append(strip[:, 0], strip[both[len(points) :], 1]) % comm.size
+    numbers, places = (sent_to(comm, rank, each[both]) for each in (number, points))
+    label = same_places(places, distance)
+    least = np.full(int(label.max(initial=-1)) + 1, blocks[-1])
+    np.minimum.at(least, label, numbers)
+    found = np.column_stack([numbers, least[label]])
+    rows = sent_to(comm, rank_of(blocks, numbers), found)
+    first = number.copy()
+    np.minimum.at(first, rows[:, 0] - blocks[comm.rank], rows[:, 1])
+    return first

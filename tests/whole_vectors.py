@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from dolfinx_joints.joints.points import JointPoints
 
 
 def own_part(comm: Any, every: np.ndarray, count: int) -> np.ndarray:
@@ -18,6 +22,17 @@ def own_part(comm: Any, every: np.ndarray, count: int) -> np.ndarray:
 def all_of(comm: Any, part: np.ndarray) -> np.ndarray:
     """Parts of all ranks, one after the other, on each of them (collective)."""
     return np.concatenate(comm.allgather(part))
+
+
+def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:
+    """Facets and points of all ranks, on each of them (collective)."""
+    order = np.argsort(all_of(comm, layout.facet))
+    of_facets = {
+        name: all_of(comm, getattr(layout, name))[order] for name in ("facet", "number", "share")
+    }
+    names = ("points", "frames", "areas", "joint", "sizes")
+    of_points = {name: all_of(comm, getattr(layout, name)) for name in names}
+    return replace(layout, **of_facets, **of_points)
 
 
 class Whole:

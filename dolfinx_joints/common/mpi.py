@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import TAG, Dealt
+
 T = TypeVar("T")
 
 
@@ -187,9 +189,7 @@ def positions(comm: Any, numbers: NDArray[np.int64], count: int) -> NDArray[np.i
     return rows_at(comm, position, numbers)
 
 
-def sorted_rows(
-    comm: Any, blocks: NDArray[np.int64], rows: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def sorted_rows(comm: Any, blocks: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows of whole numbers of all ranks in rising order, dealt by their first (collective).
 
     Args:
@@ -201,61 +201,11 @@ def sorted_rows(
     return here[np.lexsort(here.T[::-1])]
 
 
-class Dealt:
-    """A dealt array, which rank 0 can read block by block within `handing_out`.
-
-    Args:
-        comm: Communicator.
-        mine: Rows of this rank.
-        blocks: First row of each rank, and their number; found out unless given (collective).
-
-    Attributes:
-        mine: Rows of this rank.
-        shape: Of the whole array.
-        dtype: Of its entries.
-    """
-
-    def __init__(
-        self, comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
-    ) -> None:
-        """Keep the rows."""
-        self.mine = np.ascontiguousarray(mine)
-        self._blocks = blocks_of(comm, len(mine)) if blocks is None else blocks
-        self.shape = (int(self._blocks[-1]), *mine.shape[1:])
-        self.dtype = mine.dtype
-        self.asked_by: tuple[Any, int] | None = None  # `handing_out`: communicator and number
-
-    def __len__(self) -> int:
-        """Rows of all ranks."""
-        return self.shape[0]
-
-    def __iter__(self) -> Iterator[NDArray[Any]]:
-        """Blocks of rows that follow each other, on rank 0: never more than one is held there."""
-        yield self.mine
-        for rank, count in enumerate(np.diff(self._blocks)):
-            if rank > 0 and count > 0:
-                assert self.asked_by is not None
-                comm, number = self.asked_by
-                block = np.empty((count, *self.shape[1:]), self.dtype)
-                comm.send(number, rank, _TAG)
-                comm.Recv(block, rank, _TAG)
-                yield block
-
-
-# Of messages that ask for a block of an array, and bring it.
-_TAG = 4101
-
-
 def across(
     comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
 ) -> NDArray[Any] | Dealt:
     """The array of the rows of all ranks: on one rank itself, else `Dealt` (collective)."""
     return mine if comm.size == 1 else Dealt(comm, mine, blocks)
-
-
-def blocks_in(array: NDArray[Any] | Dealt) -> Iterator[NDArray[Any]]:
-    """Blocks of rows that follow each other, the whole of an ordinary array."""
-    yield from array if isinstance(array, Dealt) else (array,)
 
 
 @contextmanager
@@ -279,10 +229,10 @@ def handing_out(comm: Any, *things: Any) -> Iterator[None]:
                 part.asked_by = None
             if comm.rank == 0:
                 for rank in range(1, comm.size if parts else 1):
-                    comm.send(None, rank, _TAG)
+                    comm.send(None, rank, TAG)
             elif parts:
-                while (number := comm.recv(source=0, tag=_TAG)) is not None:
-                    comm.Send(parts[number].mine, 0, _TAG)
+                while (number := comm.recv(source=0, tag=TAG)) is not None:
+                    comm.Send(parts[number].mine, 0, TAG)
 
 
 def _dealt_in(thing: Any) -> Iterator[Dealt]:

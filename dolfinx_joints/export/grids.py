@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.mpi import Dealt, across, blocks_of
 from dolfinx_joints.postprocessing.joints.surface import JointFacets, Statics, facets_of_joint
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Array = NDArray[Any] | Dealt
+Array = Any  # NumPy's, or `Dealt`
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
 UNITS = {"gap": "m", "traction": "Pa", "status": "-", "pressure": "Pa", "broken": "-"}
@@ -115,7 +114,7 @@ def joint_grid(results: Statics, joint: str) -> Grid:
     static = {
         name: results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "frames")
     }
-    polygons: list[Floats] = []
+    polygons: list[Any] = []
     if not len(static["points"]):  # a rank may have none
         motion = csr_matrix((0, len(results.static("mesh/nodes"))))
     elif results.static("mesh/surface").shape[1] == 2:
@@ -185,25 +184,6 @@ def joined(grids: Mapping[str, Grid]) -> Grid:
             **data,
         },
         motion=vstack([grid.motion for grid in every], format="csr"),
-    )
-
-
-def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
-    """The grid of all ranks from their parts, but for the motion of their points (collective).
-
-    Args:
-        comm: Communicator.
-        grid: Part of this rank.
-        first: Number of the point that ``connectivity`` has for its first.
-    """
-    begin = blocks_of(comm, len(grid.connectivity))[comm.rank]
-    offsets = np.asarray(grid.offsets) + begin
-    return Grid(
-        points=across(comm, np.asarray(grid.points)),
-        connectivity=across(comm, np.asarray(grid.connectivity) + first),
-        offsets=across(comm, offsets if comm.rank == 0 else offsets[1:]),
-        kinds=across(comm, np.asarray(grid.kinds)),
-        cell_data={name: across(comm, np.asarray(v)) for name, v in grid.cell_data.items()},
     )
 
 

@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.mpi import Dealt, blocks_in
 from dolfinx_joints.export.grids import Array, Grid
 from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
 from dolfinx_joints.results.stream import write_whole

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import Dealt
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
 

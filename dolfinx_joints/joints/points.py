@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.common.mpi import dealt, equal_blocks, positions, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
@@ -49,22 +48,6 @@ class JointPoints:
     areas: Floats
     joint: Ints
     sizes: Floats
-
-    def gathered(self, comm: Any, *, everywhere: bool = False) -> JointPoints:
-        """Facets and points of all ranks on rank 0, none on others, or everywhere (collective)."""
-
-        def every(name: str) -> NDArray[Any]:
-            own = getattr(self, name)
-            parts = comm.allgather(own) if everywhere else comm.gather(own, root=0)
-            return own[:0] if parts is None else np.concatenate(parts)
-
-        order = np.argsort(every("facet"))
-        of_facets: dict[str, Any] = {
-            name: every(name)[order] for name in ("facet", "number", "share")
-        }
-        names = ("points", "frames", "areas", "joint", "sizes")
-        of_points: dict[str, Any] = {name: every(name) for name in names}
-        return replace(self, **of_facets, **of_points)
 
     def from_facets(self, comm: Any, values: Ints) -> Ints:
         """Whole numbers of facets (num_facets, k) at the points dealt, (n, k) (collective).

@@ -11,8 +11,8 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import (
-    Dealt,
     RowsAt,
     across,
     dealt,

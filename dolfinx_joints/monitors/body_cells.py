@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import basix
@@ -11,10 +12,14 @@ import dolfinx.cpp.io
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import Dealt, RowsAt, across, blocks_of, dealt, equal_blocks
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.results.layout import Cells
+from dolfinx_joints.monitors.joint_rows import JointRows
+from dolfinx_joints.monitors.manifest import mesh_hash
+from dolfinx_joints.monitors.probes import boundary_facets
+from dolfinx_joints.results.layout import Array, Cells
 
 Floats = NDArray[np.float64]
 
@@ -105,3 +110,30 @@ def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
     first = blocks_of(comm, len(own))[comm.rank]
     groups = {name: across(comm, first + np.flatnonzero(each)) for name, each in inside.items()}
     return Cells(kind, order.across(own), groups)
+
+
+class BodyMesh(NamedTuple):
+    """Mesh and joints as `declare_states` takes them."""
+
+    nodes: Array
+    surface: Array
+    joints: Mapping[str, Mapping[str, Array]]
+    cells: Cells
+
+
+def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
+    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        rows: Orders the joint points; None without joints.
+    """
+    comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
+    mesh = BodyMesh(
+        nodes=nodes.across(nodes.positions),
+        surface=across(comm, surface),
+        joints={} if rows is None else rows.statics(),
+        cells=body_cells(model, nodes),
+    )
+    return mesh, mesh_hash(comm, nodes.positions, surface)

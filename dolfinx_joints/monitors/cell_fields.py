@@ -74,7 +74,8 @@ class CellFields:
         """
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
-        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(self._stresses(u, joints, factors))}
+        stresses = self._stresses(u, joints, factors)
+        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(stresses)}
         if self._change:
             changes = (f * each for f, (_, _, each) in zip(factors, self._change, strict=True))
             found["temperature change [K]"] = self._cells.dealt(np.sum(list(changes), axis=0))

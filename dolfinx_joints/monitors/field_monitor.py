@@ -23,7 +23,6 @@ from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_
 from dolfinx_joints.export.grids import (
     Grid,
     StaticArrays,
-    grid_across,
     joined,
     joint_grid,
     joint_values,
@@ -44,7 +43,7 @@ from dolfinx_joints.monitors.probes import facets_of_cells
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
-Floats = NDArray[np.floating[Any]]
+Floats = NDArray[np.float64]
 
 
 @dataclass(eq=False)
@@ -163,7 +162,7 @@ class FieldMonitor(Monitor):
         u: PETSc.Vec,
         joints: Response | None,
         pressure: Callable[[], Floats] | None,
-        of_cells: dict[str, Floats],
+        of_cells: dict[str, NDArray[Any]],
     ) -> None:
         """Write on rank 0; what goes wrong there stops every rank (collective)."""
         name, rows = "displacement [m]", self._nodes.dealt(u)
@@ -243,3 +242,22 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> J
     for name, each in rows.own_statics().items():
         arrays |= {f"joints/{name}/{what}": values for what, values in each.items()}
     return JointsOfRank(joined({name: joint_grid(arrays, name) for name in rows.names}), at)
+
+
+def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
+    """The grid of all ranks from their parts, but for the motion of their points (collective).
+
+    Args:
+        comm: Communicator.
+        grid: Part of this rank.
+        first: Number of the point that ``connectivity`` has for its first.
+    """
+    begin = blocks_of(comm, len(grid.connectivity))[comm.rank]
+    offsets = np.asarray(grid.offsets) + begin
+    return Grid(
+        points=across(comm, np.asarray(grid.points)),
+        connectivity=across(comm, np.asarray(grid.connectivity) + first),
+        offsets=across(comm, offsets if comm.rank == 0 else offsets[1:]),
+        kinds=across(comm, np.asarray(grid.kinds)),
+        cell_data={name: across(comm, np.asarray(v)) for name, v in grid.cell_data.items()},
+    )

@@ -92,7 +92,8 @@ class Fields:
         """
         if self._rows is None or self._extras is None or joints is None:
             return {}
-        found = {"gap": joints.state.gap, "traction": joints.traction, "status": joints.status}
+        found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
+        found["status"] = joints.status
         found |= self._extras.values(joints, pressure)
         return {what: self._rows(values) for what, values in found.items()}
 

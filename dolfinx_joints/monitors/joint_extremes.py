@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import Dealt, of_ranks
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, broken_joints

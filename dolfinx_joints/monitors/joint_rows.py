@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import Dealt, RowsAt, across, dealt, equal_blocks
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import RowsAt, across, dealt, equal_blocks
 from dolfinx_joints.joints.operator import JointOperator
 
 Rows = NDArray[Any]

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints import __version__
-from dolfinx_joints.common.mpi import across, blocks_in, blocks_of, handing_out, sorted_rows
+from dolfinx_joints.common.dealt import blocks_in
+from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
 from dolfinx_joints.results.resolved import Resolved, of_step
 
 if TYPE_CHECKING:
@@ -101,10 +102,8 @@ def versions() -> dict[str, str]:
     return found
 
 
-def mesh_hash(
-    comm: Any, nodes: NDArray[np.float64], surface: NDArray[np.int64]
-) -> str | None:
-    """SHA-256 of node coordinates and boundary facets on rank 0, None elsewhere (collective).
+def mesh_hash(comm: Any, nodes: NDArray[np.float64], surface: NDArray[np.int64]) -> str:
+    """SHA-256 of node coordinates and boundary facets on rank 0, of nothing elsewhere (collective).
 
     Args:
         comm: Communicator.
@@ -116,9 +115,7 @@ def mesh_hash(
     parts = [across(comm, nodes, blocks), across(comm, facets)]
     digest = hashlib.sha256()
     with handing_out(comm, parts):
-        if comm.rank > 0:
-            return None
-        for part in parts:
+        for part in parts if comm.rank == 0 else ():
             for block in blocks_in(part):
                 digest.update(np.ascontiguousarray(block).tobytes())
     return digest.hexdigest()

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError, ResultsError
-from dolfinx_joints.common.mpi import across, handing_out, raised_together
+from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
-from dolfinx_joints.monitors.body_cells import body_cells
+from dolfinx_joints.monitors.body_cells import body_mesh
 from dolfinx_joints.monitors.fields import Fields, StageFields, energies, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.joint_rows import JointRows
-from dolfinx_joints.monitors.manifest import manifest, mesh_hash
+from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.probes import (
     PointProbe,
     Probe,
-    boundary_facets,
     checked_points,
 )
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
@@ -40,8 +39,6 @@ from dolfinx_joints.postprocessing.envelopes import (
     declare_envelopes,
 )
 from dolfinx_joints.results.layout import (
-    Array,
-    Cells,
     declare_body,
     declare_energy,
     declare_histories,
@@ -54,15 +51,6 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
 Floats = NDArray[np.floating[Any]]
-
-
-class _Mesh(NamedTuple):
-    """Mesh and joints as `declare_states` takes them."""
-
-    nodes: Array
-    surface: Array
-    joints: Mapping[str, Mapping[str, Array]]
-    cells: Cells
 
 
 @dataclass(eq=False)
@@ -246,15 +234,8 @@ class ResultsMonitor(Monitor):
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
         self._directions = None if self._envelopes is None else self._envelopes.directions
-        surface = boundary_facets(model, self._nodes)
-        self._mesh_sha256 = mesh_hash(self._comm, self._nodes.positions, surface)
         self._rows = None if model.operator is None else JointRows(model.operator)
-        self._mesh = _Mesh(
-            nodes=self._nodes.across(self._nodes.positions),
-            surface=across(self._comm, surface),
-            joints={} if self._rows is None else self._rows.statics(),
-            cells=body_cells(model, self._nodes),
-        )
+        self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
         self._stage_fields = StageFields(
             model, self._nodes, self._rows, self._probe, self._envelopes
         )

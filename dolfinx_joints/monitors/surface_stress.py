@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import (
-    Dealt,
     across,
     added,
     blocks_of,
@@ -135,7 +135,7 @@ class SurfaceStress:
         return matrix
 
     def _blocked(self, model: Model, load: Temperature, place: Ints) -> Floats:
-        """Sum over the cells around each vertex of a temperature's stress in a clamped body [Pa]."""
+        """Sum over the cells at each vertex of a temperature's stress in a clamped body [Pa]."""
         warm = np.zeros(len(place), dtype=bool)
         if load.cells is None:
             warm[:] = True

@@ -128,9 +128,7 @@ class Envelopes:
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
 
 
-def declare_envelopes(
-    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array
-) -> None:
+def declare_envelopes(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
     """Declare the stream ``envelopes``, one record at the end of a run.
 
     Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
@@ -145,9 +143,7 @@ def declare_envelopes(
         writer.series("envelopes", name, shape, "Pa", text)
 
 
-def declare_directions(
-    writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array
-) -> None:
+def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
     """Write nodes and directions; arguments as in `declare_envelopes`."""
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")

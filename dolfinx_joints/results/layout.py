@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.mpi import Dealt
 from dolfinx_joints.results.reader import (
     ABSOLUTE,
     ENERGY_TERMS,
@@ -23,7 +23,6 @@ from dolfinx_joints.results.reader import (
     STAGE_NAME_BYTES,
 )
 from dolfinx_joints.results.writer import ResultsWriter
-
 
 Array = ArrayLike | Dealt
 

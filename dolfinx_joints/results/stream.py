@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quantities of a results file that are recorded at the same times, row by row."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import set_texts
-from dolfinx_joints.common.mpi import Dealt, blocks_in
 from dolfinx_joints.results.reader import listing
 
 _CHUNK_BYTES = 65536
@@ -80,7 +81,7 @@ class Stream:
         for name, part in zip(names, np.split(self._numbers, ends[:-1], axis=1), strict=True):
             self._rows[name] = part.reshape(self._room, *shapes[name])
 
-    def append(self, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]) -> None:
+    def append(self, time: float, values: Mapping[str, Any] | NDArray[Any]) -> None:
         """Let a row wait to be written; see `ResultsWriter.append`."""
         if not (math.isfinite(time) and time > self._last):
             raise ResultsError(
@@ -97,7 +98,7 @@ class Stream:
         self._times.append(time)
         self.waiting += 1
 
-    def _take(self, values: Mapping[str, ArrayLike]) -> None:
+    def _take(self, values: Mapping[str, Any]) -> None:
         if values.keys() != self._datasets.keys():
             raise ResultsError(
                 f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
@@ -123,7 +124,7 @@ class Stream:
             )
         self._numbers[self.waiting] = values
 
-    def _make_room(self, first: Mapping[str, ArrayLike]) -> None:
+    def _make_room(self, first: Mapping[str, Any]) -> None:
         """Arrays for the rows that wait; memory is taken as they come.
 
         Records like the ``first`` with arrays that are dealt do not wait for each other.
@@ -221,7 +222,7 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
         if parts == 1:
             target[rows] = source[rows]
         else:
-            for start, stop in zip(ends[:-1], ends[1:], strict=True):
+            for start, stop in itertools.pairwise(ends):
                 target[rows, start:stop] = source[rows, start:stop]
 
 

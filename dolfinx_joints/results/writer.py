@@ -15,10 +15,10 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
-from dolfinx_joints.common.mpi import Dealt
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
@@ -189,7 +189,8 @@ class ResultsWriter:
     ) -> None:
         """Write an array once, ``name`` being its path below ``static``."""
         values = array if isinstance(array, Dealt) else np.asarray(array)
-        write_whole(self._made(name, values.shape, dtype or values.dtype, unit, description), values)
+        kind = values.dtype if dtype is None else dtype
+        write_whole(self._made(name, values.shape, kind, unit, description), values)
 
     def static_rows(
         self, name: str, rows: Sequence[NDArray[Any] | Dealt], unit: str, description: str

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
-from dolfinx_joints.common.mpi import Dealt, handing_out, on_root, raised_together
+from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -175,7 +176,6 @@ class CheckpointKeeper:
 
     def _read(self, names: Sequence[str], **facts: str) -> Tree:
         """The tree of the file, if it is of this run (collective)."""
-
         comm, tree = self._comm, {}
         for first in (True, False):  # only the first checks that the file is whole
             with raised_together(comm):
@@ -218,8 +218,7 @@ class CheckpointKeeper:
         return thing
 
     def _vector(self, values: NDArray[np.float64] | Tree) -> PETSc.Vec:
-        """A nodal vector from the rank's part of what is stored, the water's with it (collective).
-        """
+        """A vector from the rank's part of what is stored, the water's with it (collective)."""
         if isinstance(values, dict):
             coupled = self._model.coupled
             assert coupled is not None

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import (
     attribute,
@@ -23,7 +24,7 @@ from dolfinx_joints.common.hdf5 import (
     seal,
     set_texts,
 )
-from dolfinx_joints.common.mpi import Dealt, equal_blocks
+from dolfinx_joints.common.mpi import equal_blocks
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.results.stream import write_whole
 

@@ -118,7 +118,10 @@ def _of_joints(contact: Contact, held: Inventory) -> dict[str, Any]:
     of_ranks = operator.comm.allgather(hashed(of_rank))
     if len(set(of_ranks)) > 1:
         held.facts["laws as each rank holds them"] = hashed(of_ranks)
-    facts = {"joint points": operator.areas, "joints of the points": operator.joint}
+    facts: dict[str, Any] = {
+        "joint points": operator.areas,
+        "joints of the points": operator.joint,
+    }
     return _of_points(operator, {**facts, "initial gaps": contact.initial_gap})
 
 

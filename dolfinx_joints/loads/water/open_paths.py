@@ -58,10 +58,8 @@ class OpenPaths:
             ]
         else:
             corners = _corners(model, facets)
-            place, is_wet = (
-                each.reshape(corners.shape[:2])
-                for each in _places(comm, corners.reshape(-1, 3), wet, near)
-            )
+            place, is_wet = _places(comm, corners.reshape(-1, 3), wet, near)
+            place, is_wet = place.reshape(corners.shape[:2]), is_wet.reshape(corners.shape[:2])
             begin = layout.number[facets[is_wet.sum(axis=1) >= model.gdim - 1]].ravel()
             set_rows(comm, self._starts, begin, np.ones(len(begin), dtype=bool))
             links = [_links(layout.number[facets], _edges(place))]

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import Dealt, blocks_of, of_ranks, rank_of, sent_to
+from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
 from dolfinx_joints.solvers.interface.compliance import Part, Split
 from dolfinx_joints.solvers.interface.gmres import gmres
 from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix

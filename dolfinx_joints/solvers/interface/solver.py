@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.mpi import Dealt
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule

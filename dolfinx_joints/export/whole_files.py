@@ -62,7 +62,7 @@ def changed(path: Path) -> Iterator[h5py.File]:
                 yield file
             if waiting.refused is not None:
                 raise waiting.refused
-        except BaseException:
+        except Exception:
             disk.truncate(waiting.before)
             raise
         _make(path, disk, waiting)
@@ -131,7 +131,7 @@ class _Waiting:
         before: Size of the file before the changes [bytes].
         size: Size with them [bytes].
         pieces: The changes inside, the earliest first.
-        refused: Error of the disk that took no more, for HDF5 would not take it well.
+        refused: What kept the disk from taking more; HDF5 itself must not see an error.
     """
 
     def __init__(self, disk: io.FileIO) -> None:
@@ -139,7 +139,7 @@ class _Waiting:
         self._disk, self._place = disk, 0
         self.before = self.size = os.fstat(disk.fileno()).st_size
         self.pieces: list[Piece] = []
-        self.refused: OSError | None = None
+        self.refused: BaseException | None = None
 
     def read(self, size: int = -1) -> bytes:
         """Return what follows; h5py knows a file by this method."""
@@ -168,11 +168,12 @@ class _Waiting:
         return count
 
     def _written(self, content: bytes | memoryview) -> bool:
-        """Write behind the end, unless the disk is full."""
-        try:
-            _write(self._disk, [(self._place, content)])
-        except OSError as error:
-            self.refused = error
+        """Write behind the end, unless the disk is full or the run was interrupted."""
+        if self.refused is None:
+            try:
+                _write(self._disk, [(self._place, content)])
+            except BaseException as error:
+                self.refused = error
         return self.refused is None
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dolfinx_joints.common.dealt import Dealt
+
 if TYPE_CHECKING:
     from dolfinx_joints.joints.points import JointPoints
 
@@ -22,6 +24,11 @@ def own_part(comm: Any, every: np.ndarray, count: int) -> np.ndarray:
 def all_of(comm: Any, part: np.ndarray) -> np.ndarray:
     """Parts of all ranks, one after the other, on each of them (collective)."""
     return np.concatenate(comm.allgather(part))
+
+
+def as_read(state_dict: dict[str, Any]) -> dict[str, Any]:
+    """What a checkpoint of a ``state_dict`` gives back on the same ranks."""
+    return {k: each.mine if isinstance(each, Dealt) else each for k, each in state_dict.items()}
 
 
 def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:

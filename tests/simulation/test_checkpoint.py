@@ -678,6 +678,7 @@ def test_corrections_go_on_with_the_same_bits(comm):
         stuck_tangent,
         tangents,
     )
+    from whole_vectors import as_read
 
     matrix, stuck = RowMatrix.of(scaled_compliance(), comm), stuck_tangent(10.0)
     first = WholeCorrections(matrix, None, stuck, comm)
@@ -687,8 +688,7 @@ def test_corrections_go_on_with_the_same_bits(comm):
         status[::4] *= i % 2 == 0  # some open: those kept will do
         residual, tangent = right_side(seed=i), tangents(status, stuck)
         other = WholeCorrections(matrix, None, stuck, comm)
-        known = first.of_rank.state_dict()
-        other.of_rank.load_state_dict(comm.bcast(known, root=0))
+        other.of_rank.load_state_dict(as_read(first.of_rank.state_dict()))
         found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
         np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
         assert again.products == found.products

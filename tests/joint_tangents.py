@@ -14,9 +14,8 @@ pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
 pytest.importorskip("scipy")
 
-from whole_vectors import all_of
+from whole_vectors import all_of, own_part
 
-from dolfinx_joints.common.mpi import own_part
 from dolfinx_joints.solvers.interface.corrections import Correction, Corrections
 
 POINTS = 40

@@ -4,16 +4,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dolfinx_joints.common.mpi import own_part
+from dolfinx_joints.common.dealt import Dealt
+
+if TYPE_CHECKING:
+    from dolfinx_joints.joints.points import JointPoints
+
+
+def own_part(comm: Any, every: np.ndarray, count: int) -> np.ndarray:
+    """The ``count`` rows of this rank of an array in the order of the ranks (collective)."""
+    stop = comm.scan(count)
+    return every[stop - count : stop]
 
 
 def all_of(comm: Any, part: np.ndarray) -> np.ndarray:
     """Parts of all ranks, one after the other, on each of them (collective)."""
     return np.concatenate(comm.allgather(part))
+
+
+def as_read(state_dict: dict[str, Any]) -> dict[str, Any]:
+    """What a checkpoint of a ``state_dict`` gives back on the same ranks."""
+    return {k: each.mine if isinstance(each, Dealt) else each for k, each in state_dict.items()}
+
+
+def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:
+    """Facets and points of all ranks, on each of them (collective)."""
+    order = np.argsort(all_of(comm, layout.facet))
+    of_facets = {
+        name: all_of(comm, getattr(layout, name))[order] for name in ("facet", "number", "share")
+    }
+    names = ("points", "frames", "areas", "joint", "sizes")
+    of_points = {name: all_of(comm, getattr(layout, name)) for name in names}
+    return replace(layout, **of_facets, **of_points)
 
 
 class Whole:

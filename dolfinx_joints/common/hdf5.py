@@ -16,6 +16,7 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -53,6 +54,19 @@ def damage_reported(
         raise error(f"{path} {verdict}: {reason[:300]}.") from raised
 
 
+@contextmanager
+def new_file(path: Path, size: int, **options: Any) -> Iterator[h5py.File]:
+    """An HDF5 file to be written, replaced if it is there.
+
+    HDF5 does not take a full disk well, so there must be room for ``size`` bytes before it begins.
+    """
+    with path.open("w+b") as disk:
+        os.posix_fallocate(disk.fileno(), 0, max(size, 1))
+        disk.truncate(0)  # it takes no other file for a new one
+        with h5py.File(disk, "w", **options) as file:
+            yield file
+
+
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
     """Give a dataset or group attributes that `attribute` reads."""
     for name, text in texts.items():
@@ -81,20 +95,28 @@ def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
     )
 
 
-def seal(content: bytes | memoryview) -> bytes:
+def seal(path: Path) -> bytes:
     """Checksum to be written behind the content of a file."""
-    return hashlib.sha256(content).digest()
+    return _checksum(path, path.stat().st_size)
 
 
 def check_seal(path: Path) -> None:
     """Compare the checksum at the end of a file with its content; a ValueError if they differ."""
-    checksum, left = hashlib.sha256(), path.stat().st_size - DIGEST_BYTES
+    size = path.stat().st_size - DIGEST_BYTES
+    with path.open("rb") as file:
+        file.seek(max(size, 0))
+        if file.read() != _checksum(path, size):
+            raise ValueError("its checksum is not that of its content")
+
+
+def _checksum(path: Path, left: int) -> bytes:
+    """Checksum of the first bytes of a file."""
+    checksum = hashlib.sha256()
     with path.open("rb") as file:
         while left > 0 and (block := file.read(min(left, 1 << 20))):
             checksum.update(block)
             left -= len(block)
-        if file.read() != checksum.digest():
-            raise ValueError("its checksum is not that of its content")
+    return checksum.digest()
 
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:

@@ -3,17 +3,19 @@
 """Errors that every rank raises alike, so that no rank waits for one that stopped; rows of arrays.
 
 The rows of an array that is whole on no rank are dealt: each rank has a block, those of rank 0 come
-first.
+first. Rank 0 writes such an array block by block, as `Dealt`, while others are `handing_out`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dolfinx_joints.common.dealt import TAG, Dealt
 
 T = TypeVar("T")
 
@@ -80,12 +82,6 @@ def gathered(comm: Any, values: NDArray[Any]) -> NDArray[Any] | None:
     return None if parts is None else np.concatenate(parts)
 
 
-def own_part(comm: Any, every: NDArray[Any], count: int) -> NDArray[Any]:
-    """The ``count`` rows of this rank of an array in the order of the ranks (collective)."""
-    stop = comm.scan(count)
-    return every[stop - count : stop]
-
-
 def equal_blocks(count: int, ranks: int) -> NDArray[np.int64]:
     """First row of each rank's share of some rows, and their number, shape (ranks + 1,)."""
     return np.linspace(0, count, ranks + 1).astype(np.int64)
@@ -110,12 +106,52 @@ def sent_to(comm: Any, rank: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[A
 
 def rows_at(comm: Any, rows: NDArray[Any], number: NDArray[np.int64]) -> NDArray[Any]:
     """Rows of a dealt array by their number among all, in any order and repeated (collective)."""
-    blocks = blocks_of(comm, len(rows))
-    wanted, place = np.unique(number, return_inverse=True)
-    ends = np.searchsorted(wanted, blocks[1:-1])
-    asked = comm.alltoall(np.split(wanted, ends))
-    found = np.concatenate(comm.alltoall([rows[each - blocks[comm.rank]] for each in asked]))
-    return found[place.ravel()]
+    return RowsAt(comm, len(rows), number)(rows)
+
+
+class RowsAt:
+    """The same of many arrays dealt alike.
+
+    Args:
+        comm: Communicator.
+        count: Rows of this rank.
+        number: Numbers among all of the rows that this rank asks for, shape (n,).
+    """
+
+    def __init__(self, comm: Any, count: int, number: NDArray[np.int64]) -> None:
+        """Tell each rank what is asked for (collective)."""
+        self._comm, self._number = comm, number
+        if comm.size == 1:
+            return
+        blocks = blocks_of(comm, count)
+        wanted, place = np.unique(number, return_inverse=True)
+        self._place, self._ends = place.ravel(), np.searchsorted(wanted, blocks[1:-1])
+        asked = comm.alltoall(np.split(wanted, self._ends))
+        self._sent = [each - blocks[comm.rank] for each in asked]
+        self._wanted = len(wanted)
+
+    def __call__(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """The rows asked for, shape (n, ...) (collective)."""
+        if self._comm.size == 1:
+            return rows[self._number]
+        found = np.concatenate(self._comm.alltoall([rows[each] for each in self._sent]))
+        return found[self._place]
+
+    def mark(self, marks: NDArray[np.bool_], rows: NDArray[np.bool_]) -> None:
+        """Set those of this rank's rows that any rank marks where it has asked (collective).
+
+        Args:
+            marks: Of the numbers asked for, shape (n,).
+            rows: This rank's rows.
+        """
+        if self._comm.size == 1:
+            rows[self._number[marks]] = True
+            return
+        each = np.zeros(self._wanted, dtype=bool)
+        each[self._place[marks]] = True
+        parts = self._comm.alltoall(np.split(each, self._ends))
+        for sent, part in zip(self._sent, parts, strict=True):
+            rows[sent[part]] = True
 
 
 def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
@@ -131,6 +167,84 @@ def set_rows(comm: Any, array: NDArray[Any], number: NDArray[np.int64], rows: ND
     blocks = blocks_of(comm, len(array))
     rank = rank_of(blocks, number)
     array[sent_to(comm, rank, number) - blocks[comm.rank]] = sent_to(comm, rank, rows)
+
+
+def added(
+    comm: Any, blocks: NDArray[np.int64], number: NDArray[np.int64], values: NDArray[Any]
+) -> NDArray[Any]:
+    """Sums of values (n,) over the rows that they belong to; this rank's rows (collective)."""
+    rank = rank_of(blocks, number)
+    here, first = sent_to(comm, rank, number), blocks[comm.rank]
+    size = int(blocks[comm.rank + 1] - first)
+    return np.bincount(here - first, weights=sent_to(comm, rank, values), minlength=size)
+
+
+def positions(comm: Any, numbers: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Position of each number, of 0 to ``count``, among those of all ranks (collective)."""
+    blocks = equal_blocks(count, comm.size)
+    start, stop = blocks[comm.rank :][:2]
+    there = np.sort(sent_to(comm, rank_of(blocks, numbers), numbers)) - start
+    position = np.zeros(stop - start, dtype=np.int64)
+    position[there] = blocks_of(comm, len(there))[comm.rank] + np.arange(len(there))
+    return rows_at(comm, position, numbers)
+
+
+def sorted_rows(comm: Any, blocks: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows of whole numbers of all ranks in rising order, dealt by their first (collective).
+
+    Args:
+        comm: Communicator.
+        blocks: First numbers of each rank, and the end.
+        rows: Of this rank, shape (n, m).
+    """
+    here = sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
+    return here[np.lexsort(here.T[::-1])]
+
+
+def across(
+    comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
+) -> NDArray[Any] | Dealt:
+    """The array of the rows of all ranks: on one rank itself, else `Dealt` (collective)."""
+    return mine if comm.size == 1 else Dealt(comm, mine, blocks)
+
+
+@contextmanager
+def handing_out(comm: Any, *things: Any) -> Iterator[None]:
+    """Let rank 0 read dealt arrays inside the block; an error is raised on all ranks (collective).
+
+    The block must hold no collective call. Other ranks run it first, then hand out.
+
+    Args:
+        comm: Communicator.
+        things: Arrays, and dictionaries and sequences of them.
+    """
+    parts = [] if comm.size == 1 else list(_dealt_in(things))
+    for number, part in enumerate(parts):
+        part.asked_by = comm, number
+    with raised_together(comm):
+        try:
+            yield
+        finally:
+            for part in parts:
+                part.asked_by = None
+            if comm.rank == 0:
+                for rank in range(1, comm.size if parts else 1):
+                    comm.send(None, rank, TAG)
+            elif parts:
+                while (number := comm.recv(source=0, tag=TAG)) is not None:
+                    comm.Send(parts[number].mine, 0, TAG)
+
+
+def _dealt_in(thing: Any) -> Iterator[Dealt]:
+    """Dealt arrays in a tree, in the same order on all ranks."""
+    if isinstance(thing, Dealt):
+        yield thing
+    elif isinstance(thing, Mapping):
+        for each in thing.values():
+            yield from _dealt_in(each)
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            yield from _dealt_in(each)
 
 
 def on_root(comm: Any, work: Callable[[], T]) -> T:

@@ -9,16 +9,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.surface import JointSurface, Statics, facets_of_joint
+from dolfinx_joints.postprocessing.joints.surface import JointFacets, Statics, facets_of_joint
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Array = Any  # NumPy's, or `Dealt`
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
 UNITS = {"gap": "m", "traction": "Pa", "status": "-", "pressure": "Pa", "broken": "-"}
@@ -26,7 +27,7 @@ UNITS = {"gap": "m", "traction": "Pa", "status": "-", "pressure": "Pa", "broken"
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """An unstructured grid.
+    """An unstructured grid, or the part of a rank; all arrays of the whole may be dealt.
 
     Attributes:
         points: Shape (num_points, 3), [m].
@@ -38,11 +39,11 @@ class Grid:
             (num_points, num_nodes); None for a body, whose points are the nodes.
     """
 
-    points: Floats
-    connectivity: Ints
-    offsets: Ints
-    kinds: NDArray[np.uint8]
-    cell_data: Mapping[str, ArrayLike] = field(default_factory=dict)
+    points: Array
+    connectivity: Array
+    offsets: Array
+    kinds: Array
+    cell_data: Mapping[str, Array] = field(default_factory=dict)
     motion: csr_matrix | None = None
 
 
@@ -113,19 +114,23 @@ def joint_grid(results: Statics, joint: str) -> Grid:
     static = {
         name: results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "frames")
     }
-    if results.static("mesh/surface").shape[1] == 2:
+    polygons: list[Any] = []
+    if not len(static["points"]):  # a rank may have none
+        motion = csr_matrix((0, len(results.static("mesh/nodes"))))
+    elif results.static("mesh/surface").shape[1] == 2:
         polygons = [point[None] for point in static["points"]]
         motion = _motion_of_points(results, joint, static["points"])
     else:
-        surface = JointSurface(results, joint)
+        surface = JointFacets(results, joint)
         polygons = surface.patches_in_space()
         weights, lengths = np.concatenate(surface.patch_weights()), list(map(len, polygons))
         numbers = surface.nodes()[np.repeat(surface.facet_of_point, lengths)]
         motion = _mean_of_faces(results, weights, numbers)
     offsets = np.cumsum([0, *map(len, polygons)])
+    points = np.concatenate(polygons) if polygons else np.zeros((0, 3))
     axes = {name: static["frames"][:, i] for i, name in enumerate(("n", "s1", "s2"))}
     return Grid(
-        points=np.concatenate(polygons),
+        points=points,
         connectivity=np.arange(offsets[-1]),
         offsets=offsets,
         kinds=np.array([POLYGON if len(p) > 2 else VERTEX for p in polygons], dtype=np.uint8),

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -12,19 +11,22 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.grids import Grid
-from dolfinx_joints.export.whole_files import changed, finished, forgotten, write_new
+from dolfinx_joints.export.grids import Array, Grid
+from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
+from dolfinx_joints.results.stream import write_whole
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
 _CHUNK = 1 << 16  # numbers of a chunk of values
+_MORE_BYTES = 1 << 16  # of HDF5 for a file with its grid
 # Where the part of each time begins; the grid, written once, is that of every time.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
-Values = Mapping[str, ArrayLike]
+Values = Mapping[str, ArrayLike | Dealt]
 
 
 class VtkFile:
@@ -49,10 +51,10 @@ class VtkFile:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             forgotten(path)
-            content = io.BytesIO()
-            with h5py.File(content, "w") as file:
+            arrays = grid.points, grid.connectivity, grid.offsets, grid.kinds
+            size = sum(int(np.prod(each.shape)) * each.dtype.itemsize for each in arrays)
+            with begun(path, size + _MORE_BYTES) as file:
                 _write_grid(file, grid)
-            write_new(path, content.getvalue())
         except OSError as error:
             raise ResultsError(f"{path} cannot be written: {error}.") from None
 
@@ -90,10 +92,10 @@ class VtkFile:
             with changed(self.path) as file:
                 root = file["VTKHDF"]
                 for name, fixed in self._fixed.items():
-                    _append_values(root, "CellData", name, np.asarray(fixed), once=True)
+                    _append_values(root, "CellData", name, fixed, once=True)
                 for kind, data in (("PointData", point_data), ("CellData", cell_data)):
                     for name, values in data.items():
-                        _append_values(root, kind, name, np.asarray(values))
+                        _append_values(root, kind, name, values)
                 file.flush()
                 _append_time(root["Steps"], time)
         except (OSError, KeyError, RuntimeError) as error:
@@ -133,16 +135,21 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
 
 def _is_of(root: h5py.Group, grid: Grid) -> bool:
     """Whether a file has this grid."""
-    size = np.abs(grid.points).max(initial=0.0)
-    return all(
-        root[name].shape == np.shape(wanted)
-        and np.allclose(root[name], wanted, rtol=0.0, atol=1e-9 * size)
-        for name, wanted in (
-            ("Points", grid.points),
-            ("Connectivity", grid.connectivity),
-            ("Offsets", grid.offsets),
-        )
-    )
+    size = max(np.abs(each).max(initial=0.0) for each in blocks_in(grid.points))
+    wanted = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
+    return all(_alike(root[name], each, 1e-9 * size) for name, each in wanted.items())
+
+
+def _alike(dataset: h5py.Dataset, wanted: Array, tolerance: float) -> bool:
+    """Whether a dataset holds an array."""
+    if dataset.shape != wanted.shape:
+        return False
+    first, same = 0, True
+    for block in blocks_in(wanted):
+        here = dataset[first : first + len(block)]
+        same &= bool(np.allclose(here, block, rtol=0.0, atol=tolerance))
+        first += len(block)
+    return same
 
 
 def _write_grid(file: h5py.File, grid: Grid) -> None:
@@ -153,10 +160,14 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
     root["NumberOfPoints"] = np.array([len(grid.points)], dtype=np.int64)
     root["NumberOfCells"] = np.array([len(grid.kinds)], dtype=np.int64)
     root["NumberOfConnectivityIds"] = np.array([len(grid.connectivity)], dtype=np.int64)
-    root["Points"] = np.asarray(grid.points, dtype=np.float64)
-    root["Connectivity"] = np.asarray(grid.connectivity, dtype=np.int64)
-    root["Offsets"] = np.asarray(grid.offsets, dtype=np.int64)
-    root["Types"] = np.asarray(grid.kinds, dtype=np.uint8)
+    whole: tuple[tuple[str, Array, Any], ...] = (
+        ("Points", grid.points, np.float64),
+        ("Connectivity", grid.connectivity, np.int64),
+        ("Offsets", grid.offsets, np.int64),
+        ("Types", grid.kinds, np.uint8),
+    )
+    for name, values, dtype in whole:
+        write_whole(root.create_dataset(name, values.shape, dtype), values)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = 0
     _growing(steps, "Values", (), np.float64)
@@ -169,9 +180,10 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
 
 
 def _append_values(
-    root: h5py.Group, kind: str, name: str, values: NDArray[Any], *, once: bool = False
+    root: h5py.Group, kind: str, name: str, given: ArrayLike | Dealt, *, once: bool = False
 ) -> None:
     """Append values of all points or cells, and where they begin; ``once`` for all times."""
+    values = given if isinstance(given, Dealt) else np.asarray(given)
     data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
     key = name.replace("/", " per ")  # HDF5 takes it for a group
     if key not in data:
@@ -201,10 +213,11 @@ def _growing(
 
 
 def _extend(group: h5py.Group, name: str, rows: Any) -> None:
-    dataset, rows = group[name], np.asarray(rows)
-    dataset.resize(len(dataset) + len(rows), axis=0)
-    if len(rows):
-        dataset[-len(rows) :] = rows
+    dataset = group[name]
+    for block in blocks_in(rows if isinstance(rows, Dealt) else np.asarray(rows)):
+        dataset.resize(len(dataset) + len(block), axis=0)
+        if len(block):
+            dataset[-len(block) :] = block
 
 
 def _cut(root: h5py.Group, last: float) -> None:

@@ -3,9 +3,9 @@
 """Changes of HDF5 files that are made whole or not at all, also where the process is killed.
 
 HDF5 changes a file in many places one after the other, so a process that is killed between them
-leaves a file that cannot be read. Here its writes wait in memory. New bytes then go behind the end
-of the file, where nothing refers to them yet; the few kilobytes inside it are kept in
-``NAME.redo`` before they are made, so that `finished` makes them after a kill.
+leaves a file that cannot be read. Here new bytes go behind the end of the file, where nothing
+refers to them yet; the few kilobytes inside it wait in memory, and are kept in ``NAME.redo``
+before they are made, so that `finished` makes them after a kill.
 """
 
 from __future__ import annotations
@@ -19,7 +19,22 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-Piece = tuple[int, bytes]  # place in the file [bytes], what is written there
+from dolfinx_joints.common.hdf5 import new_file
+
+Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is written there
+
+
+@contextmanager
+def begun(path: Path, size: int) -> Iterator[h5py.File]:
+    """An HDF5 file of so many bytes, to be written whole or not at all, as by `write_new`."""
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with new_file(part, size) as file:
+            yield file
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def write_new(path: Path, content: bytes) -> None:
@@ -42,8 +57,14 @@ def changed(path: Path) -> Iterator[h5py.File]:
     """
     with path.open("r+b", buffering=0) as disk:
         waiting = _Waiting(disk)
-        with h5py.File(waiting, "r+") as file:
-            yield file
+        try:
+            with h5py.File(waiting, "r+") as file:
+                yield file
+            if waiting.refused is not None:
+                raise waiting.refused
+        except Exception:
+            disk.truncate(waiting.before)
+            raise
         _make(path, disk, waiting)
 
 
@@ -73,13 +94,11 @@ def _redo(path: Path) -> Path:
 
 
 def _make(path: Path, disk: io.FileIO, waiting: _Waiting) -> None:
-    """Write what waits: first what nothing refers to, then the rest in HDF5's order."""
-    before, size = waiting.before, waiting.size
-    inside = [piece for piece in waiting.pieces if piece[0] < before]
+    """Write what waits, in HDF5's order."""
+    before, size, inside = waiting.before, waiting.size, waiting.pieces
     try:
         if size > before:
             os.posix_fallocate(disk.fileno(), before, size - before)
-        _write(disk, [piece for piece in waiting.pieces if piece[0] >= before])
         kept = io.BytesIO()
         np.savez(
             kept,
@@ -106,12 +125,13 @@ def _write(disk: io.FileIO, pieces: list[Piece]) -> None:
 
 
 class _Waiting:
-    """A file as HDF5 sees it, whose changes wait in memory.
+    """A file as HDF5 sees it, whose changes inside wait in memory.
 
     Attributes:
-        before: Size of the file on the disk [bytes].
-        size: Size with the changes [bytes].
-        pieces: The changes, the earliest first.
+        before: Size of the file before the changes [bytes].
+        size: Size with them [bytes].
+        pieces: The changes inside, the earliest first.
+        refused: What kept the disk from taking more; HDF5 itself must not see an error.
     """
 
     def __init__(self, disk: io.FileIO) -> None:
@@ -119,6 +139,7 @@ class _Waiting:
         self._disk, self._place = disk, 0
         self.before = self.size = os.fstat(disk.fileno()).st_size
         self.pieces: list[Piece] = []
+        self.refused: BaseException | None = None
 
     def read(self, size: int = -1) -> bytes:
         """Return what follows; h5py knows a file by this method."""
@@ -138,11 +159,22 @@ class _Waiting:
         return len(target)
 
     def write(self, content: bytes | memoryview) -> int:
-        """Let a change wait."""
-        self.pieces.append((self._place, bytes(content)))
-        self._place += len(self.pieces[-1][1])
+        """Let a change wait, or write it behind the end."""
+        count = memoryview(content).nbytes
+        if self._place < self.before or not self._written(content):
+            self.pieces.append((self._place, bytes(content)))
+        self._place += count
         self.size = max(self.size, self._place)
-        return len(self.pieces[-1][1])
+        return count
+
+    def _written(self, content: bytes | memoryview) -> bool:
+        """Write behind the end, unless the disk is full or the run was interrupted."""
+        if self.refused is None:
+            try:
+                _write(self._disk, [(self._place, content)])
+            except BaseException as error:
+                self.refused = error
+        return self.refused is None
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Go to a place [bytes]."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
@@ -77,23 +78,20 @@ class Chatter:
         return self._found
 
     def state_dict(self) -> dict[str, Any]:
-        """What has been seen so far, of all points on rank 0 (collective)."""
+        """What has been seen so far (collective)."""
         if self._contact is None:
             return {}
         points = np.column_stack([self._lasts, self._impulse, self._rubbed, self._flight])
-        every = self._contact.operator.gather(points)
+        every = Dealt(self._contact.operator.comm, points)
         return {"found": dict(self._found), "sums": self._total(), "points": every}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave (collective)."""
+        """Take up what another's ``state_dict`` gave, of this rank's points."""
         if self._contact is None:
             return
-        comm, count = self._contact.operator.comm, len(self._lasts)
-        first = sum(comm.allgather(count)[: comm.rank])
-        mine = np.array(state_dict["points"][first : first + count], dtype=np.float64)
-        self._lasts, self._impulse, self._rubbed, self._flight = mine.T.copy()
+        self._lasts, self._impulse, self._rubbed, self._flight = state_dict["points"].T.copy()
         self._found = dict(state_dict["found"])
-        if comm.rank == 0:
+        if self._contact.operator.comm.rank == 0:
             self._sums[:] = state_dict["sums"]
 
 

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import blocks_of, dealt, equal_blocks, rank_of, rows_at, sent_to
+from dolfinx_joints.common.mpi import dealt, equal_blocks, positions, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
 from dolfinx_joints.mesh.joint_frames import facet_geometry, frames
@@ -49,22 +48,6 @@ class JointPoints:
     areas: Floats
     joint: Ints
     sizes: Floats
-
-    def gathered(self, comm: Any, *, everywhere: bool = False) -> JointPoints:
-        """Facets and points of all ranks on rank 0, none on others, or everywhere (collective)."""
-
-        def every(name: str) -> NDArray[Any]:
-            own = getattr(self, name)
-            parts = comm.allgather(own) if everywhere else comm.gather(own, root=0)
-            return own[:0] if parts is None else np.concatenate(parts)
-
-        order = np.argsort(every("facet"))
-        of_facets: dict[str, Any] = {
-            name: every(name)[order] for name in ("facet", "number", "share")
-        }
-        names = ("points", "frames", "areas", "joint", "sizes")
-        of_points: dict[str, Any] = {name: every(name) for name in names}
-        return replace(self, **of_facets, **of_points)
 
     def from_facets(self, comm: Any, values: Ints) -> Ints:
         """Whole numbers of facets (num_facets, k) at the points dealt, (n, k) (collective).
@@ -113,7 +96,7 @@ def joint_points(
     sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
     np.add.at(sums, of, values[:, :4])
     np.minimum.at(least, of, values[:, 4])
-    number, count = _positions(comm, table[first, 0], every), comm.allreduce(len(first))
+    number, count = positions(comm, table[first, 0], every), comm.allreduce(len(first))
     share = values[:, 0] / sums[of, 0]
     areas, mean, sizes, points = (
         dealt(comm, count, number, each)
@@ -140,16 +123,6 @@ def joint_points(
         joint=joint,
         sizes=sizes,
     )
-
-
-def _positions(comm: Any, numbers: Ints, count: int) -> Ints:
-    """Position of each number, of 0 to ``count``, among those of all ranks (collective)."""
-    blocks = equal_blocks(count, comm.size)
-    start, stop = blocks[comm.rank :][:2]
-    there = np.sort(sent_to(comm, rank_of(blocks, numbers), numbers)) - start
-    position = np.zeros(stop - start, dtype=np.int64)
-    position[there] = blocks_of(comm, len(there))[comm.rank] + np.arange(len(there))
-    return rows_at(comm, position, numbers)
 
 
 def _shortest_edges(nodes: Floats, corners: int) -> Floats:

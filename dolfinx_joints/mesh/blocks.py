@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import local_cells
@@ -17,16 +19,27 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 
 def block_of_nodes(nodes: NodeNumbering) -> Ints:
-    """Number of the block of each local node, ghosts included (collective)."""
-    mesh = nodes.space.mesh
-    owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    cells = mesh.comm.gather(nodes.number[nodes.space.dofmap.list[:owned]], root=0)
+    """Number of the block of each local node, ghosts included (collective).
 
-    def blocks() -> Ints:
-        every = np.concatenate(cells)
-        return connected(np.repeat(every[:, 0], every.shape[1]), every.ravel(), every.max() + 1)
-
-    return on_root(mesh.comm, blocks)[nodes.number]
+    Blocks are numbered by their first node.
+    """
+    comm, index_map = nodes.space.mesh.comm, nodes.space.dofmap.index_map
+    cells = nodes.space.dofmap.list
+    here = connected(np.repeat(cells[:, 0], cells.shape[1]), cells.ravel(), len(nodes.number))
+    count, owned = int(here.max(initial=-1)) + 1, index_map.size_local
+    least = np.full(count, nodes.count, dtype=np.int64)
+    np.minimum.at(least, here, nodes.number)
+    # A part of this rank is one with that of another rank to which a common node belongs.
+    blocks = blocks_of(comm, count)
+    mine = here + blocks[comm.rank]
+    ghosts = np.arange(owned, len(here), dtype=np.int32)
+    theirs = rows_at(comm, mine[:owned], index_map.local_to_global(ghosts).astype(np.int64))
+    links = np.unique(np.column_stack([mine[owned:], theirs]), axis=0)
+    links, least = (np.concatenate(comm.allgather(each)) for each in (links, least))
+    part = connected(links[:, 0], links[:, 1], len(least))
+    first = np.full(len(least), nodes.count, dtype=np.int64)
+    np.minimum.at(first, part, least)
+    return np.unique(first[part], return_inverse=True)[1].ravel()[mine]
 
 
 def blocks_of_pairs(nodes: NodeNumbering, pairs: JointPairs, block: Ints) -> Ints:
@@ -52,3 +65,30 @@ def same_places(points: Floats, distance: float) -> Ints:
     """Numbers of points, the same for those nearer to each other than a distance [m], (n,)."""
     pairs = KDTree(points).query_pairs(distance, output_type="ndarray")
     return connected(pairs[:, 0], pairs[:, 1], len(points))
+
+
+def first_at_places(comm: Any, points: Floats, distance: float) -> Ints:
+    """Number among those of all ranks of the first point at the place of each, (n,) (collective).
+
+    Args:
+        comm: Communicator.
+        points: Coordinates of this rank's, shape (n, 3), [m].
+        distance: Points nearer to each other than that are at the same place [m].
+    """
+    blocks = blocks_of(comm, len(points))
+    number = blocks[comm.rank] + np.arange(len(points))
+    # In strips across an axis, each for a rank; who is near to a border goes to both sides.
+    along = points @ np.sqrt([1.0, 2.0, 3.0])
+    reach = 2.0 * np.sqrt(6.0) * distance
+    strip = np.floor((along[:, None] + [-reach, reach]) / (1000.0 * reach)).astype(np.int64)
+    both = np.append(np.arange(len(points)), np.flatnonzero(strip[:, 0] != strip[:, 1]))
+    rank = np.append(strip[:, 0], strip[both[len(points) :], 1]) % comm.size
+    numbers, places = (sent_to(comm, rank, each[both]) for each in (number, points))
+    label = same_places(places, distance)
+    least = np.full(int(label.max(initial=-1)) + 1, blocks[-1])
+    np.minimum.at(least, label, numbers)
+    found = np.column_stack([numbers, least[label]])
+    rows = sent_to(comm, rank_of(blocks, numbers), found)
+    first = number.copy()
+    np.minimum.at(first, rows[:, 0] - blocks[comm.rank], rows[:, 1])
+    return first

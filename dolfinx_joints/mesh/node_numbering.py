@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Numbers of nodes that no partition changes, and nodal vectors gathered in their order."""
+"""Numbers of nodes that no partition changes, and nodal vectors in their order."""
 
 from __future__ import annotations
 
@@ -11,15 +11,30 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import (
+    RowsAt,
+    across,
+    dealt,
+    equal_blocks,
+    gathered,
+    positions,
+    rows_at,
+    sent_to,
+)
 from dolfinx_joints.mesh.cells import Floats
 
 
 class NodeNumbering:
     """Numbers of the nodes in the order of the input mesh, the same on any number of ranks.
 
+    In this order nodes are dealt to the ranks in equal blocks, whoever owns them.
+
     Attributes:
         space: Vector space of the nodes.
-        positions: Node coordinates on rank 0, shape (num_nodes, 3), [m].
+        count: Number of nodes of all ranks.
+        blocks: First node dealt to each rank, and their number, shape (ranks + 1,).
+        positions: Coordinates of the nodes dealt to this rank, shape (n, 3), [m].
         number: Position of each local node (ghosts included) in that order.
     """
 
@@ -27,47 +42,69 @@ class NodeNumbering:
         """Exchange the order once (collective)."""
         self.space = V
         self._comm, self._gdim = V.mesh.comm, V.mesh.geometry.dim
-        owned = V.dofmap.index_map.size_local
-        x = V.tabulate_dof_coordinates()
-        keys = _node_keys(V)
-        parts = self._comm.allgather(keys[:owned])
-        every = np.concatenate(parts)
-        order = np.argsort(every, kind="stable")
-        self._order = order
-        sorted_keys = every[order]
-        self.number = np.searchsorted(sorted_keys, keys)
-        positions = self._comm.gather(x[:owned], root=0)
-        self.positions = np.zeros((0, 3)) if positions is None else np.concatenate(positions)[order]
+        index_map = V.dofmap.index_map
+        owned, self.count = index_map.size_local, index_map.size_global
+        local = np.arange(owned + index_map.num_ghosts, dtype=np.int32)
+        place = index_map.local_to_global(local).astype(np.int64)
+        slots = _cells(V) * V.dofmap.list.shape[1]
+        own = positions(self._comm, _least_slots(V, place)[:owned], slots)
+        self.number = rows_at(self._comm, own, place)
+        self.blocks = equal_blocks(self.count, self._comm.size)
+        order = dealt(self._comm, self.count, own, place[:owned])
+        self._rows = RowsAt(self._comm, owned, order)
+        self.positions: Floats = self._rows(V.tabulate_dof_coordinates()[:owned])
 
-    def gather(self, u: PETSc.Vec) -> Floats:
-        """Nodal vectors (num_nodes, 3) on rank 0, empty elsewhere (collective)."""
-        parts = self._comm.gather(u.getArray(readonly=True).reshape(-1, self._gdim), root=0)
-        if parts is None:
-            return np.zeros((0, 3))
-        values = np.zeros((len(self._order), 3))
-        values[:, : self._gdim] = np.concatenate(parts)[self._order]
+    @property
+    def first(self) -> int:
+        """First node that is dealt to this rank."""
+        return int(self.blocks[self._comm.rank])
+
+    def dealt(self, u: PETSc.Vec) -> Floats:
+        """Nodal vectors of the nodes dealt to this rank, shape (n, 3) (collective)."""
+        rows = self._rows(u.getArray(readonly=True).reshape(-1, self._gdim))
+        values = np.zeros((len(rows), 3))
+        values[:, : self._gdim] = rows
         return values
 
+    def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
+        """Rows of the nodes dealt to each rank as one array."""
+        return across(self._comm, rows, self.blocks)
 
-def _node_keys(V: FunctionSpace) -> NDArray[np.int64]:
-    """A number for each local node that no partition changes.
+    def own(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Rows of the nodes that this rank owns from those of the dealt ones (collective)."""
+        return rows_at(self._comm, rows, self.number[: self.space.dofmap.index_map.size_local])
 
-    The smallest (input cell, position in the cell) slot that holds the node.
+    def gather(self, u: PETSc.Vec) -> Floats:
+        """Nodal vectors of all nodes, (num_nodes, 3), on rank 0, empty elsewhere (collective)."""
+        every = gathered(self._comm, self.dealt(u))
+        return np.zeros((0, 3)) if every is None else every
+
+
+def _cells(V: FunctionSpace) -> int:
+    """Number of the cells of all ranks."""
+    return int(V.mesh.topology.index_map(V.mesh.topology.dim).size_global)
+
+
+def _least_slots(V: FunctionSpace, place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number for each local node that no partition changes (collective).
+
+    The smallest (input cell, position in the cell) slot that holds the node, on any rank.
+
+    Args:
+        V: Space of the nodes.
+        place: DOLFINx's number of each local node among those of all ranks.
     """
     mesh, dofmap = V.mesh, V.dofmap
     cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     table = dofmap.list[: len(cells)]
     slots = cells[:, None] * table.shape[1] + np.arange(table.shape[1])
-    index_map = dofmap.index_map
-    keys = np.full(index_map.size_local + index_map.num_ghosts, np.iinfo(np.int64).max)
-    np.minimum.at(keys, table.ravel(), slots.ravel())
-    return _least_over_ranks(mesh.comm, index_map, keys)
-
-
-def _least_over_ranks(comm: Any, index_map: Any, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Smallest key that any rank holds for each node."""
-    numbers = index_map.local_to_global(np.arange(len(keys), dtype=np.int32))
-    least = np.full(index_map.size_global, np.iinfo(np.int64).max)
-    for part_numbers, part_keys in comm.allgather((numbers, keys)):
-        np.minimum.at(least, part_numbers, part_keys)
-    return least[numbers]
+    least = np.full(len(place), np.iinfo(np.int64).max)
+    np.minimum.at(least, table.ravel(), slots.ravel())
+    if mesh.comm.size == 1:
+        return least
+    owned = dofmap.index_map.size_local
+    owner = dofmap.index_map.owners
+    ghosts = np.column_stack([place[owned:], least[owned:]])
+    rows = sent_to(mesh.comm, np.asarray(owner, dtype=np.int64), ghosts)
+    np.minimum.at(least, rows[:, 0] - dofmap.index_map.local_range[0], rows[:, 1])
+    return least

@@ -93,10 +93,10 @@ class BodyAndWater:
         found.setArray(both.getArray(readonly=True)[: self.dry])
         return found
 
-    def gathered(self, both: PETSc.Vec) -> Floats:
-        """The unknowns of the water in their order, on every rank (collective)."""
-        mine = both.getArray(readonly=True)[self.dry :].copy()
-        return np.concatenate(self._comm.tompi4py().allgather(mine))
+    def of_water(self, both: PETSc.Vec) -> Floats:
+        """The rank's unknowns of the water."""
+        found: Floats = both.getArray(readonly=True)[self.dry :].copy()
+        return found
 
     def pressure(self, velocity: PETSc.Vec) -> Floats:
         """Pressures p = -rho c y' at the water's nodes on the face, shape (n,), [Pa] (collective).

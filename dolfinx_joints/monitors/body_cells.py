@@ -4,16 +4,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import basix
 import dolfinx.cpp.io
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.results.layout import Cells
+from dolfinx_joints.monitors.joint_rows import JointRows
+from dolfinx_joints.monitors.manifest import mesh_hash
+from dolfinx_joints.monitors.probes import boundary_facets
+from dolfinx_joints.results.layout import Array, Cells
 
 Floats = NDArray[np.float64]
 
@@ -26,52 +32,108 @@ _KINDS = {
 }
 
 
-class CellGather:
-    """Values on cells gathered on rank 0 in the order of the input mesh.
+class CellOrder:
+    """Values on cells in the order of the input mesh, in which cells are dealt in equal blocks.
 
     Args:
         model: The model.
+
+    Attributes:
+        owned: Number of cells that this rank owns.
     """
 
     def __init__(self, model: Model) -> None:
-        """Exchange the order once (collective)."""
+        """Find the order (collective)."""
         mesh = model.jointed.mesh
-        self._comm = mesh.comm
-        self.owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        parts = self._comm.gather(np.asarray(mesh.topology.original_cell_index)[: self.owned])
-        self._order = None if parts is None else np.argsort(np.concatenate(parts), kind="stable")
+        index_map = mesh.topology.index_map(mesh.topology.dim)
+        self.owned, self._count = index_map.size_local, index_map.size_global
+        self._comm, owned = mesh.comm, np.arange(self.owned) + index_map.local_range[0]
+        number = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)[: self.owned]
+        self._rows = RowsAt(
+            self._comm, self.owned, dealt(self._comm, self._count, number, owned.astype(np.int64))
+        )
 
-    def __call__(self, values: NDArray[Any]) -> NDArray[Any] | None:
-        """Values of all cells on rank 0, None elsewhere (collective).
+    def dealt(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of the cells dealt to this rank from those of the cells it owns (collective)."""
+        return self._rows(values)
 
-        Args:
-            values: Of the owned cells, shape (owned, ...).
-        """
-        parts = self._comm.gather(values)
-        return None if parts is None else np.concatenate(parts)[self._order]
+    def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
+        """Rows of the cells dealt to each rank as one array."""
+        return across(self._comm, rows, equal_blocks(self._count, self._comm.size))
 
 
-def body_cells(model: Model, nodes: NodeNumbering) -> Cells | None:
-    """The cells of a model on rank 0, None elsewhere (collective).
+class OwnCells(NamedTuple):
+    """Cells dealt to a rank.
+
+    Attributes:
+        kind: VTK's number of the cell's shape.
+        nodes: Nodes of each cell in VTK's order, shape (n, nodes per cell).
+        inside: Which of them are in each cell group, shape (n,) each.
+    """
+
+    kind: int
+    nodes: NDArray[np.int64]
+    inside: dict[str, NDArray[np.bool_]]
+
+
+def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
+    """The cells of a model that are dealt to this rank (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        cells: Orders the cells.
+    """
+    jointed, V = model.jointed, model.V
+    table = V.dofmap.list[: cells.owned]
+    order = np.argsort(dolfinx.cpp.io.perm_vtk(jointed.mesh.topology.cell_type, table.shape[1]))
+    inside = {}
+    for name in jointed.cell_groups:
+        marks = np.zeros(cells.owned, dtype=bool)
+        of_group = jointed.cells(name)
+        marks[of_group[of_group < cells.owned]] = True
+        inside[name] = cells.dealt(marks)
+    is_linear = table.shape[1] == len(basix.geometry(jointed.shape.type))
+    kind = _KINDS[jointed.shape.name][0 if is_linear else 1]
+    return OwnCells(kind, cells.dealt(nodes.number[table][:, order]), inside)
+
+
+def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
+    """The cells of a model for a results file (collective).
 
     Args:
         model: The model.
         nodes: Numbers the nodes.
     """
-    jointed, V = model.jointed, model.V
-    gather = CellGather(model)
-    table = V.dofmap.list[: gather.owned]
-    kind = jointed.mesh.topology.cell_type
-    order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, table.shape[1]))
-    every = gather(nodes.number[table][:, order])
-    groups = {}
-    for name in jointed.cell_groups:
-        inside = np.zeros(gather.owned, dtype=bool)
-        cells = jointed.cells(name)
-        inside[cells[cells < gather.owned]] = True
-        groups[name] = gather(inside)
-    if every is None:
-        return None
-    found = {k: np.flatnonzero(inside) for k, inside in groups.items() if inside is not None}
-    is_linear = table.shape[1] == len(basix.geometry(jointed.shape.type))
-    return Cells(_KINDS[jointed.shape.name][0 if is_linear else 1], every, found)
+    order, comm = CellOrder(model), model.jointed.mesh.comm
+    kind, own, inside = own_cells(model, nodes, order)
+    first = blocks_of(comm, len(own))[comm.rank]
+    groups = {name: across(comm, first + np.flatnonzero(each)) for name, each in inside.items()}
+    return Cells(kind, order.across(own), groups)
+
+
+class BodyMesh(NamedTuple):
+    """Mesh and joints as `declare_states` takes them."""
+
+    nodes: Array
+    surface: Array
+    joints: Mapping[str, Mapping[str, Array]]
+    cells: Cells
+
+
+def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
+    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        rows: Orders the joint points; None without joints.
+    """
+    comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
+    mesh = BodyMesh(
+        nodes=nodes.across(nodes.positions),
+        surface=across(comm, surface),
+        joints={} if rows is None else rows.statics(),
+        cells=body_cells(model, nodes),
+    )
+    return mesh, mesh_hash(comm, nodes.positions, surface)

@@ -17,7 +17,7 @@ from dolfinx_joints.body.plastic_cells import PlasticResponse
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.body_cells import CellGather
+from dolfinx_joints.monitors.body_cells import CellOrder
 
 Floats = NDArray[np.floating[Any]]
 
@@ -29,13 +29,13 @@ class CellFields:
 
     Args:
         model: The model.
-        gather: Gathers values of its cells.
+        cells: Orders its cells.
     """
 
-    def __init__(self, model: Model, gather: CellGather) -> None:
+    def __init__(self, model: Model, cells: CellOrder) -> None:
         """Compile the expressions (collective)."""
-        self._model, self._gather = model, gather
-        self._all = np.arange(gather.owned, dtype=np.int32)
+        self._model, self._cells = model, cells
+        self._all = np.arange(cells.owned, dtype=np.int32)
         loads = [(i, one) for i, one in enumerate(model.loads) if isinstance(one, Temperature)]
         self._change = [(i, one.factor, self._of_cells(one, "change")) for i, one in loads]
         self._u = fem.Function(model.V)
@@ -51,8 +51,8 @@ class CellFields:
         """Values of a temperature in its cells, zero in others, shape (owned,)."""
         jointed = self._model.jointed
         cells = self._all if load.cells is None else jointed.cells(load.cells)
-        cells = cells[cells < self._gather.owned].astype(np.int32)
-        values = np.zeros(self._gather.owned)
+        cells = cells[cells < self._cells.owned].astype(np.int32)
+        values = np.zeros(self._cells.owned)
         compiled = self._compiled(getattr(load, what)(self._model))
         values[cells] = np.asarray(compiled.eval(jointed.mesh, cells)).reshape(len(cells))
         return values
@@ -63,8 +63,8 @@ class CellFields:
         joints: Response | None,
         time: float,
         loads: Sequence[int] | None = None,
-    ) -> dict[str, Any]:
-        """Values by name with unit on rank 0, nothing elsewhere (collective).
+    ) -> dict[str, Floats]:
+        """Values by name with unit of the cells dealt to this rank (collective).
 
         Args:
             u: Displacement [m].
@@ -74,17 +74,17 @@ class CellFields:
         """
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
-        found: dict[str, Any] = {"stress [Pa]": self._gather(self._stresses(u, joints, factors))}
+        stresses = self._stresses(u, joints, factors)
+        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(stresses)}
         if self._change:
             changes = (f * each for f, (_, _, each) in zip(factors, self._change, strict=True))
-            found["temperature change [K]"] = self._gather(np.sum(list(changes), axis=0))
+            found["temperature change [K]"] = self._cells.dealt(np.sum(list(changes), axis=0))
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
-            strains = np.zeros(self._gather.owned)
+            strains = np.zeros(self._cells.owned)
             cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])
             strains[cells] = means[:, 0]
-            found["accumulated plastic strain [-]"] = self._gather(strains)
-        found = {name: values for name, values in found.items() if values is not None}
-        return found | (principal(found["stress [Pa]"]) if found else {})
+            found["accumulated plastic strain [-]"] = self._cells.dealt(strains)
+        return found | principal(found["stress [Pa]"])
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
         """(xx, yy, zz, xy, yz, xz) in the owned cells: in the middle, the mean in plastic ones."""

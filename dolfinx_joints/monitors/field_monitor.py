@@ -5,31 +5,45 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import annotated_types as at
 import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
-from dolfinx_joints.common.mpi import on_root, raised_together
-from dolfinx_joints.export.grids import Grid, StaticArrays, joined, joint_grid, uniform_grid
-from dolfinx_joints.export.paraview import joints_path, values_of_all
+from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_out
+from dolfinx_joints.export.grids import (
+    Grid,
+    StaticArrays,
+    joined,
+    joint_grid,
+    joint_values,
+    uniform_grid,
+)
+from dolfinx_joints.export.paraview import joints_path
 from dolfinx_joints.export.vtk_files import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
+from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
+from dolfinx_joints.mesh.jointed_mesh import local_cells
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.body_cells import CellGather, body_cells
+from dolfinx_joints.monitors.body_cells import CellOrder, own_cells
 from dolfinx_joints.monitors.cell_fields import CellFields
 from dolfinx_joints.monitors.fields import Fields
-from dolfinx_joints.monitors.probes import boundary_facets, joint_statics
+from dolfinx_joints.monitors.joint_rows import JointRows
+from dolfinx_joints.monitors.probes import facets_of_cells
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(eq=False)
@@ -70,18 +84,13 @@ class FieldMonitor(Monitor):
         """Add a stage to the file of stages (collective)."""
         self._find(model)
         stage, number = stages[-1], len(stages)
-        self._fields = Fields(model, self._nodes, self._wet)
+        self._fields = Fields(model, self._nodes, self._rows, self._wet)
         self._open(self._stages_path, number - 1 if number > 1 else None)
         with released(self._lock, at_end=True):
-            pressure = stage.pressure
-            values = self._fields.values(
-                stage.state.displacement,
-                stage.state.joints,
-                None if pressure is None else lambda: pressure,
-            )
-            state, loads = stage.state, stage.loads
-            cells = self._cells(state.displacement, state.joints, stage.time, loads)
-            self._append(number, values, cells)
+            state, pressure = stage.state, stage.pressure
+            water = None if pressure is None else lambda: pressure
+            cells = self._cell_fields(state.displacement, state.joints, stage.time, stage.loads)
+            self._append(number, state.displacement, state.joints, water, cells)
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the files and write the first time (collective)."""
@@ -97,26 +106,28 @@ class FieldMonitor(Monitor):
 
     def _begin(self, model: Model, record: Record, last: float | None) -> None:
         self._find(model)
-        self._fields = Fields(model, self._nodes, record.wet_joints)
+        self._fields = Fields(model, self._nodes, self._rows, record.wet_joints)
         self._open(self._path, last)
 
     def _find(self, model: Model) -> None:
         """Grids of body and joints, once (collective)."""
         if self._found is model:
             return
-        self._nodes = NodeNumbering(model.V)
-        cells = body_cells(model, self._nodes)
-        self._cells = CellFields(model, CellGather(model))
+        self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
+        self._cells = CellOrder(model)
+        self._cell_fields = CellFields(model, self._cells)
         self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
-        grids = joint_grids(model, self._nodes)
-        self._names, self._grids = list(grids), list[Grid]()
-        self._comm, self._found = model.jointed.mesh.comm, model
-        if cells is not None:  # on the rank that writes
-            nodes = np.asarray(cells.nodes)
-            groups = {name: np.asarray(rows) for name, rows in cells.groups.items()}
-            self._grids.append(uniform_grid(self._nodes.positions, nodes, cells.kind, groups))
-            if grids:
-                self._grids.append(joined(grids))
+        kind, own, inside = own_cells(model, self._nodes, self._cells)
+        groups = {name: np.flatnonzero(each) for name, each in inside.items()}
+        body = uniform_grid(self._nodes.positions, own, kind, groups)
+        self._grids, self._rows = [grid_across(self._comm, body)], None
+        if model.operator is not None:
+            self._rows = JointRows(model.operator)
+            joints = joint_grid_of_rank(model, self._nodes, self._rows)
+            self._motion, self._moved = joints.grid.motion, joints.nodes
+            first = int(blocks_of(self._comm, len(joints.grid.points))[self._comm.rank])
+            self._grids.append(grid_across(self._comm, joints.grid, first))
+        self._found = model
 
     def _open(self, path: Path, last: float | None) -> None:
         """Create files that no other run writes, or go on after a time (collective)."""
@@ -134,26 +145,55 @@ class FieldMonitor(Monitor):
                 pairs = zip(places, self._grids, strict=True)
                 self._files = [_opened(place, grid, last) for place, grid in pairs]
 
-        on_root(self._comm, take)
+        with handing_out(self._comm, [vars(grid) for grid in self._grids]):
+            if self._comm.rank == 0:
+                take()
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""
         if record.step % self.every:
             return
-        values = self._fields.values(record.displacement, record.joints, record.pressure)
-        cells = self._cells(record.displacement, record.joints, record.time)
-        self._append(record.time, values, cells)
+        cells = self._cell_fields(record.displacement, record.joints, record.time)
+        self._append(record.time, record.displacement, record.joints, record.pressure, cells)
 
-    def _append(self, time: float, values: dict[str, Any], cells: dict[str, Any]) -> None:
-        """Write on the rank that does; what goes wrong there stops every rank."""
-        with raised_together(self._comm):
-            if self._files:
-                body, *joints = self._files
-                u = values["displacement"]
-                body.append(time, {"displacement [m]": u}, cells)
-                for file in joints:
-                    moved = {"displacement [m]": self._grids[1].motion @ u}
-                    file.append(time, moved, values_of_all(values, self._names))
+    def _append(
+        self,
+        time: float,
+        u: PETSc.Vec,
+        joints: Response | None,
+        pressure: Callable[[], Floats] | None,
+        of_cells: dict[str, NDArray[Any]],
+    ) -> None:
+        """Write on rank 0; what goes wrong there stops every rank (collective)."""
+        name, rows = "displacement [m]", self._nodes.dealt(u)
+        values: list[tuple[dict[str, Any], dict[str, Any]]] = [
+            (
+                {name: self._nodes.across(rows)},
+                {what: self._cells.across(each) for what, each in of_cells.items()},
+            )
+        ]
+        if self._rows is not None:
+            moved = self._motion @ self._moved(rows)
+            found = joint_values(self._of_joints(joints, pressure))
+            parts = {what: across(self._comm, each) for what, each in found.items()}
+            values.append(({name: across(self._comm, moved)}, parts))
+        fixed = [grid.cell_data for grid in self._grids]
+        with handing_out(self._comm, values, fixed):
+            for file, (points, cells) in zip(self._files, values, strict=False):
+                file.append(time, points, cells)
+
+    def _of_joints(
+        self, joints: Response | None, pressure: Callable[[], Floats] | None
+    ) -> dict[str, NDArray[Any]]:
+        """Values of this rank's rows; what only some joints have is NaN in others (collective)."""
+        assert self._rows is not None
+        values = self._fields.of_joints(joints, pressure)
+        for what, each in values.items():
+            without = [not self._fields.concerned(what, name) for name in self._rows.names]
+            if any(without):
+                values[what] = each.astype(float)
+                values[what][np.array(without)[self._rows.joint]] = np.nan
+        return values
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Let others write the files (collective)."""
@@ -174,11 +214,50 @@ def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
         return VtkFile(path, grid)
 
 
-def joint_grids(model: Model, nodes: NodeNumbering) -> dict[str, Grid]:
-    """Grid of each joint, on rank 0 (collective)."""
-    surface, joints = boundary_facets(model, nodes), joint_statics(model)
-    if model.jointed.mesh.comm.rank > 0:
-        return {}
-    arrays = StaticArrays({"mesh/nodes": nodes.positions, "mesh/surface": surface})
-    arrays |= {f"joints/{j}/{k}": v for j, each in joints.items() for k, v in each.items()}
-    return {name: joint_grid(arrays, name) for name in joints}
+class JointsOfRank(NamedTuple):
+    """The joints as a grid, of the facets dealt to a rank.
+
+    Attributes:
+        grid: The grid; its motion is that from the nodes of these facets.
+        nodes: Gives the rows of these nodes from those dealt to the ranks.
+    """
+
+    grid: Grid
+    nodes: RowsAt
+
+
+def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> JointsOfRank:
+    """The rank's part of the grid of all joints (collective)."""
+    comm, pairs = model.jointed.mesh.comm, model.jointed.pairs
+    sides = [
+        facets_of_cells(model, nodes, local_cells(model.jointed.mesh, side[:, 0]), side[:, 1])
+        for side in (pairs.minus, pairs.plus)
+    ]
+    both = dealt(comm, pairs.count, pairs.number, np.stack(sides, axis=1))
+    surface = np.unique(both.reshape(-1, both.shape[2]), axis=0)
+    near, numbers = np.unique(surface, return_inverse=True)
+    at = RowsAt(comm, len(nodes.positions), near)
+    arrays = StaticArrays({"mesh/nodes": at(nodes.positions)})
+    arrays["mesh/surface"] = numbers.reshape(surface.shape)
+    for name, each in rows.own_statics().items():
+        arrays |= {f"joints/{name}/{what}": values for what, values in each.items()}
+    return JointsOfRank(joined({name: joint_grid(arrays, name) for name in rows.names}), at)
+
+
+def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
+    """The grid of all ranks from their parts, but for the motion of their points (collective).
+
+    Args:
+        comm: Communicator.
+        grid: Part of this rank.
+        first: Number of the point that ``connectivity`` has for its first.
+    """
+    begin = blocks_of(comm, len(grid.connectivity))[comm.rank]
+    offsets = np.asarray(grid.offsets) + begin
+    return Grid(
+        points=across(comm, np.asarray(grid.points)),
+        connectivity=across(comm, np.asarray(grid.connectivity) + first),
+        offsets=across(comm, offsets if comm.rank == 0 else offsets[1:]),
+        kinds=across(comm, np.asarray(grid.kinds)),
+        cell_data={name: across(comm, np.asarray(v)) for name, v in grid.cell_data.items()},
+    )

@@ -15,7 +15,8 @@ from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import PointProbe, joint_facet_points
+from dolfinx_joints.monitors.joint_rows import JointRows
+from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import PointExtras
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
@@ -64,43 +65,58 @@ class Fields:
     Args:
         model: The model.
         nodes: Numbers the nodes.
+        rows: Orders the joint points; None without joints.
         wet: Names of the joints with water.
     """
 
-    def __init__(self, model: Model, nodes: NodeNumbering, wet: Sequence[str]) -> None:
-        """Find the joints with water or a bond (collective)."""
-        self._operator, self._nodes = model.operator, nodes
-        self._points = {} if model.operator is None else joint_facet_points(model.operator)
+    def __init__(
+        self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
+    ) -> None:
+        """Find the joints with water or a bond."""
+        self._nodes, self._rows = nodes, rows
         self._extras = None if model.contact is None else PointExtras(model.contact, wet)
 
     def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
-        """Declare what not every run has, from the arrays of `joint_statics`; on the writer."""
+        """Declare what not every run has, from the arrays of `JointRows.statics`; on the writer."""
         if self._extras is not None:
             self._extras.declare(writer, stream, joints)
+
+    def of_joints(
+        self, joints: Response | None, pressure: Callable[[], Floats] | None
+    ) -> dict[str, NDArray[Any]]:
+        """Values of the rows of this rank by what they are (collective).
+
+        Args:
+            joints: Response of the joints.
+            pressure: Gives that of the water at the local joint points, (n,), [Pa].
+        """
+        if self._rows is None or self._extras is None or joints is None:
+            return {}
+        found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
+        found["status"] = joints.status
+        found |= self._extras.values(joints, pressure)
+        return {what: self._rows(values) for what, values in found.items()}
+
+    def concerned(self, what: str, joint: str) -> bool:
+        """Whether a joint has values of this kind."""
+        return self._extras is None or joint in self._extras.joints.get(what, (joint,))
 
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, Any]:
-        """Values by name on rank 0 (collective).
+        """Values of all ranks by name (collective).
 
         Args:
             u: Displacement [m].
             joints: Response of the joints.
             pressure: Gives that of the water at the local joint points, (n,), [Pa].
         """
-        found: dict[str, Any] = {"displacement": self._nodes.gather(u)}
-        if self._operator is None or self._extras is None or joints is None:
-            return found
-        gather = self._operator.gather
-        every = {"gap": gather(joints.state.gap), "traction": gather(joints.traction)}
-        every |= {"status": gather(joints.status), **self._extras.values(joints, pressure)}
-        if every["gap"] is None:
-            return found
-        for name, (points, _) in self._points.items():
-            for what, values in every.items():
-                if name in self._extras.joints.get(what, (name,)):
-                    assert values is not None  # as the gap, on the rank that writes
-                    found[f"joints/{name}/{what}"] = values[points]
+        found: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
+        for what, rows in self.of_joints(joints, pressure).items():
+            assert self._rows is not None
+            for name, each in self._rows.across(rows).items():
+                if self.concerned(what, name):
+                    found[f"joints/{name}/{what}"] = each
         return found
 
 
@@ -110,6 +126,7 @@ class StageFields:
     Args:
         model: The model.
         nodes: Numbers the nodes.
+        rows: Orders the joint points; None without joints.
         probe: Reads the monitor points.
         envelopes: Recovers stresses; None for none.
     """
@@ -118,23 +135,25 @@ class StageFields:
         self,
         model: Model,
         nodes: NodeNumbering,
+        rows: JointRows | None,
         probe: PointProbe,
         envelopes: StressEnvelopes | None,
     ) -> None:
         """Find the joints with water."""
         self._model, self._nodes, self._probe, self._envelopes = model, nodes, probe, envelopes
         wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
-        self._fields = Fields(model, nodes, wet)
+        self._fields = Fields(model, nodes, rows, wet)
 
     def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
-        """Declare the stream, from the arrays of `joint_statics`; on the rank that writes."""
-        declare_static_stages(writer, self._probe.positions, self._nodes.positions, joints)
+        """Declare the stream, from the arrays of `JointRows.statics`; on the rank that writes."""
+        nodes = self._nodes.across(self._nodes.positions)
+        declare_static_stages(writer, self._probe.positions, nodes, joints)
         self._fields.declare(writer, "statics", joints)
         for group in self._held():
             text = f"force of the support {group} on the body"
             writer.series("statics", f"reaction/{group}", (self._model.gdim,), "N", text)
         if self._envelopes is not None:
-            declare_stage_stresses(writer, self._envelopes.nodes)
+            declare_stage_stresses(writer, self._envelopes.directions[0])
 
     def _held(self) -> tuple[str, ...]:
         """Supports; viscous boundaries hold the body in static stages."""
@@ -142,7 +161,7 @@ class StageFields:
         return tuple(dict.fromkeys((*model.constraints.groups, *model.absorbing)))
 
     def values(self, stage: StageRecord) -> dict[str, Any]:
-        """Record of a stage on rank 0 (collective)."""
+        """Record of a stage (collective)."""
         state, pressure = stage.state, stage.pressure
         found = self._fields.values(
             state.displacement, state.joints, None if pressure is None else lambda: pressure
@@ -153,7 +172,5 @@ class StageFields:
             found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             columns = self._envelopes.at(state.displacement, stage.time, stage.loads)
-            if columns is not None:
-                series = dict.fromkeys(STAGE_STRESSES.values())
-                found |= dict(zip(series, columns.T, strict=True))
+            found |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
         return found

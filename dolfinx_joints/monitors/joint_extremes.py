@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
@@ -49,7 +50,6 @@ class JointExtremesStream:
         self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
         self._order = np.argsort(model.operator.joint, kind="stable")
         self._here, self._starts = np.unique(model.operator.joint[self._order], return_index=True)
-        self._first = model.operator.matrix.getOwnershipRange()[0] // 3
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
         points = model.operator.points
         ends = np.array([points.min(initial=np.inf), -points.max(initial=-np.inf)])
@@ -100,10 +100,10 @@ class JointExtremesStream:
         rank = (~np.isnan(every[..., :1])).argmax(axis=0)  # points are dealt in their order
         return np.asarray(np.take_along_axis(every, rank[None], axis=0)[0])
 
-    def state_dict(self) -> Floats | None:
-        """Gaps from which slip counts, of all points on rank 0 (collective)."""
-        return self._operator.gather(self._gap)
+    def state_dict(self) -> Dealt:
+        """Gaps from which slip counts (collective)."""
+        return Dealt(self._operator.comm, self._gap)
 
     def load_state_dict(self, gap: Floats) -> None:
-        """Take up what another's ``state_dict`` gave."""
-        self._gap = np.array(gap[self._first : self._first + len(self._gap)])
+        """Take up those of this rank's points that another's ``state_dict`` gave."""
+        self._gap = gap.copy()

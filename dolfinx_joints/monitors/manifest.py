@@ -14,9 +14,11 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from dolfinx_joints import __version__
+from dolfinx_joints.common.dealt import blocks_in
+from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
 from dolfinx_joints.results.resolved import Resolved, of_step
 
 if TYPE_CHECKING:
@@ -32,15 +34,13 @@ _LONGEST = 1000  # characters of a parameter
 def manifest(
     model: Model,
     settings: Mapping[str, Any],
-    nodes: ArrayLike,
-    surface: ArrayLike,
+    mesh_sha256: str,
     stages: Sequence[StageRecord],
     resolved: Resolved,
 ) -> dict[str, Any]:
     """Facts that JSON can hold, of a model, its static stages and settings such as the time step.
 
-    Nodes are in the order of the input mesh, shape (num_nodes, 3), [m]; the surface is vertices of
-    boundary facets, shape (num_facets, 2 to 4). ``resolved`` is of mesh and joints.
+    ``mesh_sha256`` is of `mesh_hash`, ``resolved`` is of mesh and joints.
     """
     from petsc4py import PETSc
 
@@ -52,7 +52,7 @@ def manifest(
         "host": socket.gethostname(),
         "system": platform.platform(),
         "command": sys.argv[:50],
-        "mesh_sha256": mesh_hash(nodes, surface),
+        "mesh_sha256": mesh_sha256,
         "material": {name or "all": as_json(one) for name, one in model.body.materials.items()},
         "joint_laws": {name: as_json(law) for name, law in laws.items()},
         "loads": [as_json(load) for load in model.loads],
@@ -102,12 +102,22 @@ def versions() -> dict[str, str]:
     return found
 
 
-def mesh_hash(nodes: ArrayLike, surface: ArrayLike) -> str:
-    """SHA-256 of node coordinates and boundary facets, in whatever order the facets come."""
-    facets = np.sort(np.asarray(surface, dtype=np.int64), axis=1)
-    facets = facets[np.lexsort(facets.T[::-1])]
-    digest = hashlib.sha256(np.ascontiguousarray(nodes, dtype=np.float64).tobytes())
-    digest.update(np.ascontiguousarray(facets).tobytes())
+def mesh_hash(comm: Any, nodes: NDArray[np.float64], surface: NDArray[np.int64]) -> str:
+    """SHA-256 of node coordinates and boundary facets on rank 0, of nothing elsewhere (collective).
+
+    Args:
+        comm: Communicator.
+        nodes: Coordinates of this rank's nodes in the order of the input mesh, shape (n, 3), [m].
+        surface: Vertices of this rank's boundary facets, shape (num_facets, 2 to 4), in any order.
+    """
+    blocks = blocks_of(comm, len(nodes))
+    facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))
+    parts = [across(comm, nodes, blocks), across(comm, facets)]
+    digest = hashlib.sha256()
+    with handing_out(comm, parts):
+        for part in parts if comm.rank == 0 else ():
+            for block in blocks_in(part):
+                digest.update(np.ascontiguousarray(block).tobytes())
     return digest.hexdigest()
 
 

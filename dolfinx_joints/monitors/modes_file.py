@@ -9,10 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import across, handing_out
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import Modes
@@ -48,18 +46,20 @@ def write_modes(
             f"The modes have {max(unknowns, default=0)} unknowns, the model has {model.num_dofs}: "
             "they are of another model."
         )
-    nodes = NodeNumbering(model.V)
-    surface, cells = boundary_facets(model, nodes), body_cells(model, nodes)
-    shapes = [nodes.gather(shape) for shape in modes.shapes]
+    nodes, comm = NodeNumbering(model.V), model.jointed.mesh.comm
+    surface, cells = across(comm, boundary_facets(model, nodes)), body_cells(model, nodes)
+    positions = nodes.across(nodes.positions)
+    shapes = [nodes.across(nodes.dealt(shape)) for shape in modes.shapes]
     facts = {"stage": "modes", "modes": len(shapes), "dofs": model.num_dofs, **(metadata or {})}
-
-    def write() -> None:
+    with handing_out(comm, positions, surface, cells, shapes):
+        if comm.rank > 0:
+            return
         with ResultsWriter(Path(path), facts, overwrite=overwrite) as writer:
-            declare_body(writer, nodes.positions, surface, {}, cells)
+            declare_body(writer, positions, surface, {}, cells)
             text = "natural frequencies, all joints closed and sticking"
             writer.static("modes/frequency", modes.frequencies, "Hz", text)
             text = "mode shapes at the nodes, of unit modal mass"
-            writer.static("modes/shape", np.array(shapes), "kg^-1/2", text)
+            writer.static_rows("modes/shape", shapes, "kg^-1/2", text)
             text = "participation factors per axis"
             writer.static("modes/participation", modes.participation, "kg^1/2", text)
             text = "effective modal masses per axis"
@@ -68,5 +68,3 @@ def write_modes(
             writer.static("modes/effective_share", modes.effective_share, "-", text)
             writer.start()
             writer.finish("complete", {})
-
-    on_root(model.jointed.mesh.comm, write)

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import of_ranks, sorted_rows
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
@@ -68,10 +68,10 @@ def boundary_facets(
     without: NDArray[np.int32] | None = None,
     only: NDArray[np.int32] | None = None,
 ) -> NDArray[np.int64]:
-    """Vertices of all exterior facets in cyclic order, on every rank (collective).
+    """Vertices of all exterior facets in cyclic order, in rising order, dealt (collective).
 
     Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
-    of the body.
+    of the body. A rank has the facets whose first vertex is dealt to it.
 
     Args:
         model: The model.
@@ -85,7 +85,7 @@ def boundary_facets(
     from dolfinx.cpp.mesh import cell_num_entities
     from dolfinx.mesh import exterior_facet_indices
 
-    mesh, shape = model.jointed.mesh, model.jointed.shape
+    mesh = model.jointed.mesh
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim - 1, tdim)
     mesh.topology.create_connectivity(tdim, tdim - 1)
@@ -101,15 +101,31 @@ def boundary_facets(
         -1, cell_num_entities(mesh.topology.cell_type, tdim - 1)
     )
     local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
+    return sorted_rows(mesh.comm, nodes.blocks, facets_of_cells(model, nodes, cells, local))
+
+
+def facets_of_cells(
+    model: Model, nodes: NodeNumbering, cells: NDArray[Any], local: NDArray[Any]
+) -> NDArray[np.int64]:
+    """Vertices of facets of local cells in cyclic order, normals pointing out of the cells.
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        cells: Local cells, shape (n,).
+        local: A facet of each.
+
+    Returns:
+        Node numbers, shape (n, vertices per facet).
+    """
+    shape = model.jointed.shape
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
     of_cells = model.V.dofmap.list[cells]
     vertices = np.take_along_axis(of_cells, corners, axis=1)
     x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
     outward = x[vertices].mean(axis=1) - x[of_cells].mean(axis=1)
     inside_out = np.einsum("ij,ij->i", facet_normals(x[vertices]), outward) < 0.0
-    vertices = nodes.number[np.where(inside_out[:, None], vertices[:, ::-1], vertices)]
-    every = np.concatenate(mesh.comm.allgather(vertices))
-    return every[np.lexsort(every.T[::-1])]
+    return nodes.number[np.where(inside_out[:, None], vertices[:, ::-1], vertices)]
 
 
 class PointProbe:
@@ -187,30 +203,3 @@ class PointProbe:
             for axis in range(self._gdim):
                 columns[self._gdim * node + axis, 3 * row + axis] = 1.0
         return columns
-
-
-def joint_facet_points(operator: Any) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Points and facet numbers of each joint, facet by facet, on rank 0 (collective)."""
-    layout, found = operator.layout.gathered(operator.comm), {}
-    joint_of_facet = layout.joint[layout.number[:, 0]]
-    for i, name in enumerate(operator.names):
-        numbers = layout.number[joint_of_facet == i]
-        found[name] = (numbers.ravel(), np.repeat(np.arange(len(numbers)), numbers.shape[1]))
-    return found
-
-
-def joint_statics(model: Model) -> dict[str, dict[str, NDArray[Any]]]:
-    """Arrays that `declare_states` wants of each joint, on rank 0 (collective)."""
-    if model.operator is None:
-        return {}
-    layout, arrays = model.operator.layout.gathered(model.operator.comm), {}
-    shares = layout.share * layout.areas[layout.number]
-    joint_of_facet = layout.joint[layout.number[:, 0]]
-    for i, (name, (points, facet)) in enumerate(joint_facet_points(model.operator).items()):
-        arrays[name] = {
-            "points": layout.points[points],
-            "frames": layout.frames[points],
-            "areas": shares[joint_of_facet == i].ravel(),
-            "facet": facet,
-        }
-    return arrays

@@ -17,7 +17,7 @@ from dolfinx_joints.laws.law import Response, variables_of
 from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.probes import joint_facet_points
+from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.postprocessing.joints.extremes import compression_and_shear
 from dolfinx_joints.postprocessing.joints.resultants import (
     JointGeometry,
@@ -232,27 +232,30 @@ class ResultantsStream:
     Args:
         model: The model, with joints.
         nodes: Numbers the nodes.
+        rows: Orders the joint points.
         wet: Names of the joints with water.
+
+    Attributes:
+        sides: Blocks on the - and + side of each joint point by joint, facet by facet.
     """
 
-    def __init__(self, model: Model, nodes: NodeNumbering, wet: tuple[str, ...]) -> None:
+    def __init__(
+        self, model: Model, nodes: NodeNumbering, rows: JointRows, wet: tuple[str, ...]
+    ) -> None:
         """Find joints and blocks (collective)."""
-        assert model.operator is not None
         self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
-        self._points = joint_facet_points(model.operator)
-        self._sides = model.operator.gather(self._blocks.sides)
+        self.sides = rows.across(rows(self._blocks.sides))
         self._wet = wet
 
     def declare(self, writer: ResultsWriter) -> None:
-        """Declare the stream and write the blocks; on the rank that writes."""
+        """Declare the stream and write the blocks; on rank 0, while others hand out `sides`."""
         blocks = self._blocks
         writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
         text = "centre of mass of each block, without mass the mean of its nodes"
         writer.static("blocks/centre", blocks.centre, "m", text)
-        assert self._sides is not None  # on the rank that writes
-        for name, (points, _) in self._points.items():
+        for name, sides in self.sides.items():
             text = "blocks on the - and + side of each point"
-            writer.static(f"joints/{name}/blocks", self._sides[points], "-", text)
+            writer.static(f"joints/{name}/blocks", sides, "-", text)
             about = "about its centroid, global axes"
             _declare(writer, f"joints/{name}", (3,), f"on the + side of {name}", about)
             if name in self._wet:
@@ -324,23 +327,23 @@ class PointExtras:
         for what, names in self.joints.items():
             unit, text, dtype = kinds[what]
             for name in names:
-                shape, where = joints[name]["areas"].shape, f"joints/{name}/{what}"
+                shape, where = np.shape(joints[name]["areas"]), f"joints/{name}/{what}"
                 writer.series(stream, where, shape, unit, text, dtype=dtype)
 
     def values(
         self, joints: Response, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Values of all points of all ranks, on rank 0, by kind; only those needed (collective).
+        """Values of the local points by kind; only those needed (collective).
 
         Args:
             joints: Response of the joints.
             pressure: Gives that of the water at the local points, (n,), [Pa]; None where all is
                 dry.
         """
-        found, gather = {}, self._contact.operator.gather
+        found: dict[str, NDArray[Any]] = {}
         if self.joints["pressure"]:
             dry = np.zeros(len(joints.traction))
-            found["pressure"] = gather(dry if pressure is None else pressure())
+            found["pressure"] = dry if pressure is None else pressure()
         if self.joints["broken"]:
-            found["broken"] = gather(broken(self._contact, joints))
-        return {what: values for what, values in found.items() if values is not None}
+            found["broken"] = broken(self._contact, joints)
+        return found

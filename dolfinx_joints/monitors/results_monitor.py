@@ -18,13 +18,14 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, ResultsError
-from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
-from dolfinx_joints.monitors.body_cells import body_cells
+from dolfinx_joints.monitors.body_cells import body_mesh
 from dolfinx_joints.monitors.fields import Fields, StageFields, energies, further_energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
+from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.point_histories import (
     STATIC_PART,
@@ -34,9 +35,7 @@ from dolfinx_joints.monitors.point_histories import (
 from dolfinx_joints.monitors.probes import (
     PointProbe,
     Probe,
-    boundary_facets,
     checked_points,
-    joint_statics,
 )
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
@@ -123,44 +122,41 @@ class ResultsMonitor(Monitor):
         first = next((i for i, s in enumerate(stages, 1) if s is self._shown), 0)
         rows = [self._stage_fields.values(stage) for stage in stages[first:]]
 
-        def write() -> None:
-            with self._static_writer(model) as writer:
-                for number, row in enumerate(rows, start=self._stages + 1):
-                    writer.append("statics", number, row)
-                writer.finish("complete", {})
-
-        on_root(self._comm, write)
+        with handing_out(self._comm, self._mesh, self._directions, rows):
+            if self._comm.rank == 0:
+                with self._static_writer(model) as writer:
+                    for number, row in enumerate(rows, start=self._stages + 1):
+                        writer.append("statics", number, row)
+                    writer.finish("complete", {})
         self._shown, self._stages = stages[-1], self._stages + len(rows)
 
     def _static_writer(self, model: Model) -> ResultsWriter:
         """Writer of a file of static stages alone, on rank 0."""
         if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages})
-        made_by = manifest(model, {}, self._nodes.positions, self._surface, (), self._resolved)
+        made_by = manifest(model, {}, self._mesh_sha256, (), self._resolved)
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
         aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
         declare_points(writer, self._probe.positions)
-        declare_body(writer, self._nodes.positions, self._surface, self._joints, self._cells)
-        self._stage_fields.declare(writer, self._joints)
-        if self._envelopes is not None:
-            declare_directions(writer, *self._envelopes.directions)
+        declare_body(writer, *self._mesh)
+        self._stage_fields.declare(writer, self._mesh.joints)
+        if self._directions is not None:
+            declare_directions(writer, *self._directions)
         writer.start()
         return writer
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
-        surface, joints = self._surface, self._joints
         relative = self._relative(first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         facts["displacements"] = RELATIVE if relative else ABSOLUTE
 
         def create() -> None:
-            nodes = self._nodes.positions
             facts["manifest"] = manifest(
-                model, first.settings, nodes, surface, first.stages, self._resolved
+                model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
             replaces = self.overwrite or (self._stages > 0 and holds_statics_alone(self._path))
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
@@ -171,23 +167,26 @@ class ResultsMonitor(Monitor):
             declare_energy(writer, names, first.energy.input_by_load)
             for term, text in further_energies(model, first).items():
                 writer.series("energy", term, (), "J", text)
-            declare_states(writer, self._nodes.positions, surface, joints, self._cells, status=True)
-            self._fields.declare(writer, "states", joints)
+            declare_states(writer, *self._mesh, status=True)
+            self._fields.declare(writer, "states", self._mesh.joints)
             if self.static_part:
-                declare_static_part(writer, "states", self._nodes.positions.shape)
+                declare_static_part(writer, "states", self._mesh.nodes.shape)
             if first.stages:
-                self._stage_fields.declare(writer, joints)
+                self._stage_fields.declare(writer, self._mesh.joints)
             if self._extremes is not None:
                 self._extremes.declare(writer)
             if self._resultants is not None:
                 self._resultants.declare(writer)
-            if self._envelopes is not None:
-                declare_envelopes(writer, *self._envelopes.directions)
+            if self._directions is not None:
+                declare_envelopes(writer, *self._directions)
             writer.start()
             self._order(first)
 
         try:
-            on_root(self._comm, create)
+            sides = None if self._resultants is None else self._resultants.sides
+            with handing_out(self._comm, self._mesh, self._directions, sides):
+                if self._comm.rank == 0:
+                    create()
             for number, one in enumerate(first.stages, start=1):
                 self._append("statics", number, self._stage_fields.values(one))
             self.record(first)
@@ -231,9 +230,12 @@ class ResultsMonitor(Monitor):
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
-        self._surface, self._joints = boundary_facets(model, self._nodes), joint_statics(model)
-        self._cells = body_cells(model, self._nodes)
-        self._stage_fields = StageFields(model, self._nodes, self._probe, self._envelopes)
+        self._directions = None if self._envelopes is None else self._envelopes.directions
+        self._rows = None if model.operator is None else JointRows(model.operator)
+        self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
+        self._stage_fields = StageFields(
+            model, self._nodes, self._rows, self._probe, self._envelopes
+        )
         self._resolved = resolution(model)
         self._found = self._model = model
 
@@ -243,13 +245,14 @@ class ResultsMonitor(Monitor):
         self._ran = True
         if self._envelopes is not None:
             self._envelopes.begin()
-        self._fields = Fields(model, self._nodes, first.wet_joints)
+        self._fields = Fields(model, self._nodes, self._rows, first.wet_joints)
         self._extremes = None
         if model.contact is not None and first.joints is not None:
             self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
-        if self.resultants:
-            self._resultants = ResultantsStream(model, self._nodes, first.wet_joints)
+        if self.resultants and self._rows is not None:
+            wet = first.wet_joints
+            self._resultants = ResultantsStream(model, self._nodes, self._rows, wet)
         self._histories = PointHistories(model, self._probe, self.static_part)
         if self.static_part and first.static_part is None:
             raise JointsError(
@@ -264,7 +267,7 @@ class ResultsMonitor(Monitor):
 
     def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
-        columns = None if self._envelopes is None else self._envelopes.gather()
+        columns = None if self._envelopes is None else self._envelopes.state_dict()
         gap = None if self._extremes is None else self._extremes.state_dict()
         records: dict[str, int] = {}
         with raised_together(self._comm):
@@ -346,7 +349,8 @@ class ResultsMonitor(Monitor):
             self._append("resultants", record.time, self._resultants.values(record))
         if record.step % self.every == 0:
             values = self._fields.values(record.displacement, record.joints, record.pressure)
-            values |= {} if static is None else {STATIC_PART: self._nodes.gather(static)}
+            if static is not None:
+                values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
             self._append("states", record.time, values)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
@@ -359,7 +363,7 @@ class ResultsMonitor(Monitor):
 
     def _append(self, stream: str, time: float, values: dict[str, Any] | Floats) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""
-        with raised_together(self._comm):
+        with handing_out(self._comm, values):
             if self._writer is not None:
                 self._writer.append(stream, time, values)
 
@@ -368,12 +372,13 @@ class ResultsMonitor(Monitor):
         said = summary.get("warnings", [])
         if self._moved and self._moved not in said:
             summary = summary | {"warnings": [self._moved, *said]}
-        columns = None if self._envelopes is None else self._envelopes.gather()
-        with raised_together(self._comm):
+        values = {}
+        if self._envelopes is not None:
+            values = dict(zip(ENVELOPE_NAMES, self._envelopes.columns(), strict=True))
+        with handing_out(self._comm, values):
             if self._writer is not None:
                 writer, self._writer = self._writer, None
                 with writer:
-                    if columns is not None:
-                        values = dict(zip(ENVELOPE_NAMES, columns.T, strict=True))
+                    if values:
                         writer.append("envelopes", self._time, values)
                     writer.finish(status, summary)  # type: ignore[arg-type]

@@ -15,8 +15,19 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import lasting, on_root
+from dolfinx_joints.common.mpi import (
+    across,
+    added,
+    blocks_of,
+    dealt,
+    equal_blocks,
+    lasting,
+    rank_of,
+    rows_at,
+    sent_to,
+)
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -25,6 +36,7 @@ from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, 
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
+Array = NDArray[Any] | Dealt
 
 _CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
 
@@ -40,12 +52,12 @@ class SurfaceStress:
     Args:
         model: The model, in space.
         nodes: Numbers the nodes.
-        facets: Vertices of the facets concerned, shape (facets, vertices per facet), the same on
-            every rank; all exterior facets unless given.
+        facets: Vertices of this rank's part of the facets concerned, shape (facets, vertices per
+            facet); all exterior facets unless given.
 
     Attributes:
-        nodes: Numbers of the vertices, rising, the same on every rank, shape (n,).
-        own: Positions in ``nodes`` of those of this rank, shape (own,).
+        nodes: Numbers of the vertices dealt to this rank, rising over all, shape (n,).
+        comm: Communicator.
     """
 
     def __init__(self, model: Model, nodes: NodeNumbering, facets: Ints | None = None) -> None:
@@ -57,42 +69,52 @@ class SurfaceStress:
                 "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
                 "displacements alone do not determine."
             )
-        self._comm = model.jointed.mesh.comm
-        self.nodes: Ints = np.unique(boundary_facets(model, nodes) if facets is None else facets)
-        owned = model.V.dofmap.index_map.size_local
-        self.own: Ints = np.flatnonzero(np.isin(self.nodes, nodes.number[:owned]))
-        parts = self._comm.allgather(self.own)
-        self._order = np.argsort(np.concatenate(parts), kind="stable")
+        self.comm = comm = model.jointed.mesh.comm
+        here = np.unique(boundary_facets(model, nodes) if facets is None else facets)
+        here = np.unique(sent_to(comm, rank_of(nodes.blocks, here), here))
+        ends = blocks_of(comm, len(here))
+        numbers = ends[comm.rank] + np.arange(len(here))
+        place = np.full(len(nodes.positions), -1, dtype=np.int64)
+        place[here - nodes.first] = numbers
+        self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, here)
+        self._blocks = equal_blocks(int(ends[-1]), comm.size)
         vertices = len(basix.geometry(model.jointed.shape.type))
         num_cells = model.jointed.mesh.topology.index_map(3).size_local
         corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
-        place = np.searchsorted(self.nodes, corners)
-        met = self.nodes[np.minimum(place, len(self.nodes) - 1)] == corners
-        count = np.bincount(place[met], minlength=len(self.nodes))
-        count = np.sum(self._comm.allgather(count), axis=0)
-        place = np.where(met, place, -1)
+        place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
+        met = place[place >= 0]
+        cells = added(comm, self._blocks, met, np.ones(len(met)))
+        count = np.ones(place.shape)
+        count[place >= 0] = rows_at(comm, cells, met)
         self._matrix = self._assemble(model, place, count)
         self._thermal = [
-            (i, self._blocked(model, load, place, count), load.factor)
+            (i, self._blocked(model, load, place) / cells, load.factor)
             for i, load in enumerate(model.loads)
             if isinstance(load, Temperature)
         ]
         self._stress = self._matrix.createVecLeft()
 
-    def _assemble(self, model: Model, place: Ints, count: Ints) -> PETSc.Mat:
-        """Rows of the own vertices, six each; ``place`` is -1 off the boundary."""
+    def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
+        """Rows of the vertices, six each.
+
+        Args:
+            model: The model.
+            place: Number of the vertex at each corner of the owned cells, -1 off the boundary.
+            count: Number of the cells around each vertex.
+        """
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
         local = 3 * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts)
-        shape = (6 * len(self.nodes), local)
+        rows = np.unique(place[place >= 0])
+        shape = (6 * len(rows), local)
         parts = [(np.empty(0), np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))]
         for start in range(0, len(cells), _CHUNK):
             chunk = cells[start : start + _CHUNK]
             dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
             cell, vertex = np.nonzero(place[chunk] >= 0)
-            at = place[chunk][cell, vertex]
-            values = evaluate(chunk)[cell, vertex] / count[at][:, None, None]
+            at = np.searchsorted(rows, place[chunk][cell, vertex])
+            values = evaluate(chunk)[cell, vertex] / count[chunk][cell, vertex][:, None, None]
             i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
             j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
             part = coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape)
@@ -101,23 +123,19 @@ class SurfaceStress:
         data, row, column = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         summed = coo_matrix((data, (row, column)), shape).tocsr()
         block = dofmap.index_map.local_to_global(np.arange(local // 3, dtype=np.int32))
-        rows = np.empty(len(self.nodes), dtype=np.int64)
-        rows[np.concatenate(self._comm.allgather(self.own))] = np.arange(len(self.nodes))
-        rows = (6 * rows[:, None] + np.arange(6)).ravel()
-        filled = np.flatnonzero(np.diff(summed.indptr))
-        summed = summed[filled]
         indices = 3 * block.astype(np.int64)[summed.indices // 3] + summed.indices % 3
-        matrix = PETSc.Mat().create(comm=lasting(self._comm))
-        matrix.setSizes(((6 * len(self.own), 6 * len(self.nodes)), columns))
+        matrix = PETSc.Mat().create(comm=lasting(self.comm))
+        matrix.setSizes(((6 * len(self.nodes), 6 * int(self._blocks[-1])), columns))
         matrix.setType("aij")
         matrix.setUp()
         csr = (array.astype(PETSc.IntType) for array in (summed.indptr, indices))
-        matrix.setValuesIJV(*csr, summed.data, addv=True, rowmap=rows[filled].astype(PETSc.IntType))
+        rowmap = (6 * rows[:, None] + np.arange(6)).ravel().astype(PETSc.IntType)
+        matrix.setValuesIJV(*csr, summed.data, addv=True, rowmap=rowmap)
         matrix.assemble()
         return matrix
 
-    def _blocked(self, model: Model, load: Temperature, place: Ints, count: Ints) -> Floats:
-        """Stress of a temperature in a clamped body, at the own vertices, shape (own,), [Pa]."""
+    def _blocked(self, model: Model, load: Temperature, place: Ints) -> Floats:
+        """Sum over the cells at each vertex of a temperature's stress in a clamped body [Pa]."""
         warm = np.zeros(len(place), dtype=bool)
         if load.cells is None:
             warm[:] = True
@@ -127,14 +145,11 @@ class SurfaceStress:
         cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
         values = _at_vertices(model, load.blocked_stress(model))(cells)
         values = values.reshape(len(cells), place.shape[1])
-        cell, vertex = np.nonzero(place[cells] >= 0)
-        at = place[cells][cell, vertex]
-        summed = np.bincount(at, weights=values[cell, vertex], minlength=len(self.nodes))
-        total: Floats = np.sum(self._comm.allgather(summed), axis=0) / count
-        return total[self.own]
+        there = place[cells] >= 0
+        return added(self.comm, self._blocks, place[cells][there], values[there])
 
     def __call__(self, u: PETSc.Vec, time: float, loads: Sequence[int] | None = None) -> Floats:
-        """Stresses (xx, yy, zz, xy, yz, xz) at the own vertices, shape (own, 6), [Pa] (collective).
+        """Stresses (xx, yy, zz, xy, yz, xz) at the vertices, shape (n, 6), [Pa] (collective).
 
         Args:
             u: Displacement [m].
@@ -152,10 +167,9 @@ class SurfaceStress:
             stress = stress - np.outer(blocked_now, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return stress
 
-    def gather(self, values: Floats) -> Floats | None:
-        """Rows of all vertices in the order of ``nodes`` on rank 0, None elsewhere (collective)."""
-        parts = self._comm.gather(values, root=0)
-        return None if parts is None else np.concatenate(parts)[self._order]
+    def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
+        """Rows of the vertices dealt to each rank as one array."""
+        return across(self.comm, rows, self._blocks)
 
 
 def _evaluator(model: Model) -> Any:
@@ -185,7 +199,7 @@ class StressEnvelopes:
         groups: Names of facet groups, such as ``["upstream"]``; the whole boundary unless given.
 
     Attributes:
-        nodes: Numbers of the vertices, shape (n,).
+        nodes: Numbers of the vertices dealt to this rank, rising over all, shape (n,).
         arch: Arch directions, shape (n, 3), NaN where there are none.
         cantilever: Cantilever directions likewise.
     """
@@ -198,54 +212,84 @@ class StressEnvelopes:
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
         free = free_facets(model, nodes) if chosen is None else chosen
-        comm = model.jointed.mesh.comm
-        self.arch, self.cantilever = on_root(
-            comm, lambda: [d[self.nodes] for d in face_directions(nodes.positions, free)]
-        )
+        self.arch, self.cantilever = _directions(model, nodes, free, self.nodes)
         self.begin()
 
     @property
-    def directions(self) -> tuple[Ints, Floats, Floats]:
-        """``nodes``, ``arch`` and ``cantilever``."""
-        return self.nodes, self.arch, self.cantilever
+    def directions(self) -> tuple[Array, Array, Array]:
+        """``nodes``, ``arch`` and ``cantilever`` of all ranks."""
+        nodes, arch, cantilever = (
+            self._stress.across(each) for each in (self.nodes, self.arch, self.cantilever)
+        )
+        return nodes, arch, cantilever
 
     def begin(self) -> None:
         """Begin anew, before the first stresses of a run."""
-        own = self._stress.own
-        self._seen = Envelopes(self.arch[own], self.cantilever[own])
+        self._seen = Envelopes(self.arch, self.cantilever)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
         """Take in the stresses of a displacement [m] at a time [s] (collective)."""
         self._seen.see(self._stress(u, time))
 
-    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int]) -> Floats | None:
-        """Stresses of a static stage on rank 0, columns as in `stage_stresses` (collective)."""
-        own = self._stress.own
+    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int]) -> list[Array]:
+        """Stresses of a static stage of all ranks, as in `stage_stresses` (collective)."""
         stress = self._stress(u, time, loads)
-        return self._stress.gather(stage_stresses(stress, self.arch[own], self.cantilever[own]))
+        columns = stage_stresses(stress, self.arch, self.cantilever)
+        return [self._stress.across(each) for each in columns.T]
 
-    def gather(self) -> Floats | None:
-        """Envelopes on rank 0, columns as in ``ENVELOPE_NAMES``, None elsewhere (collective)."""
-        return self._stress.gather(self._seen.columns)
+    def state_dict(self) -> Dealt:
+        """Envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
+        return Dealt(self._stress.comm, self._seen.columns)
+
+    def columns(self) -> list[Array]:
+        """Envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
+        return [self._stress.across(each) for each in self._seen.columns.T]
 
     def load_state_dict(self, columns: Floats) -> None:
-        """Go on from the envelopes of all vertices, as ``gather`` gave them."""
-        self._seen.load_state_dict(columns[self._stress.own])
+        """Go on from those of this rank that another's ``state_dict`` gave."""
+        self._seen.load_state_dict(columns)
+
+
+def _directions(
+    model: Model, nodes: NodeNumbering, facets: Ints, wanted: Ints
+) -> tuple[Floats, Floats]:
+    """Arch and cantilever directions at some nodes (collective).
+
+    Args:
+        model: The model.
+        nodes: Numbers the nodes.
+        facets: This rank's part of the facets of the surface, in rising order over all.
+        wanted: Numbers of the nodes, rising.
+    """
+    comm = model.jointed.mesh.comm
+    # Each facet goes to all that have one of its vertices; as there, their order is that of all.
+    first = comm.allgather(int(wanted[0]) if len(wanted) else nodes.count)
+    starts = np.minimum.accumulate([*first, nodes.count][::-1])[::-1]
+    ranks = rank_of(np.append(0, starts[1:]), facets)
+    pairs = np.column_stack([np.arange(len(facets)).repeat(facets.shape[1]), ranks.ravel()])
+    row, rank = np.unique(pairs, axis=0).T
+    around = sent_to(comm, rank, facets[row])
+    near, numbers = np.unique(np.append(around, wanted), return_inverse=True)
+    places = rows_at(comm, nodes.positions, near)
+    numbers = numbers.ravel()
+    here = numbers[around.size :]
+    arch, cantilever = face_directions(places, numbers[: around.size].reshape(around.shape))
+    return arch[here], cantilever[here]
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:
-    """Vertices of the exterior facets of named groups, on every rank (collective)."""
-    found = []
+    """Vertices of the exterior facets of named groups, dealt (collective)."""
+    found, comm = [], model.jointed.mesh.comm
     for group in groups:
         facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
-        if not len(facets):
+        if not comm.allreduce(len(facets)):
             raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
         found.append(facets)
     return np.unique(np.concatenate(found), axis=0)
 
 
 def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
-    """Vertices of the exterior facets of no joint and no support, on every rank (collective)."""
+    """Vertices of the exterior facets of no joint and no support, dealt (collective)."""
     jointed = model.jointed
     sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
     taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.results.layout import Array
 from dolfinx_joints.results.writer import ResultsWriter
 
 Floats = NDArray[np.floating[Any]]
@@ -127,15 +128,13 @@ class Envelopes:
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
 
 
-def declare_envelopes(
-    writer: ResultsWriter, nodes: ArrayLike, arch: ArrayLike, cantilever: ArrayLike
-) -> None:
+def declare_envelopes(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
     """Declare the stream ``envelopes``, one record at the end of a run.
 
     Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
     """
     declare_directions(writer, nodes, arch, cantilever)
-    shape = np.asarray(nodes).shape
+    shape = np.shape(nodes)
     for name in ENVELOPE_NAMES:
         quantity, end = name.split("_")
         along = f"stress along the {quantity} direction"
@@ -144,16 +143,14 @@ def declare_envelopes(
         writer.series("envelopes", name, shape, "Pa", text)
 
 
-def declare_directions(
-    writer: ResultsWriter, nodes: ArrayLike, arch: ArrayLike, cantilever: ArrayLike
-) -> None:
+def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
     """Write nodes and directions; arguments as in `declare_envelopes`."""
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
 
 
-def declare_stage_stresses(writer: ResultsWriter, nodes: ArrayLike) -> None:
+def declare_stage_stresses(writer: ResultsWriter, nodes: Array) -> None:
     """Declare the stresses of the stream ``statics`` at the nodes of the envelopes, (n,)."""
     for series in dict.fromkeys(STAGE_STRESSES.values()):
         what = series.removeprefix("stress/")
@@ -161,7 +158,7 @@ def declare_stage_stresses(writer: ResultsWriter, nodes: ArrayLike) -> None:
         names = {"principal_max": "largest principal stress"}
         names["principal_min"] = "smallest principal stress"
         text = f"{names.get(what, along)} at the end of the stage"
-        writer.series("statics", series, np.asarray(nodes).shape, "Pa", text)
+        writer.series("statics", series, np.shape(nodes), "Pa", text)
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

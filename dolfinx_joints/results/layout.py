@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.results.reader import (
     ABSOLUTE,
@@ -22,6 +23,8 @@ from dolfinx_joints.results.reader import (
     STAGE_NAME_BYTES,
 )
 from dolfinx_joints.results.writer import ResultsWriter
+
+Array = ArrayLike | Dealt
 
 
 class Cells(NamedTuple):
@@ -34,8 +37,8 @@ class Cells(NamedTuple):
     """
 
     kind: int
-    nodes: ArrayLike
-    groups: Mapping[str, ArrayLike]
+    nodes: Array
+    groups: Mapping[str, Array]
 
 
 def declare_histories(
@@ -107,9 +110,9 @@ def declare_energy(
 
 def declare_states(
     writer: ResultsWriter,
-    nodes: ArrayLike,
-    surface: ArrayLike,
-    joints: Mapping[str, Mapping[str, ArrayLike]],
+    nodes: Array,
+    surface: Array,
+    joints: Mapping[str, Mapping[str, Array]],
     cells: Cells | None = None,
     *,
     status: bool = False,
@@ -132,13 +135,13 @@ def declare_states(
 
 def declare_body(
     writer: ResultsWriter,
-    nodes: ArrayLike,
-    surface: ArrayLike,
-    joints: Mapping[str, Mapping[str, ArrayLike]],
+    nodes: Array,
+    surface: Array,
+    joints: Mapping[str, Mapping[str, Array]],
     cells: Cells | None = None,
 ) -> None:
     """Write mesh and joints; arguments as in `declare_states`."""
-    writer.static("mesh/nodes", np.asarray(nodes, dtype=np.float64), "m", "nodes")
+    writer.static("mesh/nodes", nodes, "m", "nodes", dtype=np.float64)
     writer.static("mesh/surface", surface, "-", "vertices of the boundary facets")
     if cells is not None:
         declare_cells(writer, cells)
@@ -152,19 +155,19 @@ def declare_body(
 
 def declare_cells(writer: ResultsWriter, cells: Cells) -> None:
     """Write the cells of the body and their groups."""
-    nodes = np.asarray(cells.nodes, dtype=np.int32)
-    writer.static("mesh/cells", nodes, "-", "nodes of the cells, VTK's order")
+    text = "nodes of the cells, VTK's order"
+    writer.static("mesh/cells", cells.nodes, "-", text, dtype=np.int32)
     writer.static("mesh/cell_kind", np.array([cells.kind]), "-", "VTK's number of the cell shape")
     for name, rows in cells.groups.items():
         text = f"rows of mesh/cells in the group {name}"
-        writer.static(f"mesh/groups/{name}", np.asarray(rows, dtype=np.int32), "-", text)
+        writer.static(f"mesh/groups/{name}", rows, "-", text, dtype=np.int32)
 
 
 def declare_static_stages(
     writer: ResultsWriter,
     points: ArrayLike,
-    nodes: ArrayLike,
-    joints: Mapping[str, Mapping[str, ArrayLike]],
+    nodes: Array,
+    joints: Mapping[str, Mapping[str, Array]],
 ) -> None:
     """Declare the stream ``statics``, one record per static stage, its time the stage's number.
 
@@ -194,17 +197,17 @@ def stage_bytes(name: str) -> NDArray[np.uint8]:
 def _declare_fields(
     writer: ResultsWriter,
     stream: str,
-    nodes: ArrayLike,
-    joints: Mapping[str, Mapping[str, ArrayLike]],
+    nodes: Array,
+    joints: Mapping[str, Mapping[str, Array]],
     *,
     status: bool,
 ) -> None:
     """Declare displacements of the nodes, gaps and tractions of the joints."""
     text = "displacement of the nodes"
-    writer.series(stream, "displacement", np.asarray(nodes).shape, "m", text)
+    writer.series(stream, "displacement", np.shape(nodes), "m", text)
     for name, joint in joints.items():
         where = f"joints/{name}"
-        shape = np.asarray(joint["points"]).shape
+        shape = np.shape(joint["points"])
         writer.series(stream, f"{where}/gap", shape, "m", "gap (n, s1, s2), open if n > 0")
         text = "traction (n, s1, s2), compression if n < 0"
         writer.series(stream, f"{where}/traction", shape, "Pa", text)

@@ -23,8 +23,8 @@ Any name may be declared; `layout` says where those of a simulation are.
 """
 
 import json
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -228,6 +228,12 @@ class Results(Summarised):
         with self._reading():
             values: NDArray[Any] = dataset[()]
         return values
+
+    @contextmanager
+    def datasets(self) -> Iterator[tuple[h5py.Group, h5py.Group]]:
+        """The groups of arrays written once and of streams, to read parts of what they hold."""
+        with self._reading():
+            yield self._file["static"], self._file["streams"]
 
     def time(self, stream: str) -> NDArray[np.float64]:
         """Times of the whole records of a stream, shape (rows,), [s]."""

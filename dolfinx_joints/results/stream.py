@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quantities of a results file that are recorded at the same times, row by row."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
@@ -34,7 +36,9 @@ class Stream:
         self._last = -np.inf
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
-        self._rows: dict[str, NDArray[Any]] = {}  # waiting ones, shape (room, ...) each
+        self._shapes: dict[str, tuple[int, ...]] = {}  # of one record
+        # Waiting ones, shape (room, ...) each; the only one of an array that is dealt.
+        self._rows: dict[str, Any] = {}
         self._numbers: NDArray[np.float64] | None = None  # the same, shape (room, numbers)
         self._times: list[float] = []
         self._room = 0
@@ -58,26 +62,26 @@ class Stream:
         """Make the dataset of a quantity, ``shape`` being that of one record."""
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
-        self._datasets[name] = dataset
+        self._datasets[name], self._shapes[name] = dataset, shape
         self.row_bytes += int(np.prod(shape)) * dtype.itemsize
         self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
 
     def order(self, names: Sequence[str]) -> None:
         """Take the numbers of a record in this order; see `ResultsWriter.order`."""
-        shapes = {name: dataset.shape[1:] for name, dataset in self._datasets.items()}
+        shapes = self._shapes
         plain = all(dataset.dtype == np.float64 for dataset in self._datasets.values())
         if sorted(names) != sorted(shapes) or not plain:
             raise ResultsError(
                 f"Numbers of {self.name!r} cannot come as {listing(names)}: it holds "
                 f"{listing(shapes)}, and all must be floating-point numbers."
             )
-        self._make_room()
+        self._make_room({})
         ends = np.cumsum([int(np.prod(shapes[name])) for name in names])
         self._numbers = np.empty((self._room, ends[-1]))
         for name, part in zip(names, np.split(self._numbers, ends[:-1], axis=1), strict=True):
             self._rows[name] = part.reshape(self._room, *shapes[name])
 
-    def append(self, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]) -> None:
+    def append(self, time: float, values: Mapping[str, Any] | NDArray[Any]) -> None:
         """Let a row wait to be written; see `ResultsWriter.append`."""
         if not (math.isfinite(time) and time > self._last):
             raise ResultsError(
@@ -85,7 +89,7 @@ class Stream:
                 f"after {self._last} s."
             )
         if not self._rows:
-            self._make_room()
+            self._make_room({} if isinstance(values, np.ndarray) else values)
         if isinstance(values, np.ndarray):
             self._take_numbers(values)
         else:
@@ -94,19 +98,21 @@ class Stream:
         self._times.append(time)
         self.waiting += 1
 
-    def _take(self, values: Mapping[str, ArrayLike]) -> None:
+    def _take(self, values: Mapping[str, Any]) -> None:
         if values.keys() != self._datasets.keys():
             raise ResultsError(
                 f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
             )
-        for name, rows in self._rows.items():
+        for name, shape in self._shapes.items():
             value = values[name]
-            if np.shape(value) != rows.shape[1:]:
+            if np.shape(value) != shape:
                 raise ResultsError(
-                    f"{self.name}/{name} was declared with shape {rows.shape[1:]}, "
-                    f"got {np.shape(value)}."
+                    f"{self.name}/{name} was declared with shape {shape}, got {np.shape(value)}."
                 )
-            rows[self.waiting] = value
+            if isinstance(value, Dealt):
+                self._rows[name] = value
+            else:
+                self._rows[name][self.waiting] = value
 
     def _take_numbers(self, values: NDArray[Any]) -> None:
         if self._numbers is None or values.shape != self._numbers.shape[1:]:
@@ -118,11 +124,17 @@ class Stream:
             )
         self._numbers[self.waiting] = values
 
-    def _make_room(self) -> None:
-        """Arrays for the rows that wait; memory is taken as they come."""
-        self._room = min(_BUFFER_ROWS, max(1, _BUFFER_BYTES // self.row_bytes))
+    def _make_room(self, first: Mapping[str, Any]) -> None:
+        """Arrays for the rows that wait; memory is taken as they come.
+
+        Records like the ``first`` with arrays that are dealt do not wait for each other.
+        """
+        dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
+        room = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
+        self._room = min(_BUFFER_ROWS, room)
         for name, dataset in self._datasets.items():
-            self._rows[name] = np.empty((self._room, *dataset.shape[1:]), dataset.dtype)
+            if name not in dealt:
+                self._rows[name] = np.empty((self._room, *self._shapes[name]), dataset.dtype)
 
     @property
     def growth(self) -> int:
@@ -139,19 +151,24 @@ class Stream:
         """Rows in the file and waiting."""
         return len(self._time) + self.waiting
 
-    def copy(self, times: NDArray[np.float64], values: Mapping[str, NDArray[Any]]) -> None:
-        """Write whole rows at once, shape (rows, ...) each."""
+    def copy(self, times: NDArray[np.float64], values: Mapping[str, h5py.Dataset]) -> None:
+        """Take the first rows of datasets of another file, never more than some 16 MB at once."""
         for name, dataset in self._datasets.items():
-            add_rows(dataset, values[name])
+            dataset.resize(len(times), axis=0)
+            copy_rows(values[name], dataset, len(times))
         add_rows(self._time, times)
-        self._last = float(times[-1])
+        self._last = float(times[-1]) if len(times) else self._last
 
     def write_values(self) -> list[float]:
         """Write the waiting values and return their times, still to be written."""
-        times = self._times
+        times, waiting = self._times, self.waiting
+        self.drop()  # what fails is not tried again
         for name, dataset in self._datasets.items():
-            add_rows(dataset, self._rows[name][: self.waiting])
-        self.drop()
+            rows = self._rows[name]
+            if isinstance(rows, Dealt):
+                _add_dealt(dataset, rows)
+            else:
+                add_rows(dataset, rows[:waiting])
         return times
 
     def write_time(self, times: Sequence[float]) -> None:
@@ -164,11 +181,49 @@ def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> Non
     values = np.ascontiguousarray(rows, dtype=dataset.dtype)
     start = dataset.id.shape[0]
     dataset.id.set_extent((start + len(values), *values.shape[1:]))
+    _write(dataset, (start, *(0 for _ in values.shape[1:])), values)
+
+
+def _add_dealt(dataset: h5py.Dataset, row: Dealt) -> None:
+    """Write a row block by block behind those that a dataset has."""
+    start, first = dataset.id.shape[0], 0
+    dataset.id.set_extent((start + 1, *row.shape))
+    for block in row:
+        _write(dataset, (start, first, *(0 for _ in row.shape[1:])), block[None])
+        first += len(block)
+
+
+def _write(dataset: h5py.Dataset, start: tuple[int, ...], values: NDArray[Any]) -> None:
     if not values.size:
         return
     place = dataset.id.get_space()
-    place.select_hyperslab((start, *(0 for _ in values.shape[1:])), values.shape)
+    place.select_hyperslab(start, values.shape)
     dataset.id.write(h5py.h5s.create_simple(values.shape), place, values)
+
+
+def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) -> None:
+    """Fill a dataset of the shape of an array, or a row of it."""
+    if not np.shape(values):
+        dataset[()] = values
+        return
+    first = 0
+    for block in blocks_in(values):
+        dataset[(*row, slice(first, first + len(block)))] = block
+        first += len(block)
+
+
+def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
+    """Copy the first rows of a dataset into another, as many bytes at a time as may wait."""
+    row_bytes = max(1, int(np.prod(source.shape[1:])) * source.dtype.itemsize)
+    many, parts = max(1, _BUFFER_BYTES // row_bytes), -(-row_bytes // _BUFFER_BYTES)
+    ends = np.linspace(0, source.shape[1] if source.ndim > 1 else 0, parts + 1).astype(int)
+    for first in range(0, count, many):
+        rows = slice(first, min(first + many, count))
+        if parts == 1:
+            target[rows] = source[rows]
+        else:
+            for start, stop in itertools.pairwise(ends):
+                target[rows, start:stop] = source[rows, start:stop]
 
 
 def extendable(
@@ -182,6 +237,14 @@ def extendable(
     """A new dataset without rows that can grow; ``shape`` is that of one row."""
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
+    # A chunk that is to be filled first would be in memory as a whole.
+    when = "never" if row_bytes > _CHUNK_BYTES else "ifset"
     return group.create_dataset(
-        name, (0, *shape), dtype, maxshape=(None, *shape), chunks=chunks, fillvalue=fill
+        name,
+        (0, *shape),
+        dtype,
+        maxshape=(None, *shape),
+        chunks=chunks,
+        fillvalue=fill,
+        fill_time=when,
     )

@@ -15,18 +15,18 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.file_lock import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room
 from dolfinx_joints.results.reader import FORMAT, VERSION, Results
-from dolfinx_joints.results.stream import Stream
+from dolfinx_joints.results.stream import Stream, write_whole
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
 _SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
-_COPIED_BYTES = 1 << 24  # at a time
 
 
 class ResultsWriter:
@@ -142,21 +142,20 @@ class ResultsWriter:
     def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
         """Declare what another file does, and take its first rows."""
         set_texts(self._file, created=old.created)
-        for name in old.statics:
-            self.static(name, old.static(name), old.unit(name), old.description(name))
-        for stream, names in old.streams.items():
-            for name in names:
-                none = old.series(stream, name, slice(0))
-                texts = old.unit(stream, name), old.description(stream, name)
-                self.series(stream, name, none.shape[1:], *texts, dtype=none.dtype)
-        self.start()
-        for stream, names in old.streams.items():
-            times, new = old.time(stream)[: rows[stream]], self._streams[stream]
-            many = max(1, _COPIED_BYTES // new.row_bytes)
-            for first in range(0, len(times), many):
-                block = slice(first, min(first + many, len(times)))
-                self._room.reserve(self.path, 2 * len(times[block]) * new.row_bytes + new.chunks)
-                new.copy(times[block], {name: old.series(stream, name, block) for name in names})
+        with old.datasets() as (statics, streams):
+            for name in old.statics:
+                self._room.reserve(self.path, statics[name].nbytes)
+                statics.file.copy(statics[name], self._file["static"], name)
+            for stream, names in old.streams.items():
+                for name in names:
+                    shape, dtype = streams[stream][name].shape[1:], streams[stream][name].dtype
+                    texts = old.unit(stream, name), old.description(stream, name)
+                    self.series(stream, name, shape, *texts, dtype=dtype)
+            self.start()
+            for stream, names in old.streams.items():
+                times, new = old.time(stream)[: rows[stream]], self._streams[stream]
+                self._room.reserve(self.path, len(times) * new.row_bytes + new.chunks)
+                new.copy(times, {name: streams[stream][name] for name in names})
         self._file.flush()
 
     @property
@@ -179,13 +178,38 @@ class ResultsWriter:
         finally:
             self.close()
 
-    def static(self, name: str, array: ArrayLike, unit: str, description: str) -> None:
+    def static(
+        self,
+        name: str,
+        array: ArrayLike | Dealt,
+        unit: str,
+        description: str,
+        *,
+        dtype: DTypeLike = None,
+    ) -> None:
         """Write an array once, ``name`` being its path below ``static``."""
+        values = array if isinstance(array, Dealt) else np.asarray(array)
+        kind = values.dtype if dtype is None else dtype
+        write_whole(self._made(name, values.shape, kind, unit, description), values)
+
+    def static_rows(
+        self, name: str, rows: Sequence[NDArray[Any] | Dealt], unit: str, description: str
+    ) -> None:
+        """Write an array once that comes as its rows, one or more of them."""
+        shape = (len(rows), *rows[0].shape)
+        dataset = self._made(name, shape, rows[0].dtype, unit, description)
+        for number, row in enumerate(rows):
+            write_whole(dataset, row, number)
+
+    def _made(
+        self, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str, description: str
+    ) -> h5py.Dataset:
+        """An array that is to be written once."""
         self._check_declaration(name)
-        values = np.asarray(array)
-        self._room.reserve(self.path, values.nbytes)
-        dataset = self._file["static"].create_dataset(name, data=values)
+        self._room.reserve(self.path, int(np.prod(shape)) * np.dtype(dtype).itemsize)
+        dataset = self._file["static"].create_dataset(name, shape, dtype)
         set_texts(dataset, unit=unit, description=description)
+        return dataset
 
     def series(
         self,
@@ -228,9 +252,9 @@ class ResultsWriter:
         self._streams[stream].order(names)
 
     def append(
-        self, stream: str, time: float, values: Mapping[str, ArrayLike] | NDArray[Any]
+        self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt] | NDArray[Any]
     ) -> None:
-        """Add one record to a stream, later than the one before.
+        """Add one record to a stream, later than the one before; at once if arrays are dealt.
 
         Args:
             stream: its name.

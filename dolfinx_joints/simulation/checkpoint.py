@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.file_lock import FileLock
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -142,23 +143,23 @@ class CheckpointKeeper:
             "origin": self._kept(run.origin),
             "static": self._kept(static),
         }
-        on_root(self._comm, lambda: write_checkpoint(self._path, tree))
+        with handing_out(self._comm, tree):
+            if self._comm.rank == 0:
+                write_checkpoint(self._path, tree)
 
     def save_static(self, static: StaticState, stages: Sequence[StageRecord]) -> None:
         """Write a static state and the stages that led there alone (collective)."""
         tree = {"run": self._facts, "static": self._kept(static)}
         tree["stages"] = {str(i): self._kept(stage) for i, stage in enumerate(stages)}
-
-        def write() -> None:
-            with FileLock(self._path, CheckpointError):
-                write_checkpoint(self._path, tree)
-
-        on_root(self._comm, write)
+        with handing_out(self._comm, tree):
+            if self._comm.rank == 0:
+                with FileLock(self._path, CheckpointError):
+                    write_checkpoint(self._path, tree)
 
     def load_static(self) -> tuple[StaticState, list[StageRecord]]:
         """State and stages that `save_static` wrote (collective)."""
-        tree = self._read(("run", "static"))
-        kept = tree.get("stages", {})  # none in files of earlier versions
+        tree = self._read(("run", "static", "stages"))
+        kept = tree["stages"]
         return self._static(tree["static"]), [self._stage(kept[str(i)]) for i in range(len(kept))]
 
     def load(self, monitors: Sequence[Any]) -> _Saved:
@@ -175,9 +176,13 @@ class CheckpointKeeper:
 
     def _read(self, names: Sequence[str], **facts: str) -> Tree:
         """The tree of the file, if it is of this run (collective)."""
+        comm, tree = self._comm, {}
+        for first in (True, False):  # only the first checks that the file is whole
+            with raised_together(comm):
+                if (comm.rank == 0) == first:
+                    tree = read_checkpoint(self._path, names, rank=comm.rank, ranks=comm.size)
 
-        def read() -> Tree:
-            tree = read_checkpoint(self._path, names)
+        def compare() -> None:
             saved = {**tree["run"], **{name: str(tree[name]) for name in facts}}
             difference = first_difference(saved, {**self._facts, **facts})
             if difference is not None:
@@ -192,21 +197,20 @@ class CheckpointKeeper:
                     f"cannot be told of {named}{f'; and {more} more' if more > 0 else ''}.",
                     stacklevel=2,
                 )
-            return tree
 
-        return on_root(self._comm, read)
+        on_root(comm, compare)
+        return tree
 
     def _kept(self, thing: Any) -> Any:
-        """A state, response or vector as a tree of arrays, whole on rank 0 (collective)."""
+        """A state, response or vector as a tree of dealt arrays (collective)."""
         if isinstance(thing, PETSc.Vec):
             coupled = self._model.coupled
             if coupled is not None and coupled.has_water(thing):
-                return {"body": self._kept(coupled.body(thing)), "water": coupled.gathered(thing)}
-            return self._nodes.gather(thing)[:, : self._model.gdim]
+                water = Dealt(self._comm, coupled.of_water(thing))
+                return {"body": self._kept(coupled.body(thing)), "water": water}
+            return Dealt(self._comm, self._nodes.dealt(thing)[:, : self._model.gdim])
         if isinstance(thing, np.ndarray):
-            assert self._model.operator is not None
-            every = self._model.operator.gather(thing)
-            return thing if every is None else every
+            return Dealt(self._comm, thing)
         if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
         if isinstance(thing, list):
@@ -214,14 +218,13 @@ class CheckpointKeeper:
         return thing
 
     def _vector(self, values: NDArray[np.float64] | Tree) -> PETSc.Vec:
-        """A nodal vector of the rank's part of what is stored, the water's part with it."""
+        """A vector from the rank's part of what is stored, the water's with it (collective)."""
         if isinstance(values, dict):
             coupled = self._model.coupled
             assert coupled is not None
-            return coupled.joined(self._vector(values["body"]), values["water"][coupled.numbers])
+            return coupled.joined(self._vector(values["body"]), values["water"])
         vector = self._model.stiffness.createVecRight()
-        owned = self._model.V.dofmap.index_map.size_local
-        vector.setArray(values[self._nodes.number[:owned]].ravel())
+        vector.setArray(self._nodes.own(values).ravel())
         return vector
 
     def _state(self, tree: Tree) -> DynamicState:
@@ -230,13 +233,11 @@ class CheckpointKeeper:
             for name, value in tree.items()
             if name not in ("time", "joints", "water", *_NUMBERS) and value is not None
         }
-        # None in files of earlier versions.
-        numbers = {name: tree[name] for name in _NUMBERS if name in tree}
-        water = tree.get("water")
+        numbers = {name: tree[name] for name in _NUMBERS}
         return DynamicState(
             time=tree["time"],
             joints=self._response(tree["joints"]),
-            water=None if water is None else water[self._mine()],
+            water=tree["water"],
             **numbers,
             **vectors,
         )
@@ -247,7 +248,7 @@ class CheckpointKeeper:
             report = tree["reports"][str(i)]
             counts = report["counts"]
             counts = None if counts is None else StatusCounts(**counts)
-            residuals = tuple(report.get("residuals", ()))
+            residuals = tuple(report["residuals"])
             reports.append(SolveReport(**{**report, "counts": counts, "residuals": residuals}))
         return StaticState(
             displacement=self._vector(tree["displacement"]),
@@ -256,41 +257,22 @@ class CheckpointKeeper:
             reports=reports,
             inactive=tuple(tree["inactive"]),
             absent=tuple(tree["absent"]),
-            missing=tuple(tree.get("missing", ())),
-            cuts=tree.get("cuts", 0),
+            missing=tuple(tree["missing"]),
+            cuts=tree["cuts"],
         )
 
     def _stage(self, tree: Tree) -> StageRecord:
-        pressure = tree["pressure"]
         return StageRecord(
             name=tree["name"],
             time=tree["time"],
             state=self._static(tree["state"]),
             loads=tuple(tree["loads"]),
-            pressure=None if pressure is None else pressure[self._mine()],
+            pressure=tree["pressure"],
         )
-
-    def _mine(self) -> slice:
-        """The rank's joint points among all (collective)."""
-        operator = self._model.operator
-        assert operator is not None
-        stop = operator.comm.scan(len(operator.areas))
-        return slice(stop - len(operator.areas), stop)
 
     def _response(self, tree: Tree | None) -> Response | None:
         """The response of the rank's joint points."""
-        if tree is None:
-            return None
-        mine = self._mine()
-
-        def own(part: Tree) -> Tree:
-            return {
-                # Without internal variables there are no rows to hand out.
-                name: value[mine] if isinstance(value, np.ndarray) and len(value) else value
-                for name, value in part.items()
-            }
-
-        return Response(**{**own(tree), "state": JointState(**own(tree["state"]))})
+        return None if tree is None else Response(**{**tree, "state": JointState(**tree["state"])})
 
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,18 +14,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import (
     attribute,
     check_seal,
     damage_reported,
+    new_file,
     seal,
     set_texts,
 )
+from dolfinx_joints.common.mpi import equal_blocks
 from dolfinx_joints.common.parameters import check_file
+from dolfinx_joints.results.stream import write_whole
 
 FORMAT = "dolfinx_joints checkpoint"
-VERSION = 1
+VERSION = 2
+
+_MORE_BYTES = 1 << 12  # of HDF5 for an array
 
 Tree = dict[str, Any]
 
@@ -36,14 +41,14 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
 
     Args:
         path: The file; ``PATH.part`` beside it is written first.
-        tree: Names to arrays, to what JSON can hold, or to further trees.
+        tree: Names to arrays, which may be dealt, to what JSON can hold, or to further trees.
     """
     part = path.with_name(path.name + ".part")
     try:
-        content = _image(tree)
-        with part.open("wb") as file:
-            file.write(content)
-            file.write(seal(content))
+        _write_tree(part, tree)
+        checksum = seal(part)
+        with part.open("ab") as file:
+            file.write(checksum)
         _to_disk(part)
         part.replace(path)
         _to_disk(path.parent)
@@ -53,28 +58,38 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
 
 
-def _image(tree: Mapping[str, Any]) -> memoryview:
-    """An HDF5 file of a tree, made in memory: HDF5 does not take a full disk well."""
-    image, facts = io.BytesIO(), json.dumps(_without_arrays(tree))
-    with h5py.File(image, "w", libver="latest") as file:
+def _write_tree(path: Path, tree: Mapping[str, Any]) -> None:
+    """Write a tree as HDF5."""
+    facts = np.frombuffer(json.dumps(_without_arrays(tree)).encode(), dtype=np.uint8)
+    arrays = list(_arrays(tree))
+    size = sum(int(np.prod(each.shape)) * each.dtype.itemsize for _, each in arrays)
+    size += facts.nbytes + _MORE_BYTES * (1 + len(arrays))
+    with new_file(path, size, libver="latest") as file:
         set_texts(file, format=FORMAT)
         file.attrs["version"] = VERSION
-        file.create_dataset("facts", data=np.frombuffer(facts.encode(), dtype=np.uint8))
-        for name, array in _arrays(tree):
-            file.create_dataset(f"arrays/{name}", data=array)
-    return image.getbuffer()
+        file.create_dataset("facts", data=facts)
+        for name, array in arrays:
+            dataset = file.create_dataset(f"arrays/{name}", array.shape, array.dtype)
+            if isinstance(array, Dealt):
+                dataset.attrs["dealt"] = 1
+            write_whole(dataset, array)
 
 
-def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
-    """The tree that was written.
+def read_checkpoint(
+    path: Path, names: Iterable[str] = (), *, rank: int = 0, ranks: int = 1
+) -> Tree:
+    """The tree that was written, of arrays that were dealt the rows that are dealt to a rank.
 
     Args:
         path: The file.
         names: Names that the tree must have.
+        rank: The rank; only the first checks that the file is whole.
+        ranks: Their number.
     """
     check_file(path, f"There is no checkpoint {path}.", CheckpointError)
     with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):
-        check_seal(path)
+        if rank == 0:
+            check_seal(path)
         with h5py.File(path, "r") as file:
             version = attribute(file, "version")
             if attribute(file, "format") != FORMAT:
@@ -85,25 +100,27 @@ def read_checkpoint(path: Path, names: Iterable[str] = ()) -> Tree:
                     f"{VERSION}."
                 )
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())
-            _add_arrays(tree, file.get("arrays", {}))
+            _add_arrays(tree, file.get("arrays", {}), rank, ranks)
             for name in names:
                 tree[name]
             return tree
 
 
-def _add_arrays(tree: Tree, group: Mapping[str, Any]) -> None:
+def _add_arrays(tree: Tree, group: Mapping[str, Any], rank: int, ranks: int) -> None:
     """Put the arrays of a group into the tree."""
     for name, item in group.items():
-        if isinstance(item, h5py.Dataset):
-            tree[name] = item[()]
+        if not isinstance(item, h5py.Dataset):
+            _add_arrays(tree[name], item, rank, ranks)
+        elif attribute(item, "dealt"):
+            tree[name] = item[slice(*equal_blocks(len(item), ranks)[rank:][:2])]
         else:
-            _add_arrays(tree[name], item)
+            tree[name] = item[()]
 
 
-def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDArray[Any] | Dealt]]:
     """Paths and values of the arrays of a tree."""
     for name, value in tree.items():
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray | Dealt):
             yield above + name, value
         elif isinstance(value, Mapping):
             yield from _arrays(value, f"{above}{name}/")
@@ -114,7 +131,7 @@ def _without_arrays(tree: Mapping[str, Any]) -> Tree:
     return {
         name: _without_arrays(value) if isinstance(value, Mapping) else value
         for name, value in tree.items()
-        if not isinstance(value, np.ndarray)
+        if not isinstance(value, np.ndarray | Dealt)
     }
 
 

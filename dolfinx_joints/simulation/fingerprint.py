@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import Prescribed, place_of
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.load import FollowsJoints
 from dolfinx_joints.loads.water.joint_water import label
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -62,7 +64,9 @@ def fingerprint(
     for name, value in {**settings, **damping}.items():
         if name not in vectors:
             held.add(name, value)
-    facts: dict[str, Any] = {**held.facts, "node coordinates": nodes.positions.ravel()}
+    comm, points = model.jointed.mesh.comm, nodes.positions
+    facts: dict[str, Any] = {**held.facts}
+    facts["node coordinates"] = _of_ranks(comm, _numbers(nodes.first, points), points.ravel())
     facts |= {name: sums(vector.getArray(readonly=True)) for name, vector in vectors.items()}
     matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
     for name, matrix in matrices.items():
@@ -92,6 +96,7 @@ def fingerprint(
         functions[f"{name}, factor"] = factor
     if system.water is not None:
         facts |= system.water.facts(times)
+        facts |= _of_points(model.operator, system.water.at_points())
         following = [load for load in system.in_joints if isinstance(load, FollowsJoints)]
         functions |= {f"load {label(load)}, factor": load for load in following}
     for support in model.supports:
@@ -116,10 +121,32 @@ def _of_joints(contact: Contact, held: Inventory) -> dict[str, Any]:
     of_ranks = operator.comm.allgather(hashed(of_rank))
     if len(set(of_ranks)) > 1:
         held.facts["laws as each rank holds them"] = hashed(of_ranks)
-    facts = {"joint points": operator.areas, "joints of the points": operator.joint}
-    facts["initial gaps"] = contact.initial_gap
-    gathered = {name: operator.gather(values) for name, values in facts.items()}
-    return {name: each if each is None else each.ravel() for name, each in gathered.items()}
+    facts: dict[str, Any] = {
+        "joint points": operator.areas,
+        "joints of the points": operator.joint,
+    }
+    return _of_points(operator, {**facts, "initial gaps": contact.initial_gap})
+
+
+def _of_points(operator: GapOperator | None, values: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Sums that stand for values of the local joint points, (n, ...), by name (collective)."""
+    assert operator is not None
+    first = operator.matrix.getOwnershipRange()[0] // 3
+    return {
+        name: _of_ranks(operator.comm, _numbers(first, each), each.ravel())
+        for name, each in values.items()
+    }
+
+
+def _numbers(first: int, rows: NDArray[Any]) -> NDArray[np.int64]:
+    """Number of each entry of rows of all ranks, those of this rank beginning at the ``first``."""
+    width = int(np.prod(rows.shape[1:]))
+    return np.arange(first * width, (first + len(rows)) * width)
+
+
+def _of_ranks(comm: Any, numbers: NDArray[np.int64], values: Floats) -> Floats:
+    """Sums over numbered values of all ranks (collective)."""
+    return np.asarray(of_ranks(comm, _sums(numbers, values)).sum(axis=0))
 
 
 def first_difference(saved: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
@@ -179,7 +206,7 @@ class _NodalSums:
 
     def __call__(self, values: Floats) -> Floats:
         """Sums of a value per owned dof (collective)."""
-        return np.asarray(np.sum(self._comm.allgather(_sums(self._dofs, values)), axis=0))
+        return _of_ranks(self._comm, self._dofs, values)
 
     def of_matrix(self, matrix: PETSc.Mat | None) -> Floats:
         """Those of a matrix times the weights, none for no matrix (collective)."""

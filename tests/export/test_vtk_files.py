@@ -88,7 +88,8 @@ def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path)
         VtkFile.resume(path, grid, 0.0)
 
 
-def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch):
+@pytest.mark.parametrize("call", ["posix_fallocate", "pwrite"])
+def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch, call):
     file = VtkFile(tmp_path / "a.vtkhdf", grid)
     opening = {"opening [m]": np.arange(6.0)}
     file.append(0.0, {}, opening)
@@ -97,7 +98,7 @@ def test_a_full_disk_leaves_the_file_whole(grid, tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "posix_fallocate", full)
+        patch.setattr(os, call, full)
         with pytest.raises(ResultsError, match=r"a\.vtkhdf cannot grow: No space left on device"):
             file.append(1.0, {}, opening)
     assert [time for time, _ in read_vtk(tmp_path / "a.vtkhdf")] == [0.0]

@@ -26,6 +26,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 from petsc4py import PETSc
+from whole_vectors import whole_layout
 
 from benchmarks.shared.grids import CASES, SHAPES, case, name_of
 from dolfinx_joints import (
@@ -460,7 +461,7 @@ def test_frames_are_continuous_on_a_curved_joint(comm, cell, rule):
     # the exact frame turns by about 0.6 d; facets of 1/6 m and the choice of the steepest
     # direction add to that. A frame that jumps would turn by more than 1.
     operator = held_at_base(curved_body(comm, cell), rule).operator
-    layout = operator.layout.gathered(comm, everywhere=True)
+    layout = whole_layout(comm, operator.layout)
     separation = np.linalg.norm(layout.points[:, None] - layout.points[None], axis=2)
     turn = np.abs(layout.frames[:, None] - layout.frames[None]).max(axis=(2, 3))
     assert np.all(turn <= 0.25 + 1.0 * separation)
@@ -505,7 +506,7 @@ def test_every_rank_count_gives_the_same_points(
         vector = one.mass.createVecRight()
         vector.setArray(u.x.array[: vector.getLocalSize()])
         gaps.append(one.operator.jump(vector))
-    layout = model.operator.layout.gathered(comm, everywhere=True)
+    layout = whole_layout(comm, model.operator.layout)
     for name in ("points", "frames", "areas", "joint", "number", "share", "sizes", "facet"):
         here, there = getattr(layout, name), getattr(alone.operator.layout, name)
         np.testing.assert_allclose(here, there, rtol=0, atol=1e-13)
@@ -568,7 +569,7 @@ def test_nodal_operator_holds_no_entries_of_rounding(comm, blocks_file, read, jo
 
 def test_gather_keeps_the_global_order(wall_file, read, comm):
     operator = held_at_base(read(wall_file())).operator
-    points, layout = operator.gather(operator.points), operator.layout.gathered(comm)
+    points, layout = operator.gather(operator.points), whole_layout(comm, operator.layout)
     if comm.rank == 0:
         np.testing.assert_array_equal(points, layout.points)
     assert (points is None) == (comm.rank > 0)
@@ -738,7 +739,7 @@ def test_networks_from_files(mesh_file, comm, shape, doubled, name):
     u.setArray(moved.x.array[: u.getLocalSize()])
 
     # By hand: frame . (motion of the block beyond the facet less that of the block before it).
-    layout = operator.layout.gathered(comm, everywhere=True)
+    layout = whole_layout(comm, operator.layout)
     pairs = jointed.pairs.gathered(comm)
     expected = np.zeros((len(layout.areas), 3))
     for facet, points in enumerate(layout.number):

@@ -24,6 +24,7 @@ from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import CellType
 from petsc4py import PETSc
 from rings import HEIGHT, JOINT, quarter_ring
+from whole_vectors import whole_layout
 
 from dolfinx_joints import MeshError, mesh_from_arrays, split_mesh
 from dolfinx_joints.joints.operator import JointOperator
@@ -38,7 +39,7 @@ A = np.array([[1.0, 0.3, -0.2], [0.1, 1.2, 0.4], [-0.3, 0.2, 0.9]])
 
 def points_of(jointed, V):
     """All joint points (collective)."""
-    return JointOperator(jointed, V).layout.gathered(COMM, everywhere=True)
+    return whole_layout(COMM, JointOperator(jointed, V).layout)
 
 
 def split_body(kind, shear=A):

@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import locate_entities, locate_entities_boundary, meshtags
 from rings import INSIDE, JOINT, quarter_ring
+from whole_vectors import whole_layout
 
 from benchmarks.shared.grids import SHAPES, name_of
 from dolfinx_joints import mesh_from_arrays, read_xdmf, split_mesh
@@ -56,7 +57,7 @@ def measured(jointed):
     """Joint points in the order of their places, and sizes of two groups [m^2, m^3]."""
     comm = jointed.mesh.comm
     layout = joint_points(comm, jointed.pairs, jointed.shape, jointed.shape.degree, "gauss")
-    layout = layout.gathered(comm, everywhere=True)
+    layout = whole_layout(comm, layout)
     order = np.lexsort(np.round(layout.points, 9).T)
     forms = [fem.form(1.0 * jointed.ds("inside")), fem.form(1.0 * jointed.dx("core"))]
     sizes = [comm.allreduce(fem.assemble_scalar(form)) for form in forms]

@@ -13,12 +13,14 @@ from mpi4py import MPI
 
 from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
 from vtk_files import on_root, read_vtk
+from whole_vectors import all_of
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.geometry.ambiesta import ambiesta
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.monitors.field_monitor import joint_grids
+from dolfinx_joints.monitors.field_monitor import joint_grid_of_rank
+from dolfinx_joints.monitors.joint_rows import JointRows
 
 pytestmark = pytest.mark.mpi
 
@@ -148,19 +150,20 @@ def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, ne
 
 def test_joints_are_drawn_alike_on_any_ranks(comm, mesh_file, read):
     """Skew facets: four bisectors that meet in a point but for rounding, which is of the ranks."""
-    path, grids = mesh_file(ambiesta, size=8.0, order=1), []
+    path, found = mesh_file(ambiesta, size=8.0, order=1), []
     for each in (comm, MPI.COMM_SELF):
         model = wall(read(path, on=each))
-        grids.append(joint_grids(model, NodeNumbering(model.V)))
-
-    def look():
-        for here, alone in zip(*(found.values() for found in grids), strict=True):
-            np.testing.assert_array_equal(here.offsets, alone.offsets)
-            np.testing.assert_allclose(here.points, alone.points, rtol=0.0, atol=1e-9)
-            difference = here.motion.toarray() - alone.motion.toarray()
-            np.testing.assert_allclose(difference, 0.0, atol=1e-12)
-            for first, end in zip(here.offsets[:-1], here.offsets[1:], strict=True):
-                sides = np.diff(here.points[[*range(first, end), first]], axis=0)
-                assert np.linalg.norm(sides, axis=1).min() > 1e-6
-
-    on_root(comm, look)
+        nodes = NodeNumbering(model.V)
+        grid, at = joint_grid_of_rank(model, nodes, JointRows(model.operator))
+        # Motions by a field that is different at every node.
+        moved = grid.motion @ at(nodes.positions**2)
+        lengths = np.diff(grid.offsets)
+        found.append([all_of(each, part) for part in (lengths, grid.points, moved)])
+    (lengths, points, moved), alone = found
+    np.testing.assert_array_equal(lengths, alone[0])
+    np.testing.assert_allclose(points, alone[1], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(moved, alone[2], rtol=1e-9, atol=1e-9)
+    ends = np.cumsum(lengths)
+    for first, end in zip(ends - lengths, ends, strict=True):
+        sides = np.diff(points[[*range(first, end), first]], axis=0)
+        assert np.linalg.norm(sides, axis=1).min() > 1e-6

@@ -16,6 +16,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from vtk_files import read_vtk
+from whole_vectors import all_of
 
 from dolfinx_joints import (
     ConvergenceError,
@@ -379,11 +380,11 @@ def test_the_written_surface_is_closed_and_faces_outward(comm, wall_file, read, 
     """Each edge is run through once either way, and the flux of x is three times the volume."""
     model = wall(read(wall_file(cell=cell)))
     nodes = NodeNumbering(model.V)
-    surface = boundary_facets(model, nodes)
+    surface = all_of(comm, boundary_facets(model, nodes))
     edges = np.stack([surface, np.roll(surface, -1, axis=1)], axis=-1).reshape(-1, 2)
     assert len(np.unique(edges, axis=0)) == len(edges)
     np.testing.assert_array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
-    corners = comm.bcast(nodes.positions, root=0)[surface]
+    corners = all_of(comm, nodes.positions)[surface]
     flux = np.einsum("fi,fi->", corners.mean(axis=1), facet_normals(corners))
     assert flux == pytest.approx(3 * 1600.0)  # 20 x 4 x 20 m
 

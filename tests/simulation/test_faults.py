@@ -629,14 +629,19 @@ def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
 
 
 def test_the_hash_of_a_mesh_knows_its_nodes_and_facets():
+    from mpi4py import MPI
+
     from dolfinx_joints.monitors.manifest import mesh_hash
 
-    nodes, facets = np.eye(3), np.array([[0, 1, 2], [2, 1, 3]])
-    one = mesh_hash(nodes, facets)
+    def hashed(nodes, facets):
+        return mesh_hash(MPI.COMM_SELF, nodes, np.array(facets))
+
+    nodes, facets = np.arange(12.0).reshape(4, 3), [[0, 1, 2], [2, 1, 3]]
+    one = hashed(nodes, facets)
     # The order of facets and of their vertices differs between numbers of ranks.
-    assert mesh_hash(nodes, [[1, 3, 2], [0, 1, 2]]) == one
-    assert mesh_hash(nodes, [[1, 3, 0], [0, 1, 2]]) != one
-    assert mesh_hash(nodes * (1 + 2e-16), facets) != one
+    assert hashed(nodes, [[1, 3, 2], [0, 1, 2]]) == one
+    assert hashed(nodes, [[1, 3, 0], [0, 1, 2]]) != one
+    assert hashed(nodes * (1 + 4e-16), facets) != one
 
 
 def test_warnings_of_a_run_are_kept(wall, tmp_path):

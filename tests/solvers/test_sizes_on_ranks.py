@@ -4,43 +4,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
+from array_sizes import arrays
 from shaken_wall import DT, shaking, wall
 
 import dolfinx_joints as dj
 from dolfinx_joints.simulation import simulation as module
 
 pytestmark = pytest.mark.mpi
-
-
-# Entries of sparse matrices and blocks, which by chance are as many as there are unknowns.
-ENTRIES = ("_rows", "_columns", "_sends", "_adds")
-
-
-def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays that can be reached from an object of this package, with the way to them."""
-    if id(thing) in seen:
-        return
-    seen.add(id(thing))
-    if isinstance(thing, np.ndarray):
-        yield path, thing
-    elif isinstance(thing, dict):
-        for key, value in thing.items():
-            yield from arrays(value, seen, f"{path}[{key!r}]")
-    elif isinstance(thing, list | tuple | set):
-        for i, value in enumerate(thing):
-            yield from arrays(value, seen, f"{path}[{i}]")
-    elif type(thing).__module__.startswith("dolfinx_joints"):
-        for name, value in vars(thing).items() if hasattr(thing, "__dict__") else ():
-            if name not in ENTRIES:
-                yield from arrays(value, seen, f"{path}.{name}")
 
 
 @pytest.mark.parametrize("compliance", ["compressed", "matrix-free"])

@@ -31,6 +31,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from whole_vectors import whole_layout
+
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -250,7 +252,7 @@ class Scene:
         """Mean centre of the facets around each local point: tells twins at a crossing apart."""
         operator = self.model.operator
         pairs = self.model.jointed.pairs.gathered(operator.comm)
-        number = operator.layout.gathered(operator.comm, everywhere=True).number
+        number = whole_layout(operator.comm, operator.layout).number
         total = np.zeros((number.max() + 1, self.dim))
         np.add.at(total, number, pairs.nodes.mean(axis=1)[:, None] @ self.turn)
         middles = total / np.bincount(number.ravel())[:, None]

@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import basix
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import RowsAt, blocks_of, of_ranks, rows_at, sent_to, set_rows
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.mesh.blocks import connected, same_places
+from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
@@ -28,65 +30,91 @@ class OpenPaths:
     begin at points on the group. With a Gauss rule, points of facets with a common edge (a common
     vertex in 2-D) are neighbours, those of one facet as well, and paths begin in facets with an
     edge (a vertex) on the group. Places count, not nodes: where another joint crosses, nodes are
-    double and water passes. All of it is known to all ranks.
+    double and water passes.
+
+    Neighbours are linked by what they have in common, a hub: a facet, an edge or a place. Each rank
+    has some of the hubs, with all their points.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
         """Link points with their neighbours (collective)."""
         assert model.operator is not None
-        self._comm = model.operator.comm
-        layout = model.operator.layout.gathered(self._comm, everywhere=True)
-        pairs = model.jointed.pairs.gathered(self._comm)
-        facets = np.flatnonzero(pairs.joint == pairs.names.index(joint))
-        number, corners = layout.number[facets], pairs.match.shape[1]
-        own = model.V.tabulate_dof_coordinates()[model.nodes(group)]
-        wet = np.concatenate(model.jointed.mesh.comm.allgather(own))
-        near = SAME_PLACE * float(layout.sizes.min())
+        self._comm = comm = model.operator.comm
+        layout, number = model.operator.layout, model.jointed.joint_names.index(joint)
+        least = float(layout.sizes.min(initial=np.inf))
+        near = SAME_PLACE * float(of_ranks(comm, np.array(least)).min())
+        wet = model.V.tabulate_dof_coordinates()[model.nodes(group)]
+        facets = np.flatnonzero(model.jointed.pairs.joint == number)
+        self._starts: Mask = np.zeros(len(layout.areas), dtype=bool)
         if bool((layout.rule < 1e-9).any()):  # points on the edge of a facet: a nodal rule
-            hubs: Ints = np.arange(len(facets))[:, None]
-            here = layout.joint == pairs.names.index(joint)
-            starts = here & _close(layout.points, wet, near)
-            same = len(facets) + same_places(layout.points, near)[number][..., None]
+            here = layout.joint == number
+            place, is_wet = _places(comm, layout.points[here], wet, near)
+            self._starts[here] = is_wet
+            points = blocks_of(comm, len(here))[comm.rank] + np.flatnonzero(here)
+            hub = layout.facet[facets][:, None]
+            links = [
+                _links(layout.number[facets], np.stack([np.full_like(hub, -1), hub], axis=2)),
+                _links(points[:, None], np.column_stack([place, place])[:, None]),
+            ]
         else:
-            at = np.zeros((len(facets), corners, 3))
-            at[..., : model.gdim] = pairs.nodes[facets, :corners]
-            hubs = _edges(same_places(at.reshape(-1, 3), near).reshape(at.shape[:2]))
-            same = None
-            touching = _close(at.reshape(-1, 3), wet, near).reshape(at.shape[:2])
-            starts = np.zeros(len(layout.areas), dtype=bool)
-            starts[number[touching.sum(axis=1) >= model.gdim - 1]] = True
-        if not starts.any():
+            corners = _corners(model, facets)
+            place, is_wet = _places(comm, corners.reshape(-1, 3), wet, near)
+            place, is_wet = place.reshape(corners.shape[:2]), is_wet.reshape(corners.shape[:2])
+            begin = layout.number[facets[is_wet.sum(axis=1) >= model.gdim - 1]].ravel()
+            set_rows(comm, self._starts, begin, np.ones(len(begin), dtype=bool))
+            links = [_links(layout.number[facets], _edges(place))]
+        if not comm.allreduce(int(self._starts.sum())):
             raise MeshError(f"The facet group {group!r} touches no point of the joint {joint!r}.")
-        self._starts = starts
-        shared = np.broadcast_to(hubs[:, None, :], (*number.shape, hubs.shape[1]))
-        every = shared if same is None else np.concatenate([shared, same], axis=2)
-        links = np.broadcast_arrays(number[:, :, None], every)
-        self._point, self._hub = (each.ravel() for each in links)
+        every = np.concatenate(links)
+        every = sent_to(comm, every[:, 1] % comm.size, every)
+        points, self._point = np.unique(every[:, 2], return_inverse=True)
+        hubs, self._hub = np.unique(every[:, :2], axis=0, return_inverse=True)
+        self._point, self._hub = self._point.ravel(), len(points) + self._hub.ravel()
+        self._size = len(points) + len(hubs)
+        self._linked = RowsAt(comm, len(self._starts), points)
 
     def reached(self, open_points: Mask) -> Mask:
         """Which of the local open points are reached (collective)."""
-        parts = self._comm.allgather(open_points)
-        every = np.concatenate(parts)
-        first = sum(len(part) for part in parts[: self._comm.rank])
-        return self._reached(every)[first : first + len(open_points)]
-
-    def _reached(self, every: Mask) -> Mask:
-        passable = every[self._point]
-        count, hubs = len(every), int(self._hub.max()) + 1
-        label = connected(self._point[passable], count + self._hub[passable], count + hubs)[:count]
-        return np.asarray(every & np.isin(label, label[every & self._starts]))
-
-
-def _close(points: Floats, places: Floats, near: float) -> Mask:
-    """Which points lie at one of the places."""
-    return np.asarray(KDTree(places).query(points)[0] <= near)
+        passable = self._linked(open_points)
+        kept = passable[self._point]
+        label = connected(self._point[kept], self._hub[kept], self._size)[: len(passable)]
+        found = np.asarray(open_points & self._starts)
+        grows = True
+        while grows:  # through the links of this rank, then on through those of others
+            before = self._linked(found)
+            after = passable & np.isin(label, label[before])
+            self._linked.mark(after, found)
+            grows = self._comm.allreduce(int(np.count_nonzero(after & ~before))) > 0
+        return found
 
 
-def _edges(vertices: Ints) -> Ints:
-    """Numbers of the edges of facets (of the vertices in 2-D), shape (num_facets, edges)."""
-    corners = vertices.shape[1]
+def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Mask]:
+    """Number of the place of each point, and whether a wet node is there (collective)."""
+    place = first_at_places(comm, np.concatenate([points, wet]), near)
+    is_wet = np.zeros(len(place), dtype=bool)
+    set_rows(comm, is_wet, place[len(points) :], np.ones(len(wet), dtype=bool))
+    here = place[: len(points)]
+    return here, rows_at(comm, is_wet, here)
+
+
+def _corners(model: LoadedBody, facets: Ints) -> Floats:
+    """Corners of facets of this rank, shape (n, corners, 3), [m]."""
+    pairs = model.jointed.pairs
+    found = np.zeros((len(facets), pairs.match.shape[1], 3))
+    found[..., : model.gdim] = pairs.nodes[facets, : found.shape[1]]
+    return found
+
+
+def _links(points: Ints, hubs: Ints) -> Ints:
+    """Rows of two numbers of a hub and one of a point, of points (n, q) and hubs (n, m, 2)."""
+    shape = (*points.shape, hubs.shape[1])
+    point = np.broadcast_to(points[:, :, None], shape)
+    first, second = (np.broadcast_to(hubs[:, None, :, i], shape) for i in (0, 1))
+    return np.stack([first.ravel(), second.ravel(), point.ravel()], axis=1)
+
+
+def _edges(places: Ints) -> Ints:
+    """Both ends of the edges of facets (vertices in 2-D, twice), shape (num_facets, edges, 2)."""
+    corners = places.shape[1]
     edges = np.array(basix.topology(facet_cell_type(corners))[min(1, corners - 2)])
-    ends = np.sort(vertices[:, edges], axis=2)
-    return np.unique(ends.reshape(-1, ends.shape[2]), axis=0, return_inverse=True)[1].reshape(
-        ends.shape[:2]
-    )
+    return np.sort(places[:, edges], axis=2)[:, :, [0, -1]]

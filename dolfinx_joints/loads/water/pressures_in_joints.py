@@ -105,17 +105,21 @@ class JointWaters:
         }
 
     def facts(self, times: Floats) -> dict[str, Any]:
-        """Facts that distinguish these loads from others, by name, on rank 0 (collective)."""
+        """Facts that distinguish these loads from others, by name, besides their pressures."""
         found: dict[str, Any] = {}
         for part in self._parts:
-            of_codes = [np.full(self.codes.shape, code, dtype=np.int8) for code in Wetness]
-            pressures = np.column_stack([part.pressure(codes) for codes in of_codes])
-            every = self._operator.gather(pressures)
-            found[f"load {part.name}"] = None if every is None else every.ravel()
             factors = [part.factor(float(t)) for t in times]
             found[f"load {part.name}, factor"] = np.array(factors)
             found[f"water of {part.name}"] = part.settings
         return found
+
+    def at_points(self) -> dict[str, Floats]:
+        """Pressures of each load at the local joint points for each code, (n, codes), [Pa]."""
+        of_codes = [np.full(self.codes.shape, code, dtype=np.int8) for code in Wetness]
+        return {
+            f"load {part.name}": np.column_stack([part.pressure(codes) for codes in of_codes])
+            for part in self._parts
+        }
 
     def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:
         """Points of each joint on all ranks in which codes differ (collective)."""

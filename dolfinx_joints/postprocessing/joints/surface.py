@@ -51,7 +51,68 @@ class Statics(Protocol):
         """Raise an error for a joint that is not there."""
 
 
-class JointSurface:
+class JointFacets:
+    """The facets of a joint in space, and the part of its facet that is nearest to each point.
+
+    Args:
+        results: the run.
+        joint: name of the joint.
+
+    Attributes:
+        corners: corners of the facets, shape (facets, 3 or 4, 3), [m].
+        facet_of_point: number of each point's facet, shape (n,).
+    """
+
+    def __init__(self, results: Statics, joint: str) -> None:
+        """Find the facets of the mesh that carry the points."""
+        results.check_joint(joint)
+        points = results.static(f"joints/{joint}/points")
+        self.facet_of_point, self._both = facets_of_joint(results, joint)
+        self._positions = results.static("mesh/nodes")
+        self._surface = results.static("mesh/surface")
+        self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
+        axes = tangent_axes(self.corners)
+        shape = _Bilinear(np.einsum("fci,fki->fck", self.corners, axes))
+        own = np.einsum("pi,pki->pk", points, axes[self.facet_of_point])
+        self._local = shape.inverse(own, self.facet_of_point)
+
+    def nodes(self) -> Ints:
+        """Numbers of the nodes on both sides of each corner, shape (facets, 3 or 4, 2)."""
+        numbers = self._surface[self._both]  # (facets, sides, corners)
+        places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
+        nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
+        both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
+        return both.swapaxes(1, 2)
+
+    def sides(self) -> Ints:
+        """Numbers of the boundary facets of both sides, shape (2 facets,)."""
+        return self._both.ravel()
+
+    def patches_in_space(self) -> list[Floats]:
+        """Polygon of each point: the part of its facet nearer to it than to the others, [m].
+
+        Nearness is that of the facet's reference coordinates, so that a skew facet is split as
+        its square is.
+        """
+        return self._patches(_Bilinear(self.corners))
+
+    def patch_weights(self) -> list[Floats]:
+        """Shares of the corners of its facet in each corner of the polygons, (corners, 3 or 4)."""
+        identity = np.eye(self.corners.shape[1])[None]
+        return self._patches(_Bilinear(np.repeat(identity, len(self.corners), axis=0)))
+
+    def _patches(self, target: _Bilinear) -> list[Floats]:
+        patches: list[Floats] = []
+        for i, facet in enumerate(self.facet_of_point):
+            polygon = target.reference
+            for other in np.flatnonzero(self.facet_of_point == facet):
+                if other != i:
+                    polygon = _nearer_part(polygon, self._local[i], self._local[other])
+            patches.append(target(polygon, np.full(len(polygon), facet)))
+        return patches
+
+
+class JointSurface(JointFacets):
     """A joint laid into a plane: points, facets and the patch of each point, all (.., 2) [m].
 
     The plane is the mean plane of the joint; a joint that bends more than a little, such as the
@@ -64,8 +125,6 @@ class JointSurface:
     Attributes:
         points: joint points in the plane, shape (n, 2), [m].
         facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
-        corners: the same in space, shape (facets, 3 or 4, 3), [m].
-        facet_of_point: number of each point's facet, shape (n,).
         axes: unit vectors across and up the mean plane, rows, shape (2, 3).
         labels: what to write on the two axes.
         ends: what lies to the left, the right, the bottom and the top; empty where it needs none.
@@ -74,19 +133,10 @@ class JointSurface:
 
     def __init__(self, results: Statics, joint: str) -> None:
         """Project or unroll the facets of the mesh that carry the points."""
-        results.check_joint(joint)
-        points = results.static(f"joints/{joint}/points")
+        super().__init__(results, joint)
         frames = results.static(f"joints/{joint}/frames")
         areas = results.static(f"joints/{joint}/areas")
-        self.facet_of_point, self._both = facets_of_joint(results, joint)
         normals = _means(frames[:, 0], areas, self.facet_of_point)
-        self._positions = results.static("mesh/nodes")
-        self._surface = results.static("mesh/surface")
-        self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
-        axes = tangent_axes(self.corners)
-        shape = _Bilinear(np.einsum("fci,fki->fck", self.corners, axes))
-        own = np.einsum("pi,pki->pk", points, axes[self.facet_of_point])
-        self._local = shape.inverse(own, self.facet_of_point)
         mean = areas @ frames[:, 0] / areas.sum()
         self._lay(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
 
@@ -110,44 +160,9 @@ class JointSurface:
             self.ends = (*across, "", "") if laid.upright else (*banks, *across[::-1])
         self.points: Floats = _Bilinear(self.facets)(self._local, self.facet_of_point)
 
-    def nodes(self) -> Ints:
-        """Numbers of the nodes on both sides of each corner, shape (facets, 3 or 4, 2)."""
-        numbers = self._surface[self._both]  # (facets, sides, corners)
-        places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
-        nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
-        both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
-        return both.swapaxes(1, 2)
-
-    def sides(self) -> Ints:
-        """Numbers of the boundary facets of both sides, shape (2 facets,)."""
-        return self._both.ravel()
-
     def patches(self) -> list[Floats]:
-        """Polygon of each point: the part of its facet nearer to it than to the others.
-
-        Nearness is that of the facet's reference coordinates, so that a skew facet is split as
-        its square is.
-        """
+        """Polygons of the points in the plane, of shape (corners, 2), [m]."""
         return self._patches(_Bilinear(self.facets))
-
-    def patches_in_space(self) -> list[Floats]:
-        """The same polygons in space, of shape (corners, 3), [m]."""
-        return self._patches(_Bilinear(self.corners))
-
-    def patch_weights(self) -> list[Floats]:
-        """Shares of the corners of its facet in each corner of the polygons, (corners, 3 or 4)."""
-        identity = np.eye(self.corners.shape[1])[None]
-        return self._patches(_Bilinear(np.repeat(identity, len(self.corners), axis=0)))
-
-    def _patches(self, target: _Bilinear) -> list[Floats]:
-        patches: list[Floats] = []
-        for i, facet in enumerate(self.facet_of_point):
-            polygon = target.reference
-            for other in np.flatnonzero(self.facet_of_point == facet):
-                if other != i:
-                    polygon = _nearer_part(polygon, self._local[i], self._local[other])
-            patches.append(target(polygon, np.full(len(polygon), facet)))
-        return patches
 
     def outlines(self) -> Floats:
         """Closed outlines of the facets, shape (facets, corners + 1, 2)."""

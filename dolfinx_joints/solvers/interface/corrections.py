@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import gathered, of_ranks
+from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
 from dolfinx_joints.solvers.interface.compliance import Part, Split
 from dolfinx_joints.solvers.interface.gmres import gmres
 from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
@@ -198,15 +199,15 @@ class Corrections:
         if self._block is None:
             return {"missed": self.missed}
         first = self._comm.scan(self._points) - self._points
-        return {"missed": self.missed, "kept": gathered(self._comm, self._kept + first)}
+        return {"missed": self.missed, "kept": Dealt(self._comm, self._kept + first)}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave (collective)."""
         self.missed = state_dict["missed"]
         if "kept" in state_dict:
-            first = self._comm.scan(self._points) - self._points
-            own = state_dict["kept"] - first
-            self._block = self._hold(own[(own >= 0) & (own < self._points)])
+            blocks, kept = blocks_of(self._comm, self._points), state_dict["kept"]
+            own = sent_to(self._comm, rank_of(blocks, kept), kept)
+            self._block = self._hold(own - blocks[self._comm.rank])
 
 
 def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.mpi import gathered, own_part
+from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
@@ -193,7 +193,7 @@ class InterfaceSolver:
     def state_dict(self) -> dict[str, Any]:
         """State that the next steps start from: matrices, forces of the last step and before.
 
-        Forces of all points, on rank 0 (collective).
+        (Collective.)
         """
         comm, kept = self._contact.operator.comm, self._condensed.items()
         matrices = {
@@ -205,8 +205,8 @@ class InterfaceSolver:
         known = {
             name: {
                 "matrix": objects.index(condensed) if condensed in objects else None,
-                "force": gathered(comm, force),
-                "coupled": gathered(comm, coupled),
+                "force": Dealt(comm, force.reshape(-1, 3)),
+                "coupled": Dealt(comm, coupled.reshape(-1, 3)),
             }
             for name, (condensed, force, coupled) in starts
         }
@@ -229,10 +229,7 @@ class InterfaceSolver:
         def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
             known = state_dict[name]["matrix"]
             found = None if known is None else kept[known]
-            comm, local = self._contact.operator.comm, self._operator.getLocalSize()[0]
-            force, coupled = (
-                own_part(comm, state_dict[name][part], local) for part in ("force", "coupled")
-            )
+            force, coupled = (state_dict[name][part].ravel() for part in ("force", "coupled"))
             return found, force, coupled
 
         self._last, self._before = start("last"), start("before")

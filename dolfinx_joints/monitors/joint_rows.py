@@ -1,0 +1,76 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joint points facet by facet, as files have them, each rank with its part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import RowsAt, across, dealt, equal_blocks
+from dolfinx_joints.joints.operator import JointOperator
+
+Rows = NDArray[Any]
+
+
+class JointRows:
+    """Values of joint points facet by facet, joint by joint, facets dealt in equal blocks.
+
+    Args:
+        operator: The joint operator.
+
+    Attributes:
+        names: Names of the joints.
+        joint: Joint number of each row of this rank, ascending, shape (n,).
+    """
+
+    def __init__(self, operator: JointOperator) -> None:
+        """Exchange the order once (collective)."""
+        self._comm, self.names = operator.comm, operator.names
+        layout, pairs = operator.layout, operator.jointed.pairs
+        number, share = (
+            dealt(self._comm, pairs.count, layout.facet, each)
+            for each in (layout.number, layout.share)
+        )
+        self._rows = RowsAt(self._comm, len(layout.areas), number.ravel())
+        self.joint: NDArray[np.int64] = self._rows(layout.joint)
+        facets = np.bincount(pairs.joint, minlength=len(self.names))
+        ends = np.concatenate([[0], np.cumsum(self._comm.allreduce(facets))])
+        blocks = equal_blocks(pairs.count, self._comm.size)
+        rank, points = self._comm.rank, len(layout.rule)
+        within = np.clip(blocks, ends[:-1, None], ends[1:, None]) - ends[:-1, None]
+        self._within = points * within  # first row of each rank in each joint
+        self._ends = np.cumsum(self._within[:, rank + 1] - self._within[:, rank])[:-1]
+        facet = np.arange(blocks[rank], blocks[rank + 1]).repeat(points) - ends[self.joint]
+        self._statics = {
+            "points": self(layout.points),
+            "frames": self(layout.frames),
+            "areas": self(layout.areas) * share.ravel(),
+            "facet": facet,
+        }
+
+    def __call__(self, values: Rows) -> Rows:
+        """Rows of this rank from values of its joint points, shape (n, ...) (collective)."""
+        return self._rows(values)
+
+    def by_joint(self, rows: Rows) -> dict[str, Rows]:
+        """Rows of this rank by joint."""
+        return dict(zip(self.names, np.split(rows, self._ends), strict=True))
+
+    def across(self, rows: Rows) -> dict[str, Rows | Dealt]:
+        """Rows of all ranks by joint."""
+        each = zip(self.by_joint(rows).items(), self._within, strict=True)
+        return {name: across(self._comm, mine, blocks) for (name, mine), blocks in each}
+
+    def own_statics(self) -> dict[str, dict[str, Rows]]:
+        """Points, frames, areas and facet numbers of this rank by joint, see `declare_states`."""
+        parts = {what: self.by_joint(rows) for what, rows in self._statics.items()}
+        return {name: {what: each[name] for what, each in parts.items()} for name in self.names}
+
+    def statics(self) -> dict[str, dict[str, Rows | Dealt]]:
+        """The same of all ranks."""
+        parts = {what: self.across(rows) for what, rows in self._statics.items()}
+        return {name: {what: each[name] for what, each in parts.items()} for name in self.names}

@@ -4,7 +4,9 @@
 """Bodies too large for a factor: iterations, time and memory of linear and jointed steps.
 
 Walls with one joint of some 1e5, 3e5 and 1e6 dofs are shaken from rest, tied and with the joint,
-which opens in the first step; the bulk is solved by iteration. Run it on any number of ranks::
+which opens in the first step; the bulk is solved by iteration. Two more walls, not run unless
+asked for, are cut into so many blocks that 1e4 and 1e5 joint points carry most of the nodes. Run it
+on any number of ranks::
 
     mpirun -n 2 python3 -m benchmarks.large_bodies
 
@@ -42,8 +44,18 @@ from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
-DIVISIONS = {"1e5": (54, 10, 54), "3e5": (78, 15, 80), "1e6": (116, 25, 116)}
-QUICK = {"quick": (8, 2, 8), "quicker": (12, 3, 12)}
+# Cells along x, y, z and number of joints.
+Wall = tuple[tuple[int, int, int], int]
+BODIES: dict[str, Wall] = {
+    "1e5": ((54, 10, 54), 1),
+    "3e5": ((78, 15, 80), 1),
+    "1e6": ((116, 25, 116), 1),
+}
+POINTS: dict[str, Wall] = {
+    "1e4 points": ((32, 12, 62), 15),
+    "1e5 points": ((64, 25, 126), 31),
+}
+QUICK: dict[str, Wall] = {"quick": ((8, 2, 8), 1), "quicker": ((12, 3, 12), 1)}
 KINDS = ("linear", "joints")
 LARGEST_LEDGER, LARGEST_GROWTH = 1e-10, 1.2
 
@@ -86,11 +98,12 @@ def counted() -> Iterator[list[int]]:
 
 
 def measure(
-    kind: str, divisions: tuple[int, int, int], mesh: Path, options: argparse.Namespace
+    kind: str, body: Wall, mesh: Path, options: argparse.Namespace
 ) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
     free_memory()
-    scene = wall("large", divisions=divisions, joints=1)
+    divisions, joints = body
+    scene = wall("large", divisions=divisions, joints=joints)
     phases, tied = Phases(), kind == "linear"
     with phases.phase("set-up"):
         model = scene.model(scene.read(mesh, tied=tied), None if tied else scene.law())
@@ -130,10 +143,10 @@ def measure(
     }
 
 
-def write(mesh: Path, divisions: tuple[int, int, int]) -> None:
-    """A wall with one joint, by a process of its own: Gmsh would keep gigabytes."""
-    root = Path(__file__).resolve().parents[1]
-    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", "1"]
+def write(mesh: Path, body: Wall) -> None:
+    """The mesh, by a process of its own: Gmsh would keep gigabytes."""
+    root, (divisions, joints) = Path(__file__).resolve().parents[1], body
+    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", str(joints)]
     command += ["--divisions", *map(str, divisions), "--out", str(mesh)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
@@ -141,7 +154,7 @@ def write(mesh: Path, divisions: tuple[int, int, int]) -> None:
 def print_row(name: str, row: dict[str, Any]) -> None:
     """A line of the table."""
     print(
-        f"{name:8} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
+        f"{name:10} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
         f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d}"
         f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f}"
         f" {row['solves']:6.1f} {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
@@ -164,7 +177,9 @@ def passed(rows: list[dict[str, Any]]) -> bool:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 if a run is not sound."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", nargs="+", choices=list(DIVISIONS), default=list(DIVISIONS))
+    parser.add_argument(
+        "--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES)
+    )
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
     parser.add_argument("--steps", type=at_least(2), default=5)
@@ -175,16 +190,17 @@ def main(arguments: list[str] | None = None) -> int:
     if comm.rank == 0:
         print(
             f"{comm.size} rank(s), load average {load_average():.1f}\n\n"
-            f"{'':43}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
+            f"{'':45}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
             "  set-up peak MiB"
         )
-    sizes = QUICK if options.quick else {name: DIVISIONS[name] for name in options.sizes}
-    for name, divisions in sizes.items():
+    every = BODIES | POINTS
+    sizes = QUICK if options.quick else {name: every[name] for name in options.sizes}
+    for name, body in sizes.items():
         with TemporaryDirectory() as folder:
             mesh = Path(comm.bcast(folder)) / "large.msh"
-            on_root(comm, lambda mesh=mesh, divisions=divisions: write(mesh, divisions))
+            on_root(comm, lambda mesh=mesh, body=body: write(mesh, body))
             for kind in options.kinds:
-                rows.append(measure(kind, divisions, mesh, options))
+                rows.append(measure(kind, body, mesh, options))
                 if comm.rank == 0:
                     print_row(name, rows[-1])
             comm.barrier()

@@ -113,7 +113,7 @@ def measure(
             model,
             monitors=[watch],
             solver=options.solver,
-            options=dj.SolverOptions(linear="iterative"),
+            options=dj.SolverOptions(linear="iterative", max_iterations=options.iterations),
         )
         end = simulation.dynamics(
             dt=TIME_STEP,
@@ -183,6 +183,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
     parser.add_argument("--steps", type=at_least(2), default=5)
+    parser.add_argument(
+        "--iterations", type=at_least(1), default=60, help="of Newton's method before a step is cut"
+    )
     parser.add_argument("--quick", action="store_true", help="tiny walls")
     parser.add_argument("--json", action="store_true", help="a JSON array as the last line")
     options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)

@@ -21,7 +21,6 @@ Exit status 1 if they differ by more than 1e-10.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
 import os
 import subprocess
@@ -35,7 +34,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import progress
+from benchmarks.shared.measure import petsc_sent, progress
 from benchmarks.shared.scenes import TIME_STEP, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import gathered, of_ranks
@@ -48,7 +47,7 @@ PATHS = {
     "compressed": ["--linear", "mumps", "--compliance", "compressed"],
     "matrix-free": ["--linear", "mumps", "--compliance", "matrix-free"],
     "iterated": ["--linear", "iterative", "--solver", "condensed"],
-    "multigrid": ["--linear", "iterative", "--solver", "monolithic"],
+    "multigrid": ["--linear", "iterative", "--solver", "monolithic", "--tolerance", "1e-13"],
 }
 BOUND = 1e-10
 
@@ -90,7 +89,11 @@ def run(options: argparse.Namespace) -> dict[str, Any] | None:
     simulation = dj.Simulation(
         model,
         solver=options.solver,
-        options=dj.SolverOptions(linear=options.linear, compliance=options.compliance),
+        options=dj.SolverOptions(
+            linear=options.linear,
+            compliance=options.compliance,
+            relative_tolerance=options.tolerance,
+        ),
         monitors=[watch],
     )
     simulation.statics(steps=scene.load_steps)
@@ -146,12 +149,8 @@ class Sent:
 
     def total(self) -> tuple[float, float]:
         """Messages and bytes so far."""
-        library = ctypes.CDLL(None)
-        of_petsc = [
-            ctypes.c_double.in_dll(library, f"petsc_{name}").value
-            for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
-        ]
-        return self.messages + sum(of_petsc[:3]), self.bytes + sum(of_petsc[3:])
+        messages, size = petsc_sent()
+        return self.messages + messages, self.bytes + size
 
 
 def on_ranks(ranks: int, arguments: list[str]) -> dict[str, Any]:
@@ -215,6 +214,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--compliance", default="auto")
     parser.add_argument("--solver", choices=("auto", "condensed", "monolithic"), default="auto")
+    parser.add_argument("--tolerance", type=float, default=1e-10, help="of Newton's method")
     parser.add_argument("--paths", action="store_true", help="compare all solvers")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)

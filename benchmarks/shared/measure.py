@@ -55,6 +55,16 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
     return [PETSc.Log.Event(name).getPerfInfo() for name in names]
 
 
+def petsc_sent() -> tuple[float, float]:
+    """Messages that PETSc sent from this rank so far, a sum over ranks as one, and bytes."""
+    library = ctypes.CDLL(None)
+    *calls, single, many = (
+        ctypes.c_double.in_dll(library, f"petsc_{name}").value
+        for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
+    )
+    return sum(calls), single + many
+
+
 # Wall time over processor time of a step above which wall times are not to be trusted.
 DISTURBED = 1.1
 

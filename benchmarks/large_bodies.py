@@ -25,12 +25,10 @@ import argparse
 import itertools
 import json
 import statistics
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from mpi4py import MPI
@@ -46,9 +44,9 @@ from benchmarks.shared.measure import (
     petsc_sent,
     slowest,
 )
-from benchmarks.shared.scenes import TIME_STEP, wall
+from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.common.mpi import of_ranks, on_root
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
@@ -163,14 +161,6 @@ def measure(
     }
 
 
-def write(mesh: Path, body: Wall) -> None:
-    """The mesh, by a process of its own: Gmsh would keep gigabytes."""
-    root, (divisions, joints) = Path(__file__).resolve().parents[1], body
-    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", str(joints)]
-    command += ["--divisions", *map(str, divisions), "--out", str(mesh)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-
-
 def print_row(name: str, row: dict[str, Any]) -> None:
     """A line of the table."""
     print(
@@ -219,14 +209,11 @@ def main(arguments: list[str] | None = None) -> int:
     every = BODIES | POINTS
     sizes = QUICK if options.quick else {name: every[name] for name in options.sizes}
     for name, body in sizes.items():
-        with TemporaryDirectory() as folder:
-            mesh = Path(comm.bcast(folder)) / "large.msh"
-            on_root(comm, lambda mesh=mesh, body=body: write(mesh, body))
+        with wall_file(*body) as mesh:
             for kind in options.kinds:
                 rows.append(measure(kind, body, mesh, options))
                 if comm.rank == 0:
                     print_row(name, rows[-1])
-            comm.barrier()
     if options.json and comm.rank == 0:
         print(json.dumps(rows))
     return int(not passed(rows))

@@ -35,7 +35,7 @@ import numpy as np
 
 import dolfinx_joints as dj
 from benchmarks.shared.measure import petsc_sent, progress
-from benchmarks.shared.scenes import TIME_STEP, wall
+from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import gathered, of_ranks
 from dolfinx_joints.simulation.monitor import Monitor
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> dict[str, Any] | None:
     """Some steps on the ranks of this program; what they took, on rank 0 (collective)."""
     scene, watch = wall("wall", divisions=options.divisions, joints=options.joints), Watch(Sent())
     bare, length = largest_mb(), options.steps * TIME_STEP
-    with scene.mesh_file() as mesh:
+    with wall_file(options.divisions, options.joints) as mesh:
         model = scene.model(scene.read(mesh), scene.law())
     simulation = dj.Simulation(
         model,

@@ -37,6 +37,14 @@ OPTIONS: dict[str, Any] = {
     "mg_levels_pc_type": "pbjacobi",
 }
 
+# P^T A P on several ranks without a copy of A P, which would double what levels take.
+PTAP = {"matptap_via": "allatonce"}
+
+
+def level_options(comm: PETSc.Comm) -> dict[str, Any]:
+    """Options, without prefix, for products that make levels."""
+    return PTAP if comm.size > 1 else {}
+
 
 @contextmanager
 def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
@@ -122,7 +130,8 @@ class IterativeSolver:
         self._free_blocked()
         if self._matrix.getBlockSize() > 1:
             self._blocked = self._matrix.convert("baij", PETSc.Mat())
-        with options_set(self._ksp.getOptionsPrefix(), OPTIONS):
+        levels = options_set("", level_options(self._matrix.comm))
+        with options_set(self._ksp.getOptionsPrefix(), OPTIONS), levels:
             self._ksp.setOperators(self._blocked or self._matrix, self._matrix)
             self._ksp.setFromOptions()
             self._ksp.setUp()

@@ -4,7 +4,9 @@
 """Bodies too large for a factor: iterations, time and memory of linear and jointed steps.
 
 Walls with one joint of some 1e5, 3e5 and 1e6 dofs are shaken from rest, tied and with the joint,
-which opens in the first step; the bulk is solved by iteration. Run it on any number of ranks::
+which opens in the first step; the bulk is solved by iteration. Two more walls, not run unless
+asked for, are cut into so many blocks that 1e4 and 1e5 joint points carry most of the nodes. Run it
+on any number of ranks::
 
     mpirun -n 2 python3 -m benchmarks.large_bodies
 
@@ -23,44 +25,68 @@ import argparse
 import itertools
 import json
 import statistics
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
+
 import dolfinx_joints as dj
-from benchmarks.shared.measure import Phases, StepWatch, free_memory, load_average, slowest
-from benchmarks.shared.scenes import TIME_STEP, wall
+from benchmarks.shared.measure import (
+    Phases,
+    StepWatch,
+    free_memory,
+    load_average,
+    petsc_sent,
+    slowest,
+)
+from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
-DIVISIONS = {"1e5": (54, 10, 54), "3e5": (78, 15, 80), "1e6": (116, 25, 116)}
-QUICK = {"quick": (8, 2, 8), "quicker": (12, 3, 12)}
+# Cells along x, y, z and number of joints.
+Wall = tuple[tuple[int, int, int], int]
+BODIES: dict[str, Wall] = {
+    "1e5": ((54, 10, 54), 1),
+    "3e5": ((78, 15, 80), 1),
+    "1e6": ((116, 25, 116), 1),
+}
+POINTS: dict[str, Wall] = {
+    "1e4 points": ((32, 12, 62), 15),
+    "1e5 points": ((64, 25, 126), 31),
+}
+QUICK: dict[str, Wall] = {"quick": ((8, 2, 8), 1), "quicker": ((12, 3, 12), 1)}
 KINDS = ("linear", "joints")
 LARGEST_LEDGER, LARGEST_GROWTH = 1e-10, 1.2
 
 
 class IterationWatch(StepWatch):
-    """Monitor that also keeps the iterations of the linear solver, a list for each step."""
+    """Monitor that also keeps what the linear solver did in each step.
+
+    Attributes:
+        counts: Iterations of each of its solves, a list for each step.
+        sent: Messages and bytes that PETSc had sent from this rank after each step.
+    """
 
     def __init__(self, scene: Any, solves: list[int]) -> None:
         """Nothing is seen yet."""
         super().__init__(scene)
         self._solves = solves
         self.counts: list[list[int]] = []
+        self.sent: list[tuple[float, float]] = []
 
     def record(self, record: Record) -> None:
         """Take what was solved since the last step."""
         super().record(record)
         self.counts.append(self._solves.copy())
+        self.sent.append(petsc_sent())
         self._solves.clear()
 
 
@@ -86,11 +112,12 @@ def counted() -> Iterator[list[int]]:
 
 
 def measure(
-    kind: str, divisions: tuple[int, int, int], mesh: Path, options: argparse.Namespace
+    kind: str, body: Wall, mesh: Path, options: argparse.Namespace
 ) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
     free_memory()
-    scene = wall("large", divisions=divisions, joints=1)
+    divisions, joints = body
+    scene = wall("large", divisions=divisions, joints=joints)
     phases, tied = Phases(), kind == "linear"
     with phases.phase("set-up"):
         model = scene.model(
@@ -102,7 +129,7 @@ def measure(
             model,
             monitors=[watch],
             solver=options.solver,
-            options=dj.SolverOptions(linear="iterative"),
+            options=dj.SolverOptions(linear="iterative", max_iterations=options.iterations),
         )
         end = simulation.dynamics(
             dt=TIME_STEP,
@@ -111,6 +138,8 @@ def measure(
         )
     first, *others = watch.wall
     totals = [sum(step) for step in watch.counts[1:]]
+    sent = np.subtract(watch.sent[-1], watch.sent[0]) / len(others)
+    messages, size = of_ranks(MPI.COMM_WORLD, sent).mean(axis=0)
     return {
         "kind": kind,
         "ranks": MPI.COMM_WORLD.size,
@@ -127,23 +156,17 @@ def measure(
         "newton": [watch.iterations[0], statistics.mean(watch.iterations[1:])],
         "opened": max((share[0] for share in watch.shares), default=0.0),
         "ledger": end.imbalance,
+        "messages": messages,
+        "bytes": size,
         "setup_s": phases.seconds["set-up"],
         "peak_mb": max(phases.peaks_mb.values()),
     }
 
 
-def write(mesh: Path, divisions: tuple[int, int, int]) -> None:
-    """A wall with one joint, by a process of its own: Gmsh would keep gigabytes."""
-    root = Path(__file__).resolve().parents[1]
-    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", "1"]
-    command += ["--divisions", *map(str, divisions), "--out", str(mesh)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-
-
 def print_row(name: str, row: dict[str, Any]) -> None:
     """A line of the table."""
     print(
-        f"{name:8} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
+        f"{name:10} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
         f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d}"
         f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f}"
         f" {row['solves']:6.1f} {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
@@ -166,11 +189,16 @@ def passed(rows: list[dict[str, Any]]) -> bool:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 if a run is not sound."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", nargs="+", choices=list(DIVISIONS), default=list(DIVISIONS))
+    parser.add_argument(
+        "--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES)
+    )
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
     parser.add_argument("--stiffness", type=float, default=1e11, help="of the joint [Pa/m]")
     parser.add_argument("--steps", type=at_least(2), default=5)
+    parser.add_argument(
+        "--iterations", type=at_least(1), default=60, help="of Newton's method before a step is cut"
+    )
     parser.add_argument("--quick", action="store_true", help="tiny walls")
     parser.add_argument("--json", action="store_true", help="a JSON array as the last line")
     options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
@@ -178,19 +206,17 @@ def main(arguments: list[str] | None = None) -> int:
     if comm.rank == 0:
         print(
             f"{comm.size} rank(s), load average {load_average():.1f}\n\n"
-            f"{'':43}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
+            f"{'':45}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
             "  set-up peak MiB"
         )
-    sizes = QUICK if options.quick else {name: DIVISIONS[name] for name in options.sizes}
-    for name, divisions in sizes.items():
-        with TemporaryDirectory() as folder:
-            mesh = Path(comm.bcast(folder)) / "large.msh"
-            on_root(comm, lambda mesh=mesh, divisions=divisions: write(mesh, divisions))
+    every = BODIES | POINTS
+    sizes = QUICK if options.quick else {name: every[name] for name in options.sizes}
+    for name, body in sizes.items():
+        with wall_file(*body) as mesh:
             for kind in options.kinds:
-                rows.append(measure(kind, divisions, mesh, options))
+                rows.append(measure(kind, body, mesh, options))
                 if comm.rank == 0:
                     print_row(name, rows[-1])
-            comm.barrier()
     if options.json and comm.rank == 0:
         print(json.dumps(rows))
     return int(not passed(rows))

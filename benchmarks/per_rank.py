@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a rank has to hold and to send: memory, messages and bytes of jointed steps.
+"""What a rank has to hold and to send, and whether all numbers of ranks give the same.
 
 The wall of the other benchmarks, cut by ``--joints``, runs on each number of ranks under mpirun, as
 many processes as there are, whether they have a processor each or not. Memory is the largest of a
@@ -9,12 +9,18 @@ rank above what the bare process takes once everything is imported. Messages and
 that a rank sends in a step, the first left out: products of PETSc, its sums, and what the joint
 solver sends itself; a collective one counts as one, with what the rank gives. Those inside MUMPS
 are not counted. Results are compared with those of the first number of ranks.
+
+``--paths`` compares solvers instead: gaps and tractions of all joint points in all steps with those
+of the first path on the first number of ranks, relative to the largest of the run::
+
+    python3 -m benchmarks.per_rank --paths --ranks 1 2 3 4 --steps 20 --divisions 12 3 12
+
+Exit status 1 if they differ by more than 1e-10.
 """
 
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
 import os
 import subprocess
@@ -28,17 +34,26 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import progress
-from benchmarks.shared.scenes import TIME_STEP, wall
+from benchmarks.shared.measure import petsc_sent, progress
+from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.common.mpi import gathered, of_ranks
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import Parts
 
+PATHS = {
+    "dense": ["--linear", "mumps", "--compliance", "dense"],
+    "compressed": ["--linear", "mumps", "--compliance", "compressed"],
+    "matrix-free": ["--linear", "mumps", "--compliance", "matrix-free"],
+    "iterated": ["--linear", "iterative", "--solver", "condensed"],
+    "multigrid": ["--linear", "iterative", "--solver", "monolithic", "--tolerance", "1e-13"],
+}
+BOUND = 1e-10
+
 
 class Watch(Monitor):
-    """Gaps of all points after the last step, on rank 0, and what was sent in steps but the first.
+    """Gaps and tractions after each step, on rank 0, and what was sent in steps but the first.
 
     Args:
         sent: Counts it.
@@ -47,14 +62,16 @@ class Watch(Monitor):
     def __init__(self, sent: Sent) -> None:
         """Nothing is seen yet."""
         self._sent, self.at_first = sent, (0.0, 0.0)
+        self.gaps: list[Any] = []
+        self.tractions: list[Any] = []
 
     def record(self, record: Any) -> None:
         """Take note of a step (collective)."""
         if record.step == 1:
             self.at_first = self._sent.total()
         self.at_last = self._sent.total()
-        gaps = gathered(MPI.COMM_WORLD, record.joints.state.gap)
-        self.gaps = None if gaps is None else gaps.tolist()
+        self.gaps.append(gathered(MPI.COMM_WORLD, record.joints.state.gap))
+        self.tractions.append(gathered(MPI.COMM_WORLD, record.joints.traction))
 
 
 def largest_mb() -> float:
@@ -67,15 +84,21 @@ def run(options: argparse.Namespace) -> dict[str, Any] | None:
     """Some steps on the ranks of this program; what they took, on rank 0 (collective)."""
     scene, watch = wall("wall", divisions=options.divisions, joints=options.joints), Watch(Sent())
     bare, length = largest_mb(), options.steps * TIME_STEP
-    with scene.mesh_file() as mesh:
+    with wall_file(options.divisions, options.joints) as mesh:
         model = scene.model(scene.read(mesh), scene.law())
     simulation = dj.Simulation(
         model,
-        options=dj.SolverOptions(linear=options.linear, compliance=options.compliance),
+        solver=options.solver,
+        options=dj.SolverOptions(
+            linear=options.linear,
+            compliance=options.compliance,
+            relative_tolerance=options.tolerance,
+        ),
         monitors=[watch],
     )
     simulation.statics(steps=scene.load_steps)
-    simulation.dynamics(dt=TIME_STEP, steps=options.steps, motion=scene.strong_shaking(length))
+    motion = scene.strong_shaking(length)
+    end = simulation.dynamics(dt=TIME_STEP, steps=options.steps, motion=motion)
     sent = np.subtract(watch.at_last, watch.at_first) / (options.steps - 1)
     rows = MPI.COMM_WORLD.gather((largest_mb() - bare, *sent))
     if rows is None:
@@ -89,7 +112,9 @@ def run(options: argparse.Namespace) -> dict[str, Any] | None:
         "memory_mb": memory.max(),
         "messages": messages.mean(),
         "bytes": size.mean(),
-        "gaps": watch.gaps,
+        "solver": end.solver,
+        "gaps": np.array(watch.gaps).tolist(),
+        "tractions": np.array(watch.tractions).tolist(),
     }
 
 
@@ -124,12 +149,8 @@ class Sent:
 
     def total(self) -> tuple[float, float]:
         """Messages and bytes so far."""
-        library = ctypes.CDLL(None)
-        of_petsc = [
-            ctypes.c_double.in_dll(library, f"petsc_{name}").value
-            for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
-        ]
-        return self.messages + sum(of_petsc[:3]), self.bytes + sum(of_petsc[3:])
+        messages, size = petsc_sent()
+        return self.messages + messages, self.bytes + size
 
 
 def on_ranks(ranks: int, arguments: list[str]) -> dict[str, Any]:
@@ -144,6 +165,12 @@ def on_ranks(ranks: int, arguments: list[str]) -> dict[str, Any]:
     return found
 
 
+def difference(row: dict[str, Any], first: dict[str, Any], name: str) -> float:
+    """Largest difference of a quantity in all steps, relative to its largest entry."""
+    found, expected = np.array(row[name]), np.array(first[name])
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
 def print_table(rows: Sequence[dict[str, Any]]) -> None:
     """One line for each number of ranks."""
     first = rows[0]
@@ -152,18 +179,31 @@ def print_table(rows: Sequence[dict[str, Any]]) -> None:
     )
     print("ranks  MiB per rank  of the first  messages  kB sent  largest difference of gaps")
     for row in rows:
-        gaps, expected = np.array(row["gaps"]), np.array(first["gaps"])
-        error = np.abs(gaps - expected).max() / np.abs(expected).max()
         print(
             f"{row['ranks']:5d}  {row['memory_mb']:12.0f}  "
             f"{row['memory_mb'] / first['memory_mb']:12.2f}  {row['messages']:8.0f}  "
-            f"{row['bytes'] / 1e3:7.1f}  {error:.1e}"
+            f"{row['bytes'] / 1e3:7.1f}  {difference(row, first, 'gaps'):.1e}"
         )
     print("\nMessages and bytes are per step and rank.")
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the comparison, or one of its runs under mpirun."""
+def compare_paths(ranks: Sequence[int], arguments: list[str]) -> int:
+    """A line for each path and number of ranks; 1 if two differ."""
+    first, largest = None, 0.0
+    print(f"{'path':12} {'solver':11} ranks  gaps differ by  tractions differ by")
+    for path, options in PATHS.items():
+        for number in ranks:
+            row = on_ranks(number, [*arguments, *options])
+            first = first or row
+            found = [difference(row, first, name) for name in ("gaps", "tractions")]
+            print(f"{path:12} {row['solver']:11} {number:5d}  {found[0]:14.1e}  {found[1]:.1e}")
+            largest = max(largest, *found)
+    print(f"\n{first['dofs']} dofs, {first['points']} joint points")
+    return int(largest > BOUND)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the comparison, or one of its runs under mpirun; 1 if paths differ."""
     parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ranks", nargs="+", type=at_least(1), default=[1, 2, 4, 8])
     parser.add_argument("--divisions", nargs=3, type=at_least(1), default=[40, 8, 40])
@@ -173,16 +213,22 @@ def main(arguments: list[str] | None = None) -> None:
         "--linear", choices=("auto", "direct", "mumps", "iterative"), default="auto"
     )
     parser.add_argument("--compliance", default="auto")
+    parser.add_argument("--solver", choices=("auto", "condensed", "monolithic"), default="auto")
+    parser.add_argument("--tolerance", type=float, default=1e-10, help="of Newton's method")
+    parser.add_argument("--paths", action="store_true", help="compare all solvers")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.child:
         found = run(options)
         if found is not None:
             print(json.dumps(found), flush=True)
-        return
+        return 0
     given = sys.argv[1:] if arguments is None else arguments
+    if options.paths:
+        return compare_paths(options.ranks, given)
     print_table([on_ranks(ranks, given) for ranks in options.ranks])
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -14,7 +14,9 @@ ranks each is that of the slowest. Growth is the exponent p of time ~ n^p, fitte
 
 ``--ranks 1 2`` runs the program under mpirun once for each number of ranks and prints what becomes
 of each phase; efficiency is the time on the first number of ranks over that on another, per rank.
-One rank uses CHOLMOD where PETSc has it, several use MUMPS: that is part of the comparison.
+One rank uses CHOLMOD where PETSc has it, several use MUMPS: that is part of the comparison, unless
+``--linear mumps`` has all of them use it. What waits for memory is compared with the bandwidth of a
+triad, a = b + s c, on as many ranks.
 """
 
 from __future__ import annotations
@@ -27,17 +29,18 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from mpi4py import MPI
 
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import load_average, march, print_disturbance
+from benchmarks.shared.measure import bandwidth, load_average, march, print_disturbance
 from benchmarks.shared.parts import PARTS, Clocks, SplitWatch
 from benchmarks.shared.scenes import Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.solvers.effective_matrix import LinearSolver
 
 SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
 STEPS = {
@@ -88,25 +91,28 @@ QUICK: Series = {
         "81 points": Case(divisions=(8, 2, 8), joints=3),
     },
 }
+CASES = [name for table in (SERIES, LARGE, QUICK) for cases in table.values() for name in cases]
 
 
 # ---------------------------------------------------------------- cases
 
 
-def measure(name: str, case: Case, steps: int) -> dict[str, Any]:
+def measure(name: str, case: Case, steps: int, linear_solver: LinearSolver) -> dict[str, Any]:
     """A case, tied and with joints (collective)."""
+    options = dj.SolverOptions(linear=linear_solver)
     scene, clocks = case.scene(name), Clocks()
     watch = SplitWatch(scene, clocks)
     with scene.mesh_file() as mesh:
-        linear = march(scene, mesh, steps, law=None)
+        linear = march(scene, mesh, steps, law=None, options=options)
         with clocks.watching():
-            joints = march(scene, mesh, steps, law=scene.law(), watch=watch)
+            joints = march(scene, mesh, steps, law=scene.law(), options=options, watch=watch)
     return {
         "dofs": joints.dofs,
         "joint_points": joints.points,
         "steps": steps,
         "ranks": MPI.COMM_WORLD.size,
         "load_average": load_average(),
+        "bandwidth": bandwidth(),
         "solver": joints.facts["solver"],
         "newton_mean": joints.facts["iterations"] / joints.facts["accepted"],
         "ledger": joints.facts["ledger"],
@@ -153,9 +159,14 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         cases = dict(table[series])
         if options.large:
             cases |= LARGE[series]
-        rows = {name: measure(name, case, options.steps) for name, case in cases.items()}
+        rows = {
+            name: measure(name, case, options.steps, options.linear)
+            for name, case in cases.items()
+            if options.cases is None or name in options.cases
+        }
         over = "dofs" if series == "dofs" else "joint_points"
-        found[series] = {"cases": rows, "growth": growth(list(rows.values()), over)}
+        if rows:
+            found[series] = {"cases": rows, "growth": growth(list(rows.values()), over)}
     return found
 
 
@@ -180,6 +191,7 @@ def print_series(name: str, found: dict[str, Any]) -> None:
         line(label, [str(row[key]) for row in rows.values()])
     line("Newton per step", [f"{row['newton_mean']:.2f}" for row in rows.values()])
     line("peak memory [MiB]", [f"{row['peak_mb']:.0f}" for row in rows.values()])
+    line("triad, all ranks [GB/s]", [f"{row['bandwidth'] / 1e9:.1f}" for row in rows.values()])
     for title, labels in (
         ("set-up [s]", SETUP),
         ("step, median [ms]", tuple(STEPS)),
@@ -227,6 +239,8 @@ def efficiencies(
         for name, row in few[series]["cases"].items():
             a, b = numbers(row), numbers(many[series]["cases"][name])
             found[name] = {key: a[key] / (times * b[key]) for key in a if a[key] > 0 < b[key]}
+            more = many[series]["cases"][name]["bandwidth"] / row["bandwidth"]
+            found[name]["triad"] = more / times
     return found
 
 
@@ -236,7 +250,7 @@ def print_efficiencies(found: dict[str, dict[str, float]], first: int, ranks: in
         f"\nEfficiency of {ranks} ranks against {first}: 100 % is {ranks / first:g} times as fast\n"
     )
     print(f"{'':24}" + "".join(f"{name:>14}" for name in found))
-    for label in (*SETUP, *STEPS, *PARTS):
+    for label in (*SETUP, *STEPS, *PARTS, "triad"):
         shares = [row.get(label) for row in found.values()]
         texts = ["-" if share is None else f"{100 * share:.0f} %" for share in shares]
         print(f"{label:24}" + "".join(f"{text:>14}" for text in texts))
@@ -249,6 +263,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--steps", type=at_least(1), default=30)
     parser.add_argument("--large", action="store_true", help="also 1M dofs and 10k joint points")
     parser.add_argument("--quick", action="store_true", help="tiny walls")
+    parser.add_argument("--cases", nargs="+", choices=CASES, help="some of the walls alone")
+    parser.add_argument("--linear", choices=get_args(LinearSolver), default="auto")
     parser.add_argument(
         "--ranks", nargs="+", type=at_least(1), help="run under mpirun, compare the ranks"
     )
@@ -259,6 +275,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
 def without_ranks(options: argparse.Namespace) -> list[str]:
     """The command line of a run under mpirun."""
     flags = [f"--{name}" for name in ("large", "quick") if getattr(options, name)]
+    flags += ["--linear", options.linear, *(["--cases", *options.cases] if options.cases else [])]
     return ["--series", *options.series, "--steps", str(options.steps), *flags]
 
 

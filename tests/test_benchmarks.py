@@ -20,6 +20,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks import (
     agreement,
+    cluster_model,
     compliances,
     dam_precision,
     dissipation,
@@ -30,6 +31,7 @@ from benchmarks import (
     large_bodies,
     motion_suite,
     opensees_wall,
+    per_rank,
     reduced_bulk,
     reservoir_waves,
     scaling,
@@ -325,7 +327,7 @@ def test_forms_that_differ_are_shown(monkeypatch):
 def test_efficiency_of_ranks():
     def run(ms):
         row = dict.fromkeys(scaling.STEPS.values(), ms)
-        row |= {"setup_s": {"mesh": 1.0, "compliance": 0.0}, "parts_ms": {}}
+        row |= {"setup_s": {"mesh": 1.0, "compliance": 0.0}, "parts_ms": {}, "bandwidth": 1e10}
         return {"dofs": {"cases": {"a": row}}}
 
     # 6 ms on one rank and 4 ms on two: 1.5 times as fast on twice as many.
@@ -333,6 +335,46 @@ def test_efficiency_of_ranks():
     assert found["jointed"] == pytest.approx(0.75)
     assert found["mesh"] == pytest.approx(0.5)
     assert "compliance" not in found
+
+
+@pytest.mark.slow
+def test_paths_agree_on_ranks():
+    arguments = ["--paths", "--ranks", "1", "2", "--steps", "3", "--divisions", "4", "2", "4"]
+    assert per_rank.main(arguments) == 0
+
+
+def test_constants_of_a_cluster_are_found_again(tmp_path, capsys):
+    # Rows that follow from constants; 100 bytes of (1000 / 8)^(2/3) = 25 to each of 7 neighbours.
+    def row(ranks, dofs, points, newton):
+        seconds = 1e-7 * (20.0 * dofs + 3.0 * newton * points)
+        return {
+            "ranks": ranks,
+            "dofs": dofs,
+            "joint_points": points,
+            "iterations": 20.0,
+            "newton": [0, newton],
+            "step_cpu_s": seconds,
+            "peak_mb": 300.0 + 0.01 * dofs + 0.02 * points,
+            "messages": 7.0 * 20.0 * 5.0,
+            "bytes": 7.0 * 20.0 * 100.0 * 25.0,
+        }
+
+    rows = [row(1, 1000, 0, 1), row(1, 1000, 100, 8), row(1, 3000, 50, 4), row(8, 1000, 0, 1)]
+    file = tmp_path / "rows.txt"
+    file.write_text("a table\n" + json.dumps(rows))
+    one_rank_a_node = ["--node-ranks", "1", "--node-bandwidth", "17e9", "--network", "1e9"]
+    body = ["--dofs", "8e6", "--points", "1e5", "--newton", "10", "--latency", "1e-5"]
+    cluster_model.main([str(file), "--ranks", "8", *one_rank_a_node, *body])
+    *_, printed_row = capsys.readouterr().out.splitlines()
+    ranks, linear, waiting, _, jointed, *_, held, _ = printed_row.split()
+    # 20 iterations of 1e6 dofs a rank; 7 * 5 messages and 3 of a sum; 7 * 100 bytes of 1e6^(2/3).
+    wire = 20 * (38 * 1e-5 + 7 * 100 * 1e4 / 1e9)
+    assert float(linear) == pytest.approx(2.0 + wire, abs=1e-3)
+    assert float(waiting) == pytest.approx(100 * wire / (2.0 + wire), abs=1)
+    # 50 iterations, and 10 corrections of 1e5 points.
+    expected = 2.5 * (2.0 + wire) + 3e-7 * 10 * 1e5 / 8
+    assert float(jointed) == pytest.approx(expected, abs=2e-3)
+    assert (int(ranks), int(held)) == (8, round(300 + (8e4 + 2e3) / 8))
 
 
 @pytest.mark.slow

@@ -55,6 +55,16 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
     return [PETSc.Log.Event(name).getPerfInfo() for name in names]
 
 
+def petsc_sent() -> tuple[float, float]:
+    """Messages that PETSc sent from this rank so far, a sum over ranks as one, and bytes."""
+    library = ctypes.CDLL(None)
+    *calls, single, many = (
+        ctypes.c_double.in_dll(library, f"petsc_{name}").value
+        for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
+    )
+    return sum(calls), single + many
+
+
 # Wall time over processor time of a step above which wall times are not to be trusted.
 DISTURBED = 1.1
 
@@ -108,6 +118,23 @@ def peak_mb() -> float:
 def slowest(value: float) -> float:
     """The largest of all ranks (collective)."""
     return MPI.COMM_WORLD.allreduce(value, op=MPI.MAX)
+
+
+def bandwidth() -> float:
+    """Memory bandwidth that all ranks have together in a triad, w = y + s x [B/s] (collective)."""
+    vectors = [PETSc.Vec().createSeq(10_000_000) for _ in range(3)]
+    for vector in vectors:
+        vector.set(1.0)
+    seconds = []
+    for _ in range(7):
+        MPI.COMM_WORLD.barrier()
+        began = clock.perf_counter()
+        vectors[0].waxpy(0.5, *vectors[1:])
+        seconds.append(slowest(clock.perf_counter() - began))
+    moved = sum(8.0 * vector.getSize() for vector in vectors)
+    for vector in vectors:
+        vector.destroy()
+    return MPI.COMM_WORLD.size * moved / min(seconds)
 
 
 @dataclass(kw_only=True)
@@ -247,6 +274,7 @@ def march(
     *,
     law: Law | None,
     solver: str = "auto",
+    options: dj.SolverOptions | None = None,
     watch: StepWatch | None = None,
 ) -> March:
     """Static loads, then the motion, with a law for the joints or without joints (collective).
@@ -263,7 +291,7 @@ def march(
         jointed = scene.read(mesh, tied=law is None)
     with phases.phase("assembly"):
         model = scene.model(jointed, law)
-        simulation = dj.Simulation(model, monitors=[watch], solver=solver)
+        simulation = dj.Simulation(model, monitors=[watch], solver=solver, options=options)
     with phases.phase("statics"):
         simulation.statics(steps=scene.load_steps)
     with phases.phase("steps"):

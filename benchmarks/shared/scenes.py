@@ -5,9 +5,12 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -177,6 +180,23 @@ def wall(
         crest=(10.0, 2.0, 20.0),
         tied_peaks_mm=None if divisions else TIED_PEAKS.get(mesh),
     )
+
+
+@contextmanager
+def wall_file(divisions: Sequence[int], joints: int) -> Iterator[Path]:
+    """The mesh file of a wall, written by a process of its own: Gmsh would keep its memory.
+
+    (Collective.)
+    """
+    root, comm = Path(__file__).resolve().parents[2], MPI.COMM_WORLD
+    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", str(joints)]
+    command += ["--divisions", *map(str, divisions), "--out"]
+    with TemporaryDirectory() as folder:
+        path = Path(comm.bcast(folder)) / "wall.msh"
+        write = partial(subprocess.run, [*command, str(path)], check=True, stdout=subprocess.DEVNULL)
+        on_root(comm, write)
+        yield path
+        comm.barrier()
 
 
 # ---------------------------------------------------------------- arch dam

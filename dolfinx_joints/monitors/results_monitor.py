@@ -170,7 +170,7 @@ class ResultsMonitor(Monitor):
             declare_states(writer, *self._mesh, status=True)
             self._fields.declare(writer, "states", self._mesh.joints)
             if self.static_part:
-                declare_static_part(writer, "states", self._mesh.nodes.shape)
+                declare_static_part(writer, "states", np.shape(self._mesh.nodes))
             if first.stages:
                 self._stage_fields.declare(writer, self._mesh.joints)
             if self._extremes is not None:

@@ -243,7 +243,9 @@ class Simulation:
         """`march` with the simulation's solver (collective)."""
         with self._phase("static"):
             solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
-            return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
+            state = march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
+            free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
+            return state
 
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).

@@ -26,6 +26,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     Cache,
     EffectiveMatrix,
     MatrixCoefficients,
+    iterates,
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.line_search import LineSearch
@@ -72,13 +73,15 @@ class NewtonSolver:
         product = (
             None if internal_forces is None else internal_forces.tangent_matrix(self.unconstrained)
         )
+        kept = 2 if iterates(system, self.options.linear) else 4  # large, and soon made anew
         newton = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
                 EffectiveMatrix.of(system, key, linear=newton.linear),
                 product,
                 newton.linear_options,
-            )
+            ),
+            size=kept,
         )
 
     def solve(

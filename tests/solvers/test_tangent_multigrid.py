@@ -157,6 +157,24 @@ def test_stiff_joints_are_condensed(wall, stiffness, name):
     assert make_solver(wall(stiffness=stiffness).system()).name == "condensed"
 
 
+def test_matrices_of_two_time_steps_are_kept(wall, monkeypatch):
+    # A step cut again and again would else fill the memory that a factor did not fit into.
+    gone = []
+    monkeypatch.setattr(Tangent, "destroy", lambda tangent: gone.append(tangent.effective))
+    system = wall().system()
+    solver = make_solver(system, dj.SolverOptions(linear="iterative"))
+    rest = unconstrained_dofs(system)
+    rest.set(0.0)
+    state = system.contact.at_rest(rest)
+    for cut in (1.0, 2.0, 1.0, 4.0):
+        step = MatrixCoefficients(mass=2.0 * (cut / DT) ** 2, damping=cut / DT, stiffness=0.5)
+        b, x = unconstrained_dofs(system), unconstrained_dofs(system)
+        system.load(0.0, b)
+        rest.copy(x)
+        solver.solve(step, b, x, state)
+        assert len(gone) == (cut == 4.0)
+
+
 def test_linear_steps_do_not_see_the_tolerance(wall_file, read):
     ends = {}
     for linear in ("direct", "iterative"):

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
@@ -138,7 +137,6 @@ def march(
         products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported
         if contact is not None:
             response = with_inactive(contact, response, before, u, stage)
-    free_petsc_garbage(model.jointed.mesh.comm)
     return state()
 
 

@@ -4,7 +4,8 @@
 
 A rank keeps the blocks of its own points. Of a block L^T R between two ranks the owner of the rows
 keeps L and that of the columns R, so that what passes between them in a product are the few numbers
-R x, and L x for the mirror image. Of a dense block the owner of the rows keeps all.
+R x, and L x for the mirror image. Of a dense block the owner of the rows keeps all; the dense ones
+of a panel share its unknowns, which pass once.
 """
 
 from __future__ import annotations
@@ -45,42 +46,58 @@ class Shares:
         dtype: Type of the factors.
 
     Attributes:
-        table: First unknown, number of unknowns, rows of the factor and kind of each block.
+        table: First unknown, number of unknowns, rows of the factor, kind and panel of each block.
         factors: Their factors, empty for `PLACE`.
     """
 
     dtype: Any
-    table: list[tuple[int, int, int, int]] = field(default_factory=list)
+    table: list[tuple[int, int, int, int, int]] = field(default_factory=list)
     factors: list[NDArray[Any]] = field(default_factory=list)
 
-    def add(self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int) -> None:
+    def add(
+        self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int, panel: int
+    ) -> None:
         """Take up a part, before any product."""
         rows = unknowns if factor is None else len(factor)
-        self.table.append((first, unknowns, rows, kind))
+        self.table.append((first, unknowns, rows, kind, panel))
         kept = np.empty((0, unknowns)) if factor is None else factor
         self.factors.append(np.ascontiguousarray(kept, self.dtype))
 
     def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
         """The same blocks with other factors and kinds."""
         shares = Shares(dtype)
-        for (first, unknowns, _, _), (factor, kind) in zip(self.table, parts, strict=True):
-            shares.add(first, unknowns, factor, kind)
+        for (first, unknowns, _, _, panel), part in zip(self.table, parts, strict=True):
+            shares.add(first, unknowns, *part, panel)
         return shares
 
     @cached_property
     def arrays(self) -> tuple[Ints, NDArray[Any]]:
-        """Table and entries as the loops take them; the factors become views of the latter."""
+        """Table and entries as the loops take them; the factors become views of the latter.
+
+        In the place of a block's panel is where its numbers are among those that pass.
+        """
         data = np.concatenate([f.ravel() for f in self.factors])
         at = 0
         for i, factor in enumerate(self.factors):
             self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
             at += factor.size
-        return np.array(self.table, dtype=np.int64), data
+        table, places, end = [], {}, 0
+        for *block, rows, kind, panel in self.table:
+            if kind == FACTOR or panel not in places:
+                place, end = end, end + rows
+                if kind != FACTOR:
+                    places[panel] = place
+            elif kind == PLACE:
+                continue
+            else:
+                place = places[panel]
+            table.append((*block, rows, kind, place))
+        return np.array(table, dtype=np.int64), data
 
     @cached_property
     def length(self) -> int:
         """Numbers that go to the other rank, and come from it, in a product."""
-        return sum(rows for _, _, rows, _ in self.table)
+        return int((self.arrays[0][:, 2] + self.arrays[0][:, 4]).max())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,14 +177,14 @@ class RankedLowRankMatrix:
                 first, unknowns = 3 * rows.start, 3 * (rows.stop - rows.start)
                 dense = len(parts) == 1
                 factor = parts[0].T if dense else parts[0]
-                shares.add(first, unknowns, factor, DENSE if dense else FACTOR)
+                shares.add(first, unknowns, factor, DENSE if dense else FACTOR, number)
                 others.append(None if dense else parts[1].astype(own.dtype))
         for rank, factors in enumerate(comm.gather(others, root=root) or ()):
             at = own.panels[number].unknowns
             for factor in factors:
                 shares = self._columns.setdefault(rank, Shares(own.dtype))
                 kind = PLACE if factor is None else FACTOR
-                shares.add(at.start, at.stop - at.start, factor, kind)
+                shares.add(at.start, at.stop - at.start, factor, kind, number)
 
     def _panel(self, number: int) -> _Panel:
         """One of the rank's panels."""
@@ -203,7 +220,7 @@ class RankedLowRankMatrix:
         told: list[list[Any]] = [[] for _ in range(self.comm.size)]
         for rank, shares in self._rows.items():
             kept: list[tuple[NDArray[Any] | None, int]] = []
-            for (_, _, _, kind), factor in zip(shares.table, shares.factors, strict=True):
+            for (*_, kind, _), factor in zip(shares.table, shares.factors, strict=True):
                 factors = factors_if_worth(factor.T, tolerance) if kind == DENSE else None
                 if kind == FACTOR:
                     told[rank].append(rank_of(factor, tolerance))
@@ -231,7 +248,7 @@ class RankedLowRankMatrix:
         waiting = [comm.Irecv(values, source=rank) for rank, values in come.items()]
         gone = []
         for rank, shares in self._sends.items():
-            gone.append(np.empty(shares.length, own.dtype))
+            gone.append(np.zeros(shares.length, own.dtype))
             _reduce(*shares.arrays, x, gone[-1])
             waiting.append(comm.Isend(gone[-1], dest=rank))
         multiply_blocks(own.blocks, own.data, x, y)
@@ -250,33 +267,31 @@ class RankedLowRankMatrix:
 
 @njit(cache=True, fastmath=SUMS)
 def _reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any]) -> None:
-    """Products of the factors with their parts of x, or these themselves."""
-    at, start = 0, 0
+    """Add to out the products of the factors with their parts of x, or these themselves."""
+    start = 0
     for b in range(len(table)):
-        first, unknowns, rows, kind = table[b]
+        first, unknowns, rows, kind, at = table[b]
         if kind == PLACE:
             out[at : at + unknowns] = x[first : first + unknowns]
-        else:
-            for k in range(rows):
-                total = data.dtype.type(0.0)
-                for j in range(unknowns):
-                    total += data[start + k * unknowns + j] * x[first + j]
-                out[at + k] = total
-            start += rows * unknowns
-        at += rows
+            continue
+        for k in range(rows):
+            total = data.dtype.type(0.0)
+            for j in range(unknowns):
+                total += data[start + k * unknowns + j] * x[first + j]
+            out[at + k] += total
+        start += rows * unknowns
 
 
 @njit(cache=True, fastmath=SUMS)
 def _expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
     """Add the transposed factors times values, or these themselves, to their parts of y."""
-    at, start = 0, 0
+    start = 0
     for b in range(len(table)):
-        first, unknowns, rows, kind = table[b]
+        first, unknowns, rows, kind, at = table[b]
         if kind == PLACE:
             y[first : first + unknowns] += values[at : at + unknowns]
-        else:
-            for k in range(rows):
-                for j in range(unknowns):
-                    y[first + j] += data[start + k * unknowns + j] * values[at + k]
-            start += rows * unknowns
-        at += rows
+            continue
+        for k in range(rows):
+            for j in range(unknowns):
+                y[first + j] += data[start + k * unknowns + j] * values[at + k]
+        start += rows * unknowns

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,11 @@ OPTIONS: dict[str, Any] = {
 }
 
 
+# P^T A P on several ranks without copies of A P and P, which would double what levels take. It is
+# slower where products are made again and again.
+PTAP = {"matptap_via": "allatonce"}
+
+
 @contextmanager
 def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
     """PETSc options under a prefix; the global database is left clean."""
@@ -49,6 +54,11 @@ def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
     finally:
         for key in options:
             database.delValue(prefix + key)
+
+
+def made_once(comm: PETSc.Comm) -> AbstractContextManager[None]:
+    """PETSc options for matrices of levels that are not made again."""
+    return options_set("", PTAP if comm.size > 1 else {})
 
 
 def gave_up(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
@@ -128,7 +138,7 @@ class IterativeSolver:
         if not self._stale:
             return False
         self._free_blocked()
-        with options_set(self._ksp.getOptionsPrefix(), OPTIONS):
+        with options_set(self._ksp.getOptionsPrefix(), OPTIONS), made_once(self.matrix.comm):
             self._ksp.setOperators(self.for_products, self.matrix)
             self._ksp.setFromOptions()
             self._ksp.setUp()

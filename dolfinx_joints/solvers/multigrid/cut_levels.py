@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
-from dolfinx_joints.solvers.multigrid.bulk import OPTIONS, options_set
+from dolfinx_joints.solvers.multigrid.bulk import OPTIONS, made_once, options_set
 from dolfinx_joints.solvers.multigrid.coincident import tie
 
 Ints = NDArray[np.int64]
@@ -56,10 +56,13 @@ def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace)
     """
     size, levels = matrix.getBlockSize(), []
     ties = tie(tied, count, size, matrix.comm)
-    for prolongation in _tied_prolongations(matrix, ties, near):
+    with made_once(matrix.comm):
+        prolongations = _tied_prolongations(matrix, ties, near)
+    for prolongation in prolongations:
         interpolation, functions = _cut(matrix, ties, prolongation)
         ties.destroy()
-        matrix = matrix.PtAP(interpolation)
+        with made_once(matrix.comm):
+            matrix = matrix.PtAP(interpolation)
         size = prolongation.getBlockSizes()[1]
         _regularise(matrix, size, np.repeat(functions, functions))
         levels.append(CutLevel(interpolation=interpolation, matrix=matrix, blocks=size * functions))

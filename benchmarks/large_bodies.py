@@ -111,9 +111,7 @@ def counted() -> Iterator[list[int]]:
         IterativeSolver.solve, TangentMultigrid.solve = one, whole
 
 
-def measure(
-    kind: str, body: Wall, mesh: Path, options: argparse.Namespace
-) -> dict[str, Any]:
+def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
     free_memory()
     divisions, joints = body
@@ -189,9 +187,7 @@ def passed(rows: list[dict[str, Any]]) -> bool:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 if a run is not sound."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES)
-    )
+    parser.add_argument("--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
     parser.add_argument("--stiffness", type=float, default=1e11, help="of the joint [Pa/m]")

@@ -193,7 +193,9 @@ def wall_file(divisions: Sequence[int], joints: int) -> Iterator[Path]:
     command += ["--divisions", *map(str, divisions), "--out"]
     with TemporaryDirectory() as folder:
         path = Path(comm.bcast(folder)) / "wall.msh"
-        write = partial(subprocess.run, [*command, str(path)], check=True, stdout=subprocess.DEVNULL)
+        write = partial(
+            subprocess.run, [*command, str(path)], check=True, stdout=subprocess.DEVNULL
+        )
         on_root(comm, write)
         yield path
         comm.barrier()

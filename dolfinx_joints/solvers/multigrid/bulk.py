@@ -37,13 +37,9 @@ OPTIONS: dict[str, Any] = {
     "mg_levels_pc_type": "pbjacobi",
 }
 
-# P^T A P on several ranks without a copy of A P, which would double what levels take.
+# P^T A P on several ranks without copies of A P and P, which would double what levels take. It is
+# slower where products are made again and again.
 PTAP = {"matptap_via": "allatonce"}
-
-
-def level_options(comm: PETSc.Comm) -> dict[str, Any]:
-    """Options, without prefix, for products that make levels."""
-    return PTAP if comm.size > 1 else {}
 
 
 @contextmanager
@@ -130,7 +126,7 @@ class IterativeSolver:
         self._free_blocked()
         if self._matrix.getBlockSize() > 1:
             self._blocked = self._matrix.convert("baij", PETSc.Mat())
-        levels = options_set("", level_options(self._matrix.comm))
+        levels = options_set("", PTAP if self._matrix.comm.size > 1 else {})
         with options_set(self._ksp.getOptionsPrefix(), OPTIONS), levels:
             self._ksp.setOperators(self._blocked or self._matrix, self._matrix)
             self._ksp.setFromOptions()

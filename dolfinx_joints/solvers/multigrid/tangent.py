@@ -14,12 +14,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_joints.solvers.modal_change import ModalChange
-from dolfinx_joints.solvers.multigrid.bulk import (
-    IterativeSolver,
-    gave_up,
-    level_options,
-    options_set,
-)
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
 
 # The bounds of Chebyshev's polynomials are estimated anew for each tangent: in fewer products than
 # PETSc makes, with more to spare.
@@ -94,8 +89,7 @@ class TangentMultigrid:
         pc.setMGLevels(len(levels) + 1)
         for below, (interpolation, matrix) in enumerate(levels, 1):
             pc.setMGInterpolation(len(levels) + 1 - below, interpolation)
-            with options_set("", level_options(added.comm)):
-                added = added.PtAP(interpolation)
+            added = added.PtAP(interpolation)
             self._levels.append(_Level(interpolation, matrix, added))
 
     def add(self, added: PETSc.Mat) -> None:

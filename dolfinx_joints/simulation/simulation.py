@@ -231,6 +231,7 @@ class Simulation:
         """March from the last static state; see `march`."""
         check_grouted(self.static, stage.inactive if stage else ())
         self.static = self._march(self.static, path, acting, stage=stage, reached=reached)
+        free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
         return self.static
 
     def _march(
@@ -243,9 +244,7 @@ class Simulation:
         """`march` with the simulation's solver (collective)."""
         with self._phase("static"):
             solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
-            state = march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
-            free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
-            return state
+            return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
 
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).
@@ -332,8 +331,7 @@ class Simulation:
             if checkpoint is not None:
                 keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
-            if saved is not None:
-                self.static = saved.static
+            self.static = self.static if saved is None else saved.static
             if kept and self.static is not None:
                 kept[0].take(self.static.reaction, system.constrained)
             state = saved.state if saved else first_state(solver, dt, self.static, start, given)

@@ -187,9 +187,7 @@ def passed(rows: list[dict[str, Any]]) -> bool:
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 if a run is not sound."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES)
-    )
+    parser.add_argument("--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
     parser.add_argument("--steps", type=at_least(2), default=5)

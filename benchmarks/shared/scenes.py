@@ -190,8 +190,8 @@ def wall_file(divisions: Sequence[int], joints: int) -> Iterator[Path]:
     command += ["--divisions", *map(str, divisions), "--out"]
     with TemporaryDirectory() as folder:
         path = Path(comm.bcast(folder)) / "wall.msh"
-        write = partial(subprocess.run, [*command, str(path)], check=True, stdout=subprocess.DEVNULL)
-        on_root(comm, write)
+        command.append(str(path))
+        on_root(comm, partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL))
         yield path
         comm.barrier()
 

@@ -9,6 +9,7 @@ the sides and `joint_frames` the tangential axes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import basix
@@ -185,6 +186,21 @@ class JointTangent:
         self._points.assemble()
         self._product = self._points.PtAP(self._operator, result=self._product)
         return self._product
+
+    def coarse(self, interpolation: PETSc.Mat) -> Callable[[], PETSc.Mat]:
+        """What makes P^T B^T (w D) B P of the tangent assembled last (collective).
+
+        On several ranks products with all of P would hold a copy of it.
+        """
+        operator = self._operator.matMult(interpolation)
+        product: PETSc.Mat | None = None
+
+        def make() -> PETSc.Mat:
+            nonlocal product
+            product = self._points.PtAP(operator, result=product)
+            return product
+
+        return make
 
 
 def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:

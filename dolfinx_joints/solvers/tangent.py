@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints.operator import TangentMatrix
+from dolfinx_joints.joints.operator import JointTangent, TangentMatrix
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
@@ -59,7 +59,8 @@ class Tangent:
     def _made(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
         matrix = self.effective
         if isinstance(matrix.solver, IterativeSolver):
-            return TangentMultigrid(matrix.solver, added, matrix.change)
+            joints = self._product if isinstance(self._product, JointTangent) else None
+            return TangentMultigrid(matrix.solver, added, matrix.change, joints)
         return _Sum(matrix, added, self._options)
 
     def forget(self) -> None:

@@ -9,10 +9,12 @@ only nodes of the joints are in it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from petsc4py import PETSc
 
+from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.solvers.modal_change import ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
 
@@ -65,6 +67,7 @@ class TangentMultigrid:
         bulk: Solver of A.
         added: K, by its pattern.
         change: What exact modes add to A, not seen by the coarse levels.
+        joints: What made K, where that are joints alone.
 
     Attributes:
         iterations: Iterations of the last solve.
@@ -72,7 +75,13 @@ class TangentMultigrid:
 
     _made = 0
 
-    def __init__(self, bulk: IterativeSolver, added: PETSc.Mat, change: ModalChange | None) -> None:
+    def __init__(
+        self,
+        bulk: IterativeSolver,
+        added: PETSc.Mat,
+        change: ModalChange | None,
+        joints: JointTangent | None = None,
+    ) -> None:
         """Take over the levels of A (collective)."""
         TangentMultigrid._made += 1
         self._ksp = PETSc.KSP().create(added.comm)
@@ -89,8 +98,9 @@ class TangentMultigrid:
         pc.setMGLevels(len(levels) + 1)
         for below, (interpolation, matrix) in enumerate(levels, 1):
             pc.setMGInterpolation(len(levels) + 1 - below, interpolation)
-            added = added.PtAP(interpolation)
-            self._levels.append(_Level(interpolation, matrix, added))
+            made = joints.coarse(interpolation) if joints and below == 1 else None
+            self._levels.append(_Level(interpolation, matrix, added, made))
+            added = self._levels[-1].added
 
     def add(self, added: PETSc.Mat) -> None:
         """Renew the levels for the values of K (collective)."""
@@ -135,25 +145,36 @@ class _Level:
     """A coarse level: P^T A P, which stays, and P^T K P.
 
     Attributes:
+        added: P^T K P.
         total: Their sum.
     """
 
-    def __init__(self, interpolation: PETSc.Mat, matrix: PETSc.Mat, added: PETSc.Mat) -> None:
+    def __init__(
+        self,
+        interpolation: PETSc.Mat,
+        matrix: PETSc.Mat,
+        finer: PETSc.Mat,
+        made: Callable[[], PETSc.Mat] | None,
+    ) -> None:
         """Put both on one pattern (collective)."""
-        self._interpolation, self._added = interpolation, added
-        self._base = added.copy()
+        self._interpolation, self._made = interpolation, made
+        self.added = made() if made else finer.PtAP(interpolation)
+        self._base = self.added.copy()
         self._base.zeroEntries()
         self._base.axpy(1.0, matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self.total = self._base.copy()
 
     def add(self, finer: PETSc.Mat) -> PETSc.Mat:
         """Renew the sum from K on the next finer level; K on this one (collective)."""
-        finer.PtAP(self._interpolation, result=self._added)
+        if self._made:
+            self._made()
+        else:
+            finer.PtAP(self._interpolation, result=self.added)
         self._base.copy(self.total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.total.axpy(1.0, self._added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return self._added
+        self.total.axpy(1.0, self.added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return self.added
 
     def destroy(self) -> None:
         """Free the matrices."""
-        for matrix in (self._base, self._added, self.total):
+        for matrix in (self._base, self.added, self.total):
             matrix.destroy()

@@ -59,7 +59,6 @@ class Scene:
         shaking: Ground acceleration, given how long the run is to last [s].
         onset: How long it takes to become strong [s].
         crest: Point whose peaks are reported [m].
-        friction_angle: Of the joints [degrees].
         tied_peaks_mm: What these are without joints in `TIED_STEPS` steps, where others know it.
     """
 
@@ -73,7 +72,6 @@ class Scene:
     shaking: Callable[[float], Acceleration]
     crest: Sequence[float]
     onset: float = 0.0
-    friction_angle: float = 30.0
     tied_peaks_mm: Sequence[float] | None = None
 
     @contextmanager
@@ -91,9 +89,8 @@ class Scene:
         shaking = self.shaking(self.onset + length)
         return lambda time: shaking(self.onset + time)
 
-    def law(self, stiffness: float = 1e11, angle: float | None = None) -> Law:
+    def law(self, stiffness: float = 1e11, angle: float = 30.0) -> Law:
         """Friction without tension, k_n in [Pa/m] and the angle in degrees; rigid if infinite."""
-        angle = self.friction_angle if angle is None else angle
         if math.isinf(stiffness):
             return dj.RigidJoint(friction_angle_deg=angle, stiffness_ratio=1.0 / self.shear_ratio)
         return dj.FrictionNoTension(
@@ -193,10 +190,8 @@ def wall_file(divisions: Sequence[int], joints: int) -> Iterator[Path]:
     command += ["--divisions", *map(str, divisions), "--out"]
     with TemporaryDirectory() as folder:
         path = Path(comm.bcast(folder)) / "wall.msh"
-        write = partial(
-            subprocess.run, [*command, str(path)], check=True, stdout=subprocess.DEVNULL
-        )
-        on_root(comm, write)
+        command.append(str(path))
+        on_root(comm, partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL))
         yield path
         comm.barrier()
 

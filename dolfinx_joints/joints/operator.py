@@ -9,6 +9,7 @@ the sides and `joint_frames` the tangential axes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import basix
@@ -194,6 +195,21 @@ class JointTangent:
         product = self._points.PtAP(self.joints, result=self._products.get(coupled))
         self._products[coupled] = product
         return product
+
+    def coarse(self, interpolation: PETSc.Mat) -> Callable[[], PETSc.Mat]:
+        """What makes P^T B^T (w D) B P of the tangent assembled last (collective).
+
+        On several ranks products with all of P would hold a copy of it.
+        """
+        operator = self.joints.matMult(interpolation)
+        product: PETSc.Mat | None = None
+
+        def make() -> PETSc.Mat:
+            nonlocal product
+            product = self._points.PtAP(operator, result=product)
+            return product
+
+        return make
 
 
 def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:

@@ -63,7 +63,7 @@ class Tangent:
         matrix = self.effective
         if isinstance(matrix.solver, IterativeSolver):
             assert self._product is not None
-            return TangentMultigrid(matrix.solver, added, self._product.joints, matrix.change)
+            return TangentMultigrid(matrix.solver, added, self._product, matrix.change)
         return _Sum(matrix, added, self._options)
 
     def forget(self) -> None:

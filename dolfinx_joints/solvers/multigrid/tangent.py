@@ -14,6 +14,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from dolfinx_joints.joints.operator import JointTangent, TangentMatrix
 from dolfinx_joints.solvers.modal_change import ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
 from dolfinx_joints.solvers.multigrid.coincident import BlockInverse, tie, tied_nodes
@@ -61,7 +62,7 @@ class TangentMultigrid:
     Args:
         bulk: Solver of A.
         added: K, by its pattern.
-        joints: B, whose columns of constrained dofs are zero; None without joints.
+        product: What makes K.
         change: What exact modes add to A, not seen by the coarse levels.
 
     Attributes:
@@ -74,7 +75,7 @@ class TangentMultigrid:
         self,
         bulk: IterativeSolver,
         added: PETSc.Mat,
-        joints: PETSc.Mat | None,
+        product: TangentMatrix,
         change: ModalChange | None,
     ) -> None:
         """Make the levels (collective)."""
@@ -86,7 +87,7 @@ class TangentMultigrid:
             for each in (_Products(bulk.for_products, change) for _ in range(2))
         )
         matrix = bulk.matrix
-        tied, count = tied_nodes(matrix, joints)
+        tied, count = tied_nodes(matrix, product.joints)
         ties = tie(tied, count, matrix.getBlockSize(), matrix.comm)
         self._inverse = BlockInverse(matrix, added, ties)
         ties.destroy()
@@ -98,8 +99,9 @@ class TangentMultigrid:
         pc.setMGLevels(len(levels) + 1)
         for below, level in enumerate(levels, 1):
             pc.setMGInterpolation(len(levels) + 1 - below, level.interpolation)
-            added = added.PtAP(level.interpolation)
-            self._levels.append(_Level(level, added))
+            joints = product if below == 1 and isinstance(product, JointTangent) else None
+            self._levels.append(_Level(level, added, joints))
+            added = self._levels[-1].added
 
     def add(self, added: PETSc.Mat, symmetric: PETSc.Mat) -> None:
         """Renew products and levels for the values of K and of a symmetric K (collective)."""
@@ -151,13 +153,16 @@ class _Level:
     """A coarse level: P^T A P, which stays, and P^T K P.
 
     Attributes:
+        added: P^T K P.
         total: Their sum.
     """
 
-    def __init__(self, level: CutLevel, added: PETSc.Mat) -> None:
+    def __init__(self, level: CutLevel, finer: PETSc.Mat, joints: JointTangent | None) -> None:
         """Put both on one pattern (collective)."""
-        self._interpolation, self._added = level.interpolation, added
-        self._base = added.copy()
+        self._interpolation = level.interpolation
+        self._made = None if joints is None else joints.coarse(level.interpolation)
+        self.added = self._made() if self._made else finer.PtAP(level.interpolation)
+        self._base = self.added.copy()
         self._base.zeroEntries()
         self._base.axpy(1.0, level.matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self.total = self._base.copy()
@@ -165,12 +170,15 @@ class _Level:
 
     def add(self, finer: PETSc.Mat) -> PETSc.Mat:
         """Renew the sum from K on the next finer level; K on this one (collective)."""
-        finer.PtAP(self._interpolation, result=self._added)
+        if self._made:
+            self._made()
+        else:
+            finer.PtAP(self._interpolation, result=self.added)
         self._base.copy(self.total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.total.axpy(1.0, self._added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return self._added
+        self.total.axpy(1.0, self.added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return self.added
 
     def destroy(self) -> None:
         """Free the matrices."""
-        for matrix in (self._base, self._added, self.total):
+        for matrix in (self._base, self.added, self.total):
             matrix.destroy()

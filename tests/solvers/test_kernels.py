@@ -114,18 +114,20 @@ def test_low_rank_products(monkeypatch, symmetric):
 
 
 def test_products_between_ranks(monkeypatch):
-    # 12 unknowns: a factor of the first six, a dense block of six, and the places of three.
-    factor, dense = RANDOM.normal(size=(2, 6)), RANDOM.normal(size=(3, 6))
+    # 12 unknowns: a factor of the first six, two dense blocks of one panel, the places of three.
+    factor, dense = RANDOM.normal(size=(2, 6)), RANDOM.normal(size=(2, 3, 6))
     shares = Shares(np.float64)
-    shares.add(0, 6, factor, FACTOR)
-    shares.add(3, 6, dense, DENSE)
-    shares.add(9, 3, None, PLACE)
+    shares.add(0, 6, factor, FACTOR, 0)
+    shares.add(3, 6, dense[0], DENSE, 0)
+    shares.add(0, 6, dense[1], DENSE, 0)
+    shares.add(9, 3, None, PLACE, 1)
     matrix = np.zeros((8, 12))
-    matrix[:2, :6], matrix[2:5, 3:9], matrix[5:, 9:] = factor, dense, np.eye(3)
+    matrix[:2, :6], matrix[2:5, 3:9], matrix[5:, 9:] = factor, dense[0], np.eye(3)
+    matrix[2:5, :6] += dense[1]
     x, values = RANDOM.normal(size=12), RANDOM.normal(size=8)
 
     def work():
-        reduced, expanded = np.empty(shares.length), np.ones(12)
+        reduced, expanded = np.zeros(shares.length), np.ones(12)
         ranked_low_rank._reduce(*shares.arrays, x, reduced)
         ranked_low_rank._expand(*shares.arrays, values, expanded)
         return reduced, expanded

@@ -111,9 +111,7 @@ def counted() -> Iterator[list[int]]:
         IterativeSolver.solve, TangentMultigrid.solve = one, whole
 
 
-def measure(
-    kind: str, body: Wall, mesh: Path, options: argparse.Namespace
-) -> dict[str, Any]:
+def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
     free_memory()
     divisions, joints = body

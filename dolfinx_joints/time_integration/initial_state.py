@@ -161,4 +161,5 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
             "of the body mass in some directions only?)."
         )
     ksp.destroy()
+    mass.destroy()
     return a

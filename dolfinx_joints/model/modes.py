@@ -28,6 +28,9 @@ SHIFT = 1e-8
 # Of the frequency of that, below which a frequency is zero.
 ZERO = 1e-3
 
+# Of the largest entry of K: what rounding leaves of the stiffness of a rigid-body motion.
+HELD = 1e-13
+
 
 @dataclass(frozen=True, kw_only=True)
 class Modes:
@@ -126,6 +129,20 @@ def closed_stiffness(system: MatrixSystem) -> PETSc.Mat:
     return stiffness
 
 
+def _check_held(stiffness: PETSc.Mat, rigid: PETSc.NullSpace) -> None:
+    """Refuse a body that moves as a whole without any force (collective)."""
+    motions = rigid.getVecs() if rigid else []
+    forces = [stiffness.createVecLeft() for _ in motions]
+    for motion, force in zip(motions, forces, strict=True):
+        stiffness.mult(motion, force)
+    work = np.array([[motion.dot(force) for force in forces] for motion in motions])
+    if motions and np.linalg.eigvalsh(work)[0] < HELD * stiffness.getDiagonal().max()[1]:
+        raise JointsError(
+            "The body has no lowest modes: it moves as a whole without any force; give it "
+            "supports or springs."
+        )
+
+
 def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
     from slepc4py import SLEPc
@@ -133,6 +150,8 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     stiffness, mass = closed_stiffness(system), as_aij(system.mass)
     rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
     stiffness.zeroRowsColumns(rows, diag=1.0)
+    if target == 0.0:
+        _check_held(stiffness, system.stiffness.getNearNullSpace())
     mass.zeroRowsColumns(rows, diag=0.0)
     solver = SLEPc.EPS().create(mass.comm)
     solver.setOperators(stiffness, mass)

@@ -151,7 +151,9 @@ class Inventory:
                 self._class(name, kind)
             self.facts[name] = kind.__qualname__
             for key, item in _parts(state):
-                self.add(f"{name}.{key}", item)
+                # What an object has worked out of itself so far tells nothing new.
+                if not isinstance(getattr(kind, key, None), functools.cached_property):
+                    self.add(f"{name}.{key}", item)
 
 
 def _parts(state: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:

@@ -207,3 +207,10 @@ def test_modes_in_a_file(column, comm, new_path):
     other = Model(column(joints=[]), material=BAR, supports=AXIAL)
     with pytest.raises(ValueError, match="The modes have 120 unknowns, the model has 108"):
         write_modes(found, other, path, overwrite=True)
+
+
+@pytest.mark.parametrize("supports", [(), (Fixed(group="sides", components="xy"),)])
+def test_a_body_that_nothing_holds_is_refused(column, supports):
+    # The second may still rise.
+    with pytest.raises(JointsError, match="moves as a whole"):
+        modes(Model(column(joints=[]), material=BAR, supports=list(supports)).system(), 2)

@@ -8,11 +8,17 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+
+from dolfinx_joints import ShearKeyJoint
+from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.simulation.inventory import Inventory
 
 # A user's module in which {} stands for one number.
 SCRIPT = """
@@ -97,3 +103,26 @@ def test_the_same_in_another_process(tmp_path):
 @pytest.mark.parametrize("changed", range(COUNT))
 def test_each_number_is_seen(changed):
     assert facts(changed) != facts()
+
+
+def test_what_a_law_has_worked_out_is_no_fact():
+    law = ShearKeyJoint(
+        normal_stiffness=1e10,
+        shear_stiffness=4e9,
+        friction_angle_deg=30.0,
+        depth=0.2,
+        flank_angle_deg=45.0,
+        spacing=1.0,
+        tooth_cohesion=1e6,
+    )
+
+    def facts():
+        inventory = Inventory()
+        inventory.add("law", law)
+        assert not inventory.unknown
+        return inventory.facts
+
+    before, gap = facts(), np.zeros((1, 3))
+    state = replace(JointState.at_rest(gap), internal=law.initial_variables(gap))
+    law.backward_euler(gap, state)
+    assert facts() == before

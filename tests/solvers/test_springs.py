@@ -33,6 +33,20 @@ def friction(k_n=K_N, k_s=K_S):
     return FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_s, friction_angle_deg=30.0)
 
 
+def test_the_end_of_a_joint_has_no_spring():
+    """Both sides are one node there: no gap, and no stiffness of elements to compare with."""
+    gap = np.vstack([np.eye(3), np.zeros((3, 3))])
+    system = MatrixSystem.from_arrays(
+        mass=np.eye(3),
+        stiffness=np.diag([4.0, 4.0, 4.0]),
+        gap=gap,
+        law=RigidJoint(friction_angle_deg=30.0),
+        areas=AREAS,
+    )
+    springs = JointSprings(system)
+    np.testing.assert_allclose(springs.stiffness, [[8.0, 8.0], [0.0, 0.0]], rtol=1e-14)
+
+
 def test_stiffness_by_hand():
     """In series with the joint: the elements' 4 N/m on the area of the point, 8 and 2 Pa/m."""
     springs = JointSprings(chain(friction(2.0, 1.0)))

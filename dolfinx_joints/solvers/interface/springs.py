@@ -47,6 +47,7 @@ class JointSprings:
         elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
         joint = system.contact.closed_stiffness()
         joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
+        joint = np.where(elements > 0.0, joint, 0.0)  # the end of a joint inside the body
         with np.errstate(divide="ignore"):  # no springs where points carry nothing
             self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
         rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()

@@ -66,7 +66,7 @@ def gave_up(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
     return JointsError(
         f"The iterative linear solver gave up after {ksp.getIterationNumber()} iterations, its "
         f"residual {ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is every block "
-        "restrained by supports, springs or a closed joint?"
+        "restrained by supports, springs or a closed joint, and no cell much longer than thick?"
     )
 
 

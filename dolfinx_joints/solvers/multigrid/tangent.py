@@ -39,6 +39,10 @@ OPTIONS: dict[str, Any] = {
 }
 
 
+# Joints that add less to the diagonal of A than this part of it need no levels of their own.
+SOFT = 5.0
+
+
 class _Products:
     """A + K by their products, and what a modal change adds, as a PETSc matrix of type python."""
 
@@ -54,6 +58,13 @@ class _Products:
         self.added.multAdd(x, y, y)
         if self._change is not None:
             self._change.add_product(x, y)
+
+
+def _is_stiff(added: PETSc.Mat, matrix: PETSc.Mat) -> bool:
+    """Whether K is stiff beside A at some node (collective)."""
+    share, diagonal = added.getDiagonal(), matrix.getDiagonal()
+    share.pointwiseDivide(share, diagonal)
+    return bool(share.max()[1] > SOFT)
 
 
 class TangentMultigrid:
@@ -87,7 +98,7 @@ class TangentMultigrid:
             for each in (_Products(bulk.for_products, change) for _ in range(2))
         )
         matrix = bulk.matrix
-        tied, count = tied_nodes(matrix, product.joints)
+        tied, count = tied_nodes(matrix, product.joints if _is_stiff(added, matrix) else None)
         ties = tie(tied, count, matrix.getBlockSize(), matrix.comm)
         self._inverse = BlockInverse(matrix, added, ties)
         ties.destroy()

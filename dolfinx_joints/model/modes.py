@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
@@ -118,14 +119,14 @@ def _number_of_modes(system: MatrixSystem) -> int:
     return int(sum(system.mass.comm.tompi4py().allgather(left)))
 
 
-def closed_stiffness(system: MatrixSystem) -> PETSc.Mat:
-    """K with all joints closed and sticking, (34), a new matrix (collective)."""
-    stiffness = as_aij(system.stiffness)
-    if system.contact is not None:
+def closed_stiffness(body: PETSc.Mat, contact: Contact | None) -> PETSc.Mat:
+    """K of a body with all joints closed and sticking, (34), a new matrix (collective)."""
+    stiffness = as_aij(body)
+    if contact is not None:
         every = stiffness.createVecRight()
         every.set(1.0)
-        joint = JointTangent(system.contact.operator, every)
-        stiffness.axpy(1.0, joint.assemble(system.contact.closed_tangent()))
+        joint = JointTangent(contact.operator, every)
+        stiffness.axpy(1.0, joint.assemble(contact.closed_tangent()))
     return stiffness
 
 
@@ -147,7 +148,7 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
     from slepc4py import SLEPc
 
-    stiffness, mass = closed_stiffness(system), as_aij(system.mass)
+    stiffness, mass = closed_stiffness(system.stiffness, system.contact), as_aij(system.mass)
     rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
     stiffness.zeroRowsColumns(rows, diag=1.0)
     if target == 0.0:

@@ -15,10 +15,10 @@ from petsc4py import PETSc
 from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Spring
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.system import MatrixSystem, as_aij
+from dolfinx_joints.model.modes import closed_stiffness
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
 
@@ -87,7 +87,7 @@ class DifferingGround:
         """
         constrained = self._model.constraints.dofs
         if self._solver is None:
-            self._stiffness = _tied_stiffness(self._model)
+            self._stiffness = closed_stiffness(self._model.stiffness, self._model.contact)
             within = self._stiffness.copy()
             rows = constrained + within.getOwnershipRange()[0]
             within.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
@@ -110,17 +110,6 @@ def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
 def on_ground(ground: DifferingGround | None, system: MatrixSystem) -> MatrixSystem:
     """The system on its ground, as it is on none."""
     return system if ground is None else ground.moving(system)
-
-
-def _tied_stiffness(model: Model) -> PETSc.Mat:
-    """K and the elastic stiffness of the closed joints (collective)."""
-    stiffness = as_aij(model.stiffness)
-    if model.contact is not None:
-        every = stiffness.createVecRight()
-        every.set(1.0)
-        joint = JointTangent(model.contact.operator, every)
-        stiffness.axpy(1.0, joint.assemble(model.contact.closed_tangent()))
-    return stiffness
 
 
 def _check_supports(model: Model) -> None:

@@ -175,9 +175,9 @@ class _DynamicStiffness:
 
     def __init__(self, dry: MatrixSystem, system: MatrixSystem, coupled: Any, zeta: float) -> None:
         """Add up what does not depend on the frequency (collective)."""
-        body = closed_stiffness(dry)
+        body = closed_stiffness(dry.stiffness, dry.contact)
         lossy = body if coupled is None else coupled.matrix(body)
-        stiffness = closed_stiffness(system)
+        stiffness = closed_stiffness(system.stiffness, system.contact)
         mass, damping = as_aij(system.mass), system.damping
         self._parts = [
             _pairs(stiffness, 2.0 * zeta * lossy if zeta else None),

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "exact": ("rigid_dam", "joint_waves", "slipping_joint", "layered_column"),
+    "exact": ("rigid_dam", "joint_waves", "slipping_joint", "layered_column", "long_dam"),
     "published": (
         "grouted_blocks",
         "impounded_dam",

@@ -158,6 +158,24 @@ def test_a_rod_between_abutments_that_a_wave_reaches_in_turn(comm):
     assert errors[1] < 0.02
 
 
+def test_a_long_dam_above_a_wave_that_passes(comm):
+    """Against waves that go along with the ground: order 2 in time; the static part 3 in space."""
+    long_dam = pytest.importorskip("validation.exact.long_dam")
+    errors = []
+    for cells, steps in ((3, 60), (6, 120)):
+        found = long_dam.march(comm, cells, steps)
+        alone = np.array([long_dam.away_from_ends(found.x, t) for t in found.times])
+        exact = np.array([long_dam.whole(found.x, found.z, t) for t in found.times])
+        crest = np.isclose(found.z, long_dam.HEIGHT)
+        still = np.array([long_dam.static(found.x[crest], t) for t in found.times])
+        apart = found.whole[alone] - exact[alone], found.static[:, crest] - still
+        errors.append([largest(comm, each) for each in apart])
+    orders = np.log2(np.divide(*errors))
+    assert 1.7 < orders[0] < 2.3
+    assert orders[1] > 2.8
+    np.testing.assert_array_less(errors[1], [0.03, 2e-5])
+
+
 @pytest.mark.parametrize("scheme", [EnergyConsistent(), Newmark(), HilberHughesTaylor(alpha=0.1)])
 def test_equal_motions_are_a_uniform_one(comm, scheme):
     """To rounding, and without any static part: groups, stations and a wave that meets all."""

@@ -1,0 +1,185 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+r"""A long dam above ground that a wave passes along.
+
+A wall of length L = 500 m and height H = 50 m of constant thickness is sheared across its length,
+u = u_y(x, z, t), by ground that moves by f(t - x/c), c = 5000 m/s, a pulse sin^4 of 0.05 s. With
+the shear wave velocity c_s = 2000 m/s the wave in the wall that goes along with the ground is a
+function of s = t - x/c and z,
+
+    (1/c_s^2 - 1/c^2) u_ss = u_zz:  u = sum over k of
+        (-1)^k (f(s - (z + 2 k H)/v) + f(s - (2 (k + 1) H - z)/v)),  1/v^2 = 1/c_s^2 - 1/c^2,
+
+d'Alembert's waves up and down with v > c_s. What the ends do goes along the wall with c_s and less,
+so where c_s t < x < L - c_s (t - L/c) this is the whole. The static part, free at both ends, is
+
+    u_s = sum over n of a_n(t) cos(k_n x) cosh(k_n (H - z)) / cosh(k_n H),  k_n = n pi/L,
+
+with the coefficients a_n of the ground's own displacement. Hexahedra of degree 2, one across.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.mesh import CellType, create_box, locate_entities_boundary, meshtags
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+import dolfinx_joints as dj
+from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.record import Record
+from validation.atlas import Outcome, curve, new_figure
+
+SOURCE = "closed form: d'Alembert's waves that go along with the ground; Fourier series"
+
+Floats = NDArray[np.float64]
+LENGTH, HEIGHT, WIDTH = 500.0, 50.0, 5.0  # [m]
+CONCRETE = dj.Elastic(young=20e9, poisson=0.25, density=2000.0)
+SHEAR, SPEED, PULSE, END = 2000.0, 5000.0, 0.05, 0.12  # c_s, c [m/s]; of f, of the run [s]
+RISING = 1.0 / np.sqrt(SHEAR**-2 - SPEED**-2)  # v [m/s]
+
+
+def ground(time: Floats) -> Floats:
+    """f, of size 1."""
+    return np.asarray(np.sin(np.pi * np.clip(time, 0.0, PULSE) / PULSE) ** 4)
+
+
+def whole(x: Floats, z: Floats, time: float) -> Floats:
+    """The wave in the wall."""
+    s, found = time - x / SPEED, np.zeros_like(x)
+    for k in range(int(END * RISING / HEIGHT) + 1):
+        up, down = z + 2 * k * HEIGHT, 2 * (k + 1) * HEIGHT - z
+        found += (-1) ** k * (ground(s - up / RISING) + ground(s - down / RISING))
+    return found
+
+
+def away_from_ends(x: Floats, time: float) -> NDArray[np.bool_]:
+    """Where no end has been felt."""
+    return np.asarray((x > SHEAR * time) & (x < LENGTH - SHEAR * (time - LENGTH / SPEED)))
+
+
+def static(x: Floats, time: float, terms: int = 64) -> Floats:
+    """The static part at the crest."""
+    count = 4096
+    middles = LENGTH * (np.arange(count) + 0.5) / count
+    a = dct(ground(time - middles / SPEED))[:terms] / count
+    a[0] /= 2.0
+    k = np.pi * np.arange(terms) / LENGTH
+    return np.asarray(np.cos(np.outer(x, k)) @ (a / np.cosh(k * HEIGHT)))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a run gave at the nodes of a rank on one face.
+
+    Attributes:
+        x: Along the wall, shape (n,), [m].
+        z: Heights, shape (n,), [m].
+        times: Of the steps, shape (m,), [s].
+        whole: Absolute displacements over the size of f, shape (m, n).
+        static: Their static part, likewise.
+    """
+
+    x: Floats
+    z: Floats
+    times: Floats
+    whole: Floats
+    static: Floats
+
+
+class _Across(Monitor):
+    """Displacements across the wall, and their static part."""
+
+    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
+        """Begin."""
+        self.times: list[float] = []
+        self.whole: list[Floats] = []
+        self.static: list[Floats] = []
+        self.record(first)
+
+    def record(self, record: Record) -> None:
+        """Keep the step."""
+        assert record.static_part is not None
+        self.times.append(record.time)
+        self.whole.append(record.displacement.array.reshape(-1, 3)[:, 1].copy())
+        self.static.append(record.static_part(record.time).array.reshape(-1, 3)[:, 1].copy())
+
+
+def wall(comm: Any, cells: int) -> dj.Model:
+    """The wall, so many cells high and ten times as many along."""
+    corners = [np.zeros(3), np.array([LENGTH, WIDTH, HEIGHT])]
+    mesh = create_box(comm, corners, [10 * cells, 1, cells], CellType.hexahedron)
+    on = (lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[1] % WIDTH, 0.0))
+    found = [locate_entities_boundary(mesh, 2, where) for where in on]
+    facets = np.concatenate(found)
+    values = np.repeat(np.arange(2, dtype=np.int32), [len(each) for each in found])
+    order = np.argsort(facets)
+    tags = meshtags(mesh, 2, facets[order], values[order])
+    return dj.Model(
+        dj.split_mesh(mesh, tags, joints={}, groups={"base": 0, "faces": 1}),
+        material=CONCRETE,
+        supports=[dj.Fixed(group="base"), dj.Fixed(group="faces", components="xz")],
+        degree=2,
+    )
+
+
+def march(comm: Any, cells: int, steps: int) -> Found:
+    """Let the wave pass (collective)."""
+    dt, size = END / steps, 0.01  # s, m
+    time = dt / 4.0 * np.arange(round(4.0 * PULSE / dt) + 1)
+    motion = dj.motion_from_displacement(np.outer(size * ground(time), np.eye(3)[1]), dt=dt / 4.0)
+    passing = dj.DifferingMotion(
+        motions=motion, passage=dj.Passage(speed=SPEED, direction=(1.0, 0.0, 0.0))
+    )
+    model, seen = wall(comm, cells), _Across()
+    dj.Simulation(model, monitors=[seen]).dynamics(dt=dt, steps=steps, motion=passing)
+    x = model.V.tabulate_dof_coordinates()[: len(seen.whole[0])]
+    face = np.isclose(x[:, 1], 0.0)
+    times = np.array(seen.times)
+    first = ground(times)[:, None]  # what displacements are relative to
+    return Found(
+        x=x[face, 0],
+        z=x[face, 2],
+        times=times,
+        whole=np.array(seen.whole)[:, face] / size + first,
+        static=np.array(seen.static)[:, face] / size + first,
+    )
+
+
+def run(quick: bool) -> Outcome:
+    """Let the wave pass; quick in cells and steps twice as long."""
+    found = march(MPI.COMM_SELF, 5 if quick else 10, 120 if quick else 240)
+    crest = np.flatnonzero(np.isclose(found.z, HEIGHT))
+    crest = crest[np.argsort(found.x[crest])]
+    x, z = found.x[crest], found.z[crest]
+    alone = np.array([away_from_ends(x, t) for t in found.times])
+    exact = np.array([whole(x, z, t) for t in found.times])
+    still = np.array([static(x, t) for t in found.times])
+    ours, own = found.whole[:, crest], found.static[:, crest]
+    limits = {
+        "tolerance": 0.02 if quick else 0.01,
+        "reason": "second order: 10 cells in the height, 100 steps in the pulse",
+    }
+    rows = [
+        curve("crest away from the ends", ours[alone], exact[alone], **limits),
+        curve("static part at the crest", own, still, tolerance=1e-4, reason="third order: cells"),
+        curve("dynamic part there", (ours - own)[alone], (exact - still)[alone], **limits),
+    ]
+    figure, ax = new_figure()
+    for time in (0.06, 0.08, 0.1, 0.12):
+        step = int(np.abs(found.times - time).argmin())
+        shown = np.where(alone[step], exact[step], np.nan)
+        (line,) = ax.plot(x, shown, label=f"{1e3 * time:g} ms")
+        ax.plot(x[::2], ours[step, ::2], ".", color=line.get_color())
+        ax.plot(x, still[step], "--", lw=1, color=line.get_color())
+        ax.plot(x[::10], own[step, ::10], "+", ms=4, color=line.get_color())
+    ax.set_xlabel("along the dam [m]")
+    ax.set_ylabel("crest / largest displacement of the ground")
+    ax.set_title("lines: exact, dots: ours; static part: dashed, crosses", fontsize=9)
+    ax.legend(fontsize=8)
+    return Outcome(rows=rows, figure=figure)

@@ -1,13 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A jointed wall that is shaken, and a monitor that stops its run."""
+"""A jointed wall that is shaken, the guide's reservoir before it, a monitor that stops its run."""
 
 from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+import dolfinx_joints as dj
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -60,3 +65,13 @@ def wall(jointed, joints=LAW, supports=(BASE,), **options):
         damping=stiffness_proportional(ratio=0.02, frequency=5.0),
         **options,
     )
+
+
+def valley():
+    """The water above a bed of its own that the guide makes, before the wall's face y_min."""
+    guide = Path(__file__).parents[1] / "docs/guide/water.md"
+    blocks = re.findall("```python\n(.*?)```", guide.read_text("utf-8"), re.S)
+    (block,) = (each for each in blocks if "bed =" in each)
+    names = {"dj": dj}
+    exec(block, names)
+    return replace(names["valley"], group="y_min")

@@ -7,11 +7,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import basix
+import dolfinx.cpp.io
+import dolfinx.mesh
 import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
+
+# VTK's numbers of linear and of Lagrange cells.
+_VTK = {
+    "triangle": (5, 69),
+    "quadrilateral": (9, 70),
+    "tetrahedron": (10, 71),
+    "hexahedron": (12, 72),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +78,19 @@ class CellShape:
                 row += _inner_facet_nodes(element, topology, vertices, self.dim, facet)
             rows.append(row)
         return np.array(rows, dtype=np.int64)
+
+
+def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
+    """VTK's number of a Lagrange cell, and its nodes in VTK's order.
+
+    Args:
+        shape: Of the cell.
+        count: Number of its nodes.
+    """
+    kind = getattr(dolfinx.mesh.CellType, shape.name)
+    order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, count))
+    is_linear = count == len(basix.geometry(shape.type))
+    return _VTK[shape.name][0 if is_linear else 1], order
 
 
 def _inner_facet_nodes(

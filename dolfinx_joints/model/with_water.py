@@ -113,6 +113,14 @@ class BodyAndWater:
         total = np.sum(self._comm.tompi4py().allgather(rates), axis=0)
         return np.asarray(-self.water.impedance * total)
 
+    def pressures(self, velocity: PETSc.Vec) -> Floats:
+        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa].
+
+        Args:
+            velocity: [u'; y'] [m/s].
+        """
+        return np.asarray(-self.water.impedance * self.of_water(velocity))
+
     def force(self, velocity: PETSc.Vec) -> Floats:
         """Force of the waves on the face, -(integral of p n), shape (gdim,), [N] (collective)."""
         return np.asarray(-self.pressure(velocity) @ self._normals)

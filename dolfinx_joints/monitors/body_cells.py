@@ -7,13 +7,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import basix
-import dolfinx.cpp.io
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
+from dolfinx_joints.mesh.cells import vtk_layout
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
@@ -22,14 +21,6 @@ from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.results.layout import Array, Cells
 
 Floats = NDArray[np.float64]
-
-# VTK's numbers of linear and of Lagrange cells.
-_KINDS = {
-    "triangle": (5, 69),
-    "quadrilateral": (9, 70),
-    "tetrahedron": (10, 71),
-    "hexahedron": (12, 72),
-}
 
 
 class CellOrder:
@@ -86,15 +77,13 @@ def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
     """
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
-    order = np.argsort(dolfinx.cpp.io.perm_vtk(jointed.mesh.topology.cell_type, table.shape[1]))
+    kind, order = vtk_layout(jointed.shape, table.shape[1])
     inside = {}
     for name in jointed.cell_groups:
         marks = np.zeros(cells.owned, dtype=bool)
         of_group = jointed.cells(name)
         marks[of_group[of_group < cells.owned]] = True
         inside[name] = cells.dealt(marks)
-    is_linear = table.shape[1] == len(basix.geometry(jointed.shape.type))
-    kind = _KINDS[jointed.shape.name][0 if is_linear else 1]
     return OwnCells(kind, cells.dealt(nodes.number[table][:, order]), inside)
 
 

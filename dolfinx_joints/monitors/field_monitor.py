@@ -28,10 +28,10 @@ from dolfinx_joints.export.grids import (
     joint_values,
     uniform_grid,
 )
-from dolfinx_joints.export.paraview import joints_path
 from dolfinx_joints.export.vtk_files import SUFFIX, DamagedFileError, VtkFile, check_free, vtk_path
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
+from dolfinx_joints.loads.water.water import Water
 from dolfinx_joints.mesh.jointed_mesh import local_cells
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -44,6 +44,11 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
 Floats = NDArray[np.float64]
+# Values of points and of cells, by name.
+Values = tuple[Mapping[str, Any], Mapping[str, Any]]
+
+# What the names of files end with.
+BODY, JOINTS, RESERVOIR = "", "_joints", "_reservoir"
 
 
 @dataclass(eq=False)
@@ -55,7 +60,9 @@ class FieldMonitor(Monitor):
     ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
     principal values, those in the middle of elastic cells and the means of plastic ones; also
     ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
-    ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them. Static stages are in
+    ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them, and
+    ``NAME_reservoir.vtkhdf`` the cells of a reservoir with waves with ``hydrodynamic pressure
+    [Pa]``, that of the waves without that of the water at rest. Static stages are in
     ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
     continued run goes on with its files. A kill loses no more than the time that is being
     written, as `export.vtk_files.VtkFile` says in full; a file damaged otherwise becomes
@@ -78,19 +85,21 @@ class FieldMonitor(Monitor):
         self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
         self._found: Model | None = None
-        self._files: list[VtkFile] = []
+        self._files: dict[str, VtkFile] = {}
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add a stage to the file of stages (collective)."""
         self._find(model)
         stage, number = stages[-1], len(stages)
         self._fields = Fields(model, self._nodes, self._rows, self._wet)
-        self._open(self._stages_path, number - 1 if number > 1 else None)
+        endings = [ending for ending in self._grids if ending != RESERVOIR]
+        self._open(self._stages_path, number - 1 if number > 1 else None, endings)
         with released(self._lock, at_end=True):
             state, pressure = stage.state, stage.pressure
             water = None if pressure is None else lambda: pressure
             cells = self._cell_fields(state.displacement, state.joints, stage.time, stage.loads)
-            self._append(number, state.displacement, state.joints, water, cells)
+            values = self._values(state.displacement, state.joints, water, cells)
+            self._append(number, values)
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the files and write the first time (collective)."""
@@ -107,10 +116,10 @@ class FieldMonitor(Monitor):
     def _begin(self, model: Model, record: Record, last: float | None) -> None:
         self._find(model)
         self._fields = Fields(model, self._nodes, self._rows, record.wet_joints)
-        self._open(self._path, last)
+        self._open(self._path, last, list(self._grids))
 
     def _find(self, model: Model) -> None:
-        """Grids of body and joints, once (collective)."""
+        """Grids of body, joints and water, once (collective)."""
         if self._found is model:
             return
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
@@ -120,16 +129,20 @@ class FieldMonitor(Monitor):
         kind, own, inside = own_cells(model, self._nodes, self._cells)
         groups = {name: np.flatnonzero(each) for name, each in inside.items()}
         body = uniform_grid(self._nodes.positions, own, kind, groups)
-        self._grids, self._rows = [grid_across(self._comm, body)], None
+        self._grids, self._rows = {BODY: grid_across(self._comm, body)}, None
         if model.operator is not None:
             self._rows = JointRows(model.operator)
             joints = joint_grid_of_rank(model, self._nodes, self._rows)
             self._motion, self._moved = joints.grid.motion, joints.nodes
             first = int(blocks_of(self._comm, len(joints.grid.points))[self._comm.rank])
-            self._grids.append(grid_across(self._comm, joints.grid, first))
+            self._grids[JOINTS] = grid_across(self._comm, joints.grid, first)
+        if model.coupled is not None:
+            water = model.coupled.water
+            self._grids[RESERVOIR] = reservoir_grid(water)
+            self._at_level = len(self._grids[RESERVOIR].points) - water.size
         self._found = model
 
-    def _open(self, path: Path, last: float | None) -> None:
+    def _open(self, path: Path, last: float | None, endings: Sequence[str]) -> None:
         """Create files that no other run writes, or go on after a time (collective)."""
 
         def take() -> None:
@@ -138,14 +151,16 @@ class FieldMonitor(Monitor):
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
-            places = [path, joints_path(path)][: len(self._grids)]
+            places = {each: path.with_name(f"{path.stem}{each}{SUFFIX}") for each in endings}
             with released(self._lock, at_end=False):
                 if last is None:
-                    check_free(places, overwrite=self.overwrite)
-                pairs = zip(places, self._grids, strict=True)
-                self._files = [_opened(place, grid, last) for place, grid in pairs]
+                    check_free(places.values(), overwrite=self.overwrite)
+                self._files = {
+                    ending: _opened(place, self._grids[ending], last)
+                    for ending, place in places.items()
+                }
 
-        with handing_out(self._comm, [vars(grid) for grid in self._grids]):
+        with handing_out(self._comm, [vars(grid) for grid in self._grids.values()]):
             if self._comm.rank == 0:
                 take()
 
@@ -154,33 +169,45 @@ class FieldMonitor(Monitor):
         if record.step % self.every:
             return
         cells = self._cell_fields(record.displacement, record.joints, record.time)
-        self._append(record.time, record.displacement, record.joints, record.pressure, cells)
+        values = self._values(record.displacement, record.joints, record.pressure, cells)
+        if record.reservoir_pressure is not None:
+            waves = across(self._comm, self._of_water(record.reservoir_pressure()))
+            values[RESERVOIR] = ({"hydrodynamic pressure [Pa]": waves}, {})
+        self._append(record.time, values)
 
-    def _append(
+    def _of_water(self, pressures: Floats) -> Floats:
+        """Pressures at the points dealt to this rank: the last has those at the level, zero."""
+        is_last = self._comm.rank == self._comm.size - 1
+        return np.append(pressures, np.zeros(self._at_level if is_last else 0))
+
+    def _append(self, time: float, values: Mapping[str, Values]) -> None:
+        """Write on rank 0; what goes wrong there stops every rank (collective)."""
+        fixed = [grid.cell_data for grid in self._grids.values()]
+        with handing_out(self._comm, values, fixed):
+            for ending, file in self._files.items():
+                file.append(time, *values[ending])
+
+    def _values(
         self,
-        time: float,
         u: PETSc.Vec,
         joints: Response | None,
         pressure: Callable[[], Floats] | None,
         of_cells: dict[str, NDArray[Any]],
-    ) -> None:
-        """Write on rank 0; what goes wrong there stops every rank (collective)."""
+    ) -> dict[str, Values]:
+        """Values of body and joints (collective)."""
         name, rows = "displacement [m]", self._nodes.dealt(u)
-        values: list[tuple[dict[str, Any], dict[str, Any]]] = [
-            (
+        values: dict[str, Values] = {
+            BODY: (
                 {name: self._nodes.across(rows)},
                 {what: self._cells.across(each) for what, each in of_cells.items()},
             )
-        ]
+        }
         if self._rows is not None:
             moved = self._motion @ self._moved(rows)
             found = joint_values(self._of_joints(joints, pressure))
             parts = {what: across(self._comm, each) for what, each in found.items()}
-            values.append(({name: across(self._comm, moved)}, parts))
-        fixed = [grid.cell_data for grid in self._grids]
-        with handing_out(self._comm, values, fixed):
-            for file, (points, cells) in zip(self._files, values, strict=False):
-                file.append(time, points, cells)
+            values[JOINTS] = ({name: across(self._comm, moved)}, parts)
+        return values
 
     def _of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
@@ -212,6 +239,14 @@ def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
         warnings.warn(f"{error} It is now {aside}; a new file begins here.", stacklevel=2)
         path.replace(aside)
         return VtkFile(path, grid)
+
+
+def reservoir_grid(water: Water) -> Grid:
+    """The water as a grid, whose points are its unknowns and then those at the level."""
+    cells = water.cells()
+    points = np.zeros((water.size + len(cells.surface), 3))
+    points[:, : water.places.shape[1]] = np.concatenate([water.places, cells.surface])
+    return uniform_grid(points, cells.nodes, cells.kind, {})
 
 
 class JointsOfRank(NamedTuple):

@@ -192,6 +192,9 @@ class DynamicRun:
             time=self.state.time,
             vectors=self._vectors(),
             reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
+            reservoir_pressure=None
+            if coupled is None
+            else partial(coupled.pressures, self.state.velocity),
             joints=self.state.joints,
             motion=self._motion,
             free_surface=self._free_surface,

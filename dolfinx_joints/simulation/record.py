@@ -72,6 +72,8 @@ class Record:
         static_part: Static part of the displacement at a time [s], [m] (collective), see
             `DifferingGround`; None where the ground is the same everywhere.
         reservoir_force: Of waves in the reservoir on the face, (gdim,), [N]; None without any.
+        reservoir_pressure: Gives the pressure of these waves at the rank's unknowns of the water,
+            shape (n,), [Pa]; likewise.
         wet_joints: Names of the joints with water.
         pressure: Gives the pressure of the water at the local joint points at the time of the
             record, shape (n,), [Pa]; None without water in joints (collective).
@@ -92,6 +94,7 @@ class Record:
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
     static_part: Callable[[float], PETSc.Vec] | None = None
     reservoir_force: NDArray[np.float64] | None = None
+    reservoir_pressure: Callable[[], NDArray[np.float64]] | None = None
     wet_joints: tuple[str, ...] = ()
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -11,7 +11,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, wall
+from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, valley, wall
 from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
@@ -134,6 +134,48 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
         ((_, joint),) = read_vtk(path.with_name(f"{path.stem}_stages_joints.vtkhdf"))
         np.testing.assert_allclose(joint.points[:, 1], 1.0)
         np.testing.assert_allclose(joint.point_data["displacement [m]"][:, 1], sinks, rtol=1e-6)
+
+    on_root(comm, look)
+
+
+WATER = dj.ReservoirWaves(group="y_min", level=18.5, length=30.0, bottom_reflection=0.7)
+
+
+@pytest.mark.parametrize(
+    ("waves", "volume"), [(lambda: WATER, 18.5 * 30.0 * 20.0), (valley, 60.0 * 20.0 * 16.35)]
+)
+def test_pressure_in_the_reservoir(comm, wall_file, read, new_path, waves, volume):
+    """p = -rho dphi/dt: all pressures in time make the potential; those on the face the force."""
+    path, run, steps = new_path("lake.vtkhdf"), new_path("run.h5"), 6
+    monitors = [dj.FieldMonitor(path, every=1), dj.ResultsMonitor(run, points=POINTS)]
+    model = wall(read(wall_file()), reservoir=waves())
+    outcome = dj.Simulation(model, monitors=monitors).dynamics(dt=DT, steps=steps, motion=shaking)
+    lake, end = model.coupled, outcome.state
+    phi = 1440.0 * np.concatenate(comm.allgather(lake.of_water(end.displacement)))
+    on_face = lake.pressure(end.velocity)
+
+    def look():
+        times, grids = zip(*read_vtk(path.with_name(f"{path.stem}_reservoir.vtkhdf")), strict=True)
+        np.testing.assert_allclose(times, DT * np.arange(steps + 1), rtol=0.0, atol=1e-12)
+        p = np.array([grid.point_data["hydrodynamic pressure [Pa]"] for grid in grids])
+        means = (p[1:] + p[:-1]) / 2.0
+        size = len(phi)
+        found = -DT / 1000.0 * means.sum(axis=0)
+        np.testing.assert_allclose(found[:size], phi, rtol=0.0, atol=1e-10 * np.abs(phi).max())
+        assert not found[size:].any()
+        grid, water = grids[-1], lake.water
+        np.testing.assert_array_equal(grid.points[:size], water.places)
+        np.testing.assert_array_equal(p[-1][water.face], on_face)
+        sizes = grid.compute_cell_sizes(length=False, area=False)["Volume"]
+        assert sizes.min() > 0.0
+        assert sizes.sum() == pytest.approx(volume, rel=1e-6)
+        with dj.Results(run) as results:
+            force = results.series("histories", "reservoir_force")[-1, 1]
+        face = grid.extract_surface().compute_normals(cell_normals=True, point_normals=False)
+        at_dam = np.isclose(face.cell_centers().points[:, 1], 0.0)
+        each = face.point_data_to_cell_data()["hydrodynamic pressure [Pa]"][at_dam]
+        area = face.compute_cell_sizes()["Area"][at_dam]
+        assert force == pytest.approx(each @ area, rel=1e-3)
 
     on_root(comm, look)
 

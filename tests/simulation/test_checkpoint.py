@@ -24,7 +24,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, wall
+from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
 from vtk_files import read_vtk
 
 from dolfinx_joints import (
@@ -179,7 +179,14 @@ def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_pa
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("solver", "water"), [("condensed", None), ("monolithic", None), ("condensed", WAVES)]
+    ("solver", "water"),
+    [
+        ("condensed", lambda: None),
+        ("monolithic", lambda: None),
+        ("condensed", lambda: WAVES),
+        ("condensed", valley),
+    ],
+    ids=["condensed", "monolithic", "waves", "waves above a bed"],
 )
 @pytest.mark.parametrize("grows", [True, False])
 def test_continued_on_another_number_of_ranks(
@@ -197,7 +204,7 @@ def test_continued_on_another_number_of_ranks(
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
-        model = wall(read(file, on), reservoir=water)
+        model = wall(read(file, on), reservoir=water())
         simulation = Simulation(model, monitors=monitors, solver=solver)
         if not more.get("resume"):
             simulation.statics()
@@ -229,10 +236,10 @@ def test_continued_on_another_number_of_ranks(
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * scale, err_msg=name)
 
 
-def short(jointed, folder, *, monitors=None, joints=LAW, **options):
+def short(jointed, folder, *, monitors=None, joints=LAW, reservoir=None, **options):
     """A run of four steps with checkpoints."""
     watching = [ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
-    simulation = Simulation(wall(jointed, joints), monitors=watching)
+    simulation = Simulation(wall(jointed, joints, reservoir=reservoir), monitors=watching)
     if not options.get("resume"):
         simulation.statics()
     given = {"dt": DT, "steps": 4, "motion": shaking}
@@ -553,10 +560,10 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
         return [fields, ProgressMonitor("again"), Killer(kill)]
 
     with pytest.raises(Killed):
-        short(jointed, tmp_path, monitors=monitors(3))
+        short(jointed, tmp_path, monitors=monitors(3), reservoir=WAVES)
     capsys.readouterr()
-    short(jointed, tmp_path, monitors=monitors(None), resume=True)
-    for name in ("run.vtkhdf", "run_joints.vtkhdf"):
+    short(jointed, tmp_path, monitors=monitors(None), reservoir=WAVES, resume=True)
+    for name in ("run.vtkhdf", "run_joints.vtkhdf", "run_reservoir.vtkhdf"):
         times = [time for time, _ in read_vtk(tmp_path / name)]
         np.testing.assert_allclose(times, DT * np.arange(5), rtol=1e-12)
     assert "4/4" in capsys.readouterr().err

@@ -501,7 +501,6 @@ def test_water_that_is_not_before_the_dam(comm):
 
 
 @mpi
-@mpi
 def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
     waves = dj.ReservoirWaves(group="y_min", level=19.0, length=50.0)
     mass = dj.WestergaardMass(group="y_min", level=19.0)

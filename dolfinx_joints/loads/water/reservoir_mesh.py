@@ -23,11 +23,11 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.water import Water, WaterRows, reflected
+from dolfinx_joints.loads.water.water import Water, WaterCells, WaterRows, reflected
 from dolfinx_joints.loads.water.wet_face import ON_LEVEL
 from dolfinx_joints.loads.water.wetted_facets import WettedPoints, wetted_facets
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.cells import Floats, Ints, vtk_layout
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Of a cell: points of the body's face may lie so far outside of the water's mesh.
@@ -101,6 +101,7 @@ class MeshedReservoir:
             driven=whole.driven - coupling @ uniform,
             places=whole.places,
             face=np.flatnonzero(np.diff(coupling.indptr)),
+            cells=whole.cells,
         )
 
 
@@ -166,6 +167,16 @@ class _Meshed:
         tags = meshtags(mesh, fdim, top, np.ones(len(top), dtype=np.int32))
         return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
 
+    def cells(self) -> WaterCells:
+        """Cells of the mesh, whose nodes at the level come last where these are no unknowns."""
+        table = self._space.dofmap.list
+        kind, order = vtk_layout(self._jointed.shape, table.shape[1])
+        dry = np.flatnonzero(self._number < 0)
+        number = self._number.copy()
+        number[dry] = self.size + np.arange(len(dry))
+        x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
+        return WaterCells(surface=x[dry], nodes=number[table][:, order], kind=kind)
+
     def rows(self, first: int, last: int) -> WaterRows:
         """Rows of the unknowns from one up to another."""
         mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
@@ -185,12 +196,11 @@ class _Meshed:
 
     def _entries(self, points: WettedPoints, model: LoadedBody) -> tuple[Floats, tuple[Ints, Ints]]:
         """Values with rows and columns of some points (pieces, q) of the body's face."""
-        places = points.positions.reshape(-1, self._gdim)
-        dofs, basis = self._located(places)
+        acts = points.areas.any(axis=2)  # of a facet that the level cuts not all points do
+        dofs, basis = self._located(points.positions[acts])
         blocks = model.V.dofmap.index_map.local_to_global(points.nodes.ravel().astype(np.int32))
-        blocks = np.repeat(blocks.reshape(points.nodes.shape), points.shapes.shape[1], axis=0)
-        forces = points.shapes[..., None] * points.areas[:, :, None, :]
-        forces = forces.reshape(len(places), -1, self._gdim)
+        blocks = blocks.reshape(points.nodes.shape)[np.nonzero(acts)[0]]
+        forces = (points.shapes[..., None] * points.areas[:, :, None, :])[acts]
         values = np.einsum("pw,pni->pwni", basis, forces)
         columns = model.gdim * blocks[:, None, :, None] + np.arange(model.gdim)
         rows, columns = np.broadcast_arrays(dofs[:, :, None, None], columns)

@@ -19,7 +19,7 @@ from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, face_matrices
-from dolfinx_joints.loads.water.water import Water, WaterRows, reflected
+from dolfinx_joints.loads.water.water import Water, WaterCells, WaterRows, reflected
 from dolfinx_joints.loads.water.wet_face import (
     WetFace,
     check_reaches_level,
@@ -32,6 +32,8 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 # Of the mean edge on the face: length of an element along the reservoir.
 LAYER = 2.0
+
+QUADRILATERAL, WEDGE = 9, 13  # VTK's numbers
 
 # Of the shortest of some edges: the same edge of two triangles has its middle nearer than this.
 SAME_EDGE = 0.01
@@ -150,7 +152,33 @@ class _Moved:
                 size, -1
             ),
             face=np.arange(count),
+            cells=self._cells,
             section=self._section(),
+        )
+
+    def _cells(self) -> WaterCells:
+        """Quadrilaterals or wedges between the layers; the level's corners are each part's own."""
+        face, upstream, layers = self._wet.face, self._wet.upstream, len(self._s)
+        dry = face.nodes == SURFACE
+        surface = face.corners[dry]
+        moved = np.multiply.outer(self._s, upstream)[:, None]
+        above = np.cumsum(dry.ravel()).reshape(dry.shape) - 1
+        below, size = face.count, face.count * layers
+        layer = np.arange(layers)[:, None, None]
+        nodes = np.where(
+            dry, size + layer * len(surface) + above, layer * below + np.where(dry, 0, face.nodes)
+        )
+        near, far = nodes[:-1], nodes[1:]
+        if self._gdim == 2:
+            far = far[:, :, ::-1]
+        else:  # VTK's wedge looks out of its first triangle
+            sides = face.corners[:, 1:] - face.corners[:, :1]
+            inward = np.cross(sides[:, 0], sides[:, 1]) @ upstream > 0.0
+            near, far = (np.where(inward[:, None], each[..., ::-1], each) for each in (near, far))
+        return WaterCells(
+            surface=(surface + moved).reshape(-1, self._gdim),
+            nodes=np.concatenate([near, far], axis=2).reshape(-1, 2 * self._gdim),
+            kind=QUADRILATERAL if self._gdim == 2 else WEDGE,
         )
 
     def _section(self) -> Section | None:

@@ -35,6 +35,21 @@ class WaterRows:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WaterCells:
+    """The water as cells, for files.
+
+    Attributes:
+        surface: Points with no pressure, numbered after the unknowns, shape (n, gdim), [m].
+        nodes: Unknowns and these points in each cell, in VTK's order, shape (cells, nodes).
+        kind: VTK's number of the cells' shape.
+    """
+
+    surface: Floats
+    nodes: Ints
+    kind: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Water:
     """Water with a potential, before a body.
 
@@ -48,6 +63,7 @@ class Water:
             with the ground, shape (size, gdim), [m^2].
         places: Coordinates of the unknowns, shape (size, gdim), [m].
         face: Those on the face of the body, shape (n,).
+        cells: Makes its cells.
         section: Its cross-section where the far end takes waves, None where that is not known.
     """
 
@@ -58,6 +74,7 @@ class Water:
     driven: Floats
     places: Floats
     face: Ints
+    cells: Callable[[], WaterCells]
     section: Section | None = None
 
 

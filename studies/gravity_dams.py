@@ -197,7 +197,11 @@ ASSUMED = {
 }
 
 # Water with waves before Koyna: none, and over a bottom that reflects all, and three quarters.
-SHAKEN = {"empty": None, "full": waves(1.0), "full, bottom reflects 0.75": waves(0.75)}
+SHAKEN = {
+    "empty": None,
+    "full, bottom reflects all": waves(1.0),
+    "full, bottom reflects 0.75": waves(0.75),
+}
 FREQUENCIES = np.arange(0.04, 12.0, 0.02)  # [Hz]
 
 # Periods [s] of the whole dam in forced vibration, by level of the reservoir [m].
@@ -331,6 +335,8 @@ def main(arguments: list[str] | None = None) -> None:
     if options.figure and MPI.COMM_WORLD.rank == 0:
         first = FREQUENCIES[np.argmax(shaken["empty"])]
         ax = dj.motion_plots.frequency_response(FREQUENCIES, shaken, first=first)
+        ax.set_xlabel("frequency / f₁, first of the empty dam")
+        ax.set_ylabel("acceleration, crest / ground")
         dj.plots.save(ax.figure, options.figure)
     show("\nPine Flat with water, measured on the whole dam")
     for kind in WATERS:

@@ -154,7 +154,7 @@ def frequency_response(
     over = np.asarray(frequencies) / (first or 1.0)
     for i, (label, values) in enumerate(accelerations.items(), start=1):
         ax.plot(over, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
-    decorate(ax, "f / f₁" if first else "frequency [Hz]", "acceleration / of the ground")
+    decorate(ax, "f / f₁" if first else "frequency [Hz]", "acceleration / ground acceleration")
     ax.set_xlim(over.min(), over.max())
     ax.set_ylim(bottom=0.0)
     legend(ax)

@@ -7,11 +7,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning
@@ -62,8 +63,10 @@ class DifferingMotion(Summarised):
     Attributes:
         motions: One motion, or several by name: of facet groups with supports, or of the stations
             in ``positions``. A node of several groups moves with the last of them.
-        positions: Places of the stations by name [m]. Between two, displacements are linear in the
-            distance along the line from the first to the last, and beyond the ends constant.
+        positions: Places of the stations by name [m].
+        between: Of the stations: ``line``, linear in the distance along the line from the first to
+            the last, and beyond the ends constant; or ``places``, by distances in space, for
+            stations of both banks and several heights.
         passage: Delays; the support that the wave reaches first has none. Unless given all of the
             ground moves at the same time.
         reference: Name of the motion that displacements are relative to, without delay; the first
@@ -72,6 +75,7 @@ class DifferingMotion(Summarised):
 
     motions: Motion | Mapping[str, Motion]
     positions: Mapping[str, Sequence[float]] | None = None
+    between: Literal["line", "places"] = "line"
     passage: Passage | None = None
     reference: str | None = None
 
@@ -101,11 +105,14 @@ class DifferingMotion(Summarised):
             )
         for name, place in positions.items():
             check_vector(f"DifferingMotion: the position of {shown(name)}", place, (2, 3))
-        along = self._along(positions)
-        if len(np.unique(along(self._places(positions)))) < len(positions):
+        places = self._places(positions)
+        if len(np.unique(places, axis=0)) < len(places):
+            raise ValueError("DifferingMotion: two of the positions are the same.")
+        along = self._along(positions)(places)
+        if self.between == "line" and len(np.unique(along)) < len(positions):
             raise ValueError(
                 "DifferingMotion: two of the positions are at the same distance along the line "
-                "from the first to the last."
+                'from the first to the last; take between="places".'
             )
 
     def _warn_of_drift(self) -> None:
@@ -193,6 +200,10 @@ class DifferingMotion(Summarised):
             return shares
         if self.positions is None:
             return np.ones((len(x), 1))
+        if self.between == "places":
+            known = self._places(self.positions)
+            # Shares by distances, (12ae).
+            return np.asarray(RBFInterpolator(known, one_each, kernel="linear", degree=0)(x))
         along = self._along(self.positions)
         places = along(self._places(self.positions))
         order = np.argsort(places)

@@ -75,6 +75,30 @@ def test_stations_share_the_ground_between_them_and_waves_are_late() -> None:
     np.testing.assert_array_equal(differing(time), two(time))
 
 
+def test_stations_of_both_banks_and_two_heights() -> None:
+    """At the stations their own, at the middle a quarter each, between two of them linear."""
+    high, wide = 40.0, 60.0
+    places = {"a": (0, 0, 0), "b": (wide, 0, 0), "c": (0, 0, high), "d": (wide, 0, high)}
+    motions = {name: synthetic_motion(seed=i, duration=4.0) for i, name in enumerate(places)}
+    time = 2.1
+    u = np.array([displacement_of(each)(np.array([time]))[0] for each in motions.values()])
+
+    def moved(x, *names):
+        differing = DifferingMotion(
+            motions={name: motions[name] for name in names},
+            positions={name: places[name] for name in names},
+            between="places",
+        )
+        return differing.relative_to_reference(np.array(x, dtype=float), {}, 0.0)(time) + u[0]
+
+    scale = np.abs(u).max()
+    np.testing.assert_allclose(moved(list(places.values()), *"abcd"), u, atol=1e-12 * scale)
+    middle = [[wide / 2, 0, high / 2], [wide / 2, 9.0, high / 2]]
+    np.testing.assert_allclose(moved(middle, *"abcd"), [u.mean(axis=0)] * 2, atol=1e-12 * scale)
+    third = moved([[wide / 3, 0, 0], [-wide, 0, 0]], *"ab")
+    np.testing.assert_allclose(third, [(2 * u[0] + u[1]) / 3, u[0]], atol=1e-12 * scale)
+
+
 def test_wrong_ground_is_an_error() -> None:
     motion, rising = synthetic_motion(duration=4.0), np.ones((9, 3))
     for make, message in (
@@ -94,7 +118,13 @@ def test_wrong_ground_is_an_error() -> None:
                 motions=dict.fromkeys("abc", motion),
                 positions={"a": (0, 0), "b": (0, 3), "c": (1, 0)},
             ),
-            "two of the positions are at the same distance",
+            'two of the positions are at the same distance .*; take between="places"',
+        ),
+        (
+            lambda: DifferingMotion(
+                motions=dict.fromkeys("ab", motion), positions={"a": (0, 1), "b": (0, 1)}
+            ),
+            "two of the positions are the same",
         ),
     ):
         with pytest.raises((ValueError, RecordError), match=message):

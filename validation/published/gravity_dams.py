@@ -98,5 +98,6 @@ def run(quick: bool) -> Outcome:
     ax.barh(places, [100.0 * row.deviation for row in rows])
     ax.set_yticks(places, [row.quantity.partition(" [")[0] for row in rows], fontsize=8)
     ax.invert_yaxis()
+    ax.set_axisbelow(True)
     ax.set_xlabel("deviation [%]")
     return Outcome(rows=rows, figure=figure)

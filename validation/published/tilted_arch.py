@@ -166,7 +166,7 @@ def run(quick: bool) -> Outcome:
                 reason="27 voussoirs: 0.6/n^2",
             )
         )
-    figure, ax = new_figure(height=4.2)
+    figure, ax = new_figure(height=3.4)
     angle = np.radians(np.linspace(-HALF_ANGLE, HALF_ANGLE, VOUSSOIRS + 1))
     edges = RADIUS - THICKNESS / 2, RADIUS + THICKNESS / 2
     fine = np.linspace(angle[0], angle[-1], 100)
@@ -181,5 +181,6 @@ def run(quick: bool) -> Outcome:
     ax.set_aspect("equal")
     ax.grid(visible=False)
     ax.set_xlabel("x [m]; body forces act to the right")
+    ax.set_ylabel("height [m]")
     ax.legend(loc="lower center")
     return Outcome(rows=rows, figure=figure)
